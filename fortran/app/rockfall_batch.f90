@@ -16,7 +16,7 @@ contains
    end subroutine warn
 end module warnings
 
-!> Standalone program: runs a case on a scene file and writes a part file. Only this file prints or stops the program.
+!> Standalone program: run a case on a scene file and write a part file. Only this file prints or stops the program.
 program rockfall_batch
    use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
    use rockfall_kinds, only: wp, i8
@@ -91,7 +91,7 @@ contains
       end do
    end subroutine print_faults
 
-   !> Run a case. Input is read after a check that the result can be written.
+   !> Run a case, after checking that its result can be written.
    subroutine run(arguments, error)
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
@@ -118,7 +118,7 @@ contains
    subroutine run_to(output, scene, case, text, keys, arguments, error)
       character(len=*), intent(in) :: output, scene
       type(case_t), intent(in), target :: case
-      character(len=*), intent(in) :: text  !! text of the case, with options of the command line
+      character(len=*), intent(in) :: text  !! case text, with the command-line options applied
       type(namelist_t), intent(in) :: keys  !! keys parsed from `text`
       type(arguments_t), intent(in) :: arguments
       type(error_t), allocatable, intent(out) :: error
@@ -275,7 +275,7 @@ contains
       text = decimal(100.0_wp*part/max(1_i8, whole), 1)//" %"
    end function percent
 
-   !> Print the boulders that crossed each line.
+   !> Print how many boulders crossed each line.
    subroutine line_summaries(lines, state, store)
       type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
@@ -296,7 +296,7 @@ contains
       end do
    end subroutine line_summaries
 
-   !> Sum up the boulders that crossed each line, from the rows in one pass, or from samples.
+   !> Sum up the boulders that crossed each line: in one pass over all rows, or from the samples.
    subroutine add_up_crossings(state, store, n, total)
       type(run_t), intent(in) :: state
       type(crossing_store_t), intent(in) :: store
@@ -324,7 +324,7 @@ contains
       call add_rows(state%crossings, n, total)
    end subroutine add_up_crossings
 
-   !> Count and add up rows.
+   !> Count rows and sum their speeds and heights.
    subroutine add_rows(rows, n, total)
       type(crossing_rows_t), intent(in) :: rows
       integer(i8), intent(inout) :: n(:)

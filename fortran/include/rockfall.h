@@ -23,13 +23,13 @@
 extern "C" {
 #endif
 
-/* Lengths of texts, with their final zero; a message has a line for each fault. */
+/* Lengths of texts, including the final zero; a message has one line for each fault. */
 enum { ROCKFALL_MESSAGE = 1024, ROCKFALL_TEXT = 256 };
 
 typedef struct rockfall_scene rockfall_scene;
 typedef struct rockfall_run rockfall_run;
 
-/* An empty scene: outer edges and size of the square cells [m], columns and rows of its rasters. */
+/* New empty scene: west and north edge and size of the square cells [m], columns and rows of its rasters. */
 rockfall_scene *rockfall_new_scene(double west, double north, double cell, int32_t nx, int32_t ny);
 
 /* Give an array: name and type ("f8", "f4", "i4", "i2", "i1") as docs/files.md lists them for scene files, lengths (the
@@ -50,8 +50,8 @@ int64_t rockfall_boulders(const rockfall_scene *scene);
 /* Close a scene, after its runs. */
 void rockfall_close_scene(rockfall_scene *scene);
 
-/* Open a run of `boulders` boulders of a scene after the first `before`; threads: 0 for all cores. Sources from which no
-   boulder can start, and maps that could overflow, are refused. */
+/* Open a run of `boulders` boulders of a scene, starting after the first `before`; threads: 0 for all cores. Fails if
+   no boulder can start from a source, or if a map could overflow. */
 int rockfall_open_run(rockfall_scene *scene, int64_t before, int64_t boulders, int threads, rockfall_run **run,
                       char message[ROCKFALL_MESSAGE]);
 
@@ -63,8 +63,8 @@ int rockfall_advance(rockfall_run *run, int64_t n, char message[ROCKFALL_MESSAGE
    k = 0 again after rockfall_advance: this sorts crossings by line, those of a line by boulder (0 if memory is short). */
 int rockfall_array(rockfall_run *run, int k, char text[ROCKFALL_TEXT], int64_t length[4], const void **values);
 
-/* A map of &output maps over the boulders done, on the cells of the run's maps (the lengths of its arrays of maps).
-   per_cluster: boulders that may all behave alike, for intervals; 1 if they are independent. */
+/* One of the maps listed under &output maps, over the boulders run so far, on the cells of the run's map arrays.
+   per_cluster: number of boulders that may behave alike, for confidence intervals; 1 if all are independent. */
 int rockfall_map(rockfall_run *run, const char *name, int64_t per_cluster, float *values,
                  char message[ROCKFALL_MESSAGE]);
 

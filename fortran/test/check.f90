@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What every test program says: a line for each failure, a count, and the exit status.
+!> Output of every test program: a line for each failure, a count, and the exit status.
 module check_m
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp
@@ -11,7 +11,7 @@ module check_m
 
 contains
 
-   !> One promise: `ok` must be true.
+   !> Check a condition: `ok` must be true.
    subroutine check(name, ok)
       character(len=*), intent(in) :: name
       logical, intent(in) :: ok
@@ -41,7 +41,7 @@ contains
       if (.not. ok) print "(2(a, g0))", "   got ", got, ", want ", want
    end subroutine check_close
 
-   !> Say how it went; the program ends with status 1 if a check failed or none was made.
+   !> Print the count; the program ends with status 1 if a check failed or none was made.
    subroutine finish()
       print "(i0, a, i0, a)", passed, " passed, ", failed, " failed"
       if (failed > 0 .or. passed == 0) error stop 1

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Roots of covariances: the common rule of kernel, laboratory and planes to accept a covariance and draw from it
-!> (theory, chapter 5). LAPACK's Cholesky factor is the root if the correlations are clearly definite. Libraries
-!> disagree on the rank of singular matrices, so rotations in a fixed order decide on it and give the root of other
-!> matrices.
+!> Roots of covariance matrices: kernel, laboratory and reference planes use the same rule to accept a covariance and to
+!> draw from it (theory, chapter 5). If the correlations are clearly positive definite, the root is LAPACK's Cholesky
+!> factor. Libraries disagree on the rank of singular matrices, so for all other matrices rotations in a fixed order
+!> determine the rank and the root.
 module rockfall_covariance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
@@ -15,7 +15,7 @@ module rockfall_covariance
    real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! tolerance of correlations [-]
    !> Eigenvalues of correlations above this are far above rounding errors: Cholesky's method cannot fail [-].
    real(wp), parameter :: clearly_definite = 1.0e-12_wp
-   !> Six printed digits change a correlation by up to 1e-5, so an eigenvalue of nine by up to 9e-5 [-].
+   !> Six printed digits change a correlation by up to 1e-5, and thus an eigenvalue of a 9 x 9 matrix by up to 9e-5 [-].
    real(wp), parameter :: printed_tolerance = 1.0e-4_wp
    real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! tolerance of L L^T against C, in correlations [-]
    real(wp), parameter :: negligible = 1.0e-30_wp  !! entry next to 1 that needs no rotation [-]
@@ -35,8 +35,8 @@ contains
 
    !> Root L of a covariance C, C = L L^T, with the standard deviations D and the correlations R = V E V^T. Where R is
    !> clearly definite, D^-1 L is its Cholesky factor, and `drawn` is C itself. Otherwise L = D V sqrt(E) with negative
-   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix nearest to R.
-   !> Errors: not finite, not symmetric, a negative variance, an entry without variance, indefinite.
+   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix nearest to R. Errors:
+   !> entries not finite, not symmetric, a negative variance, a covariance without variance, indefinite.
    pure subroutine covariance_root(name, c, root, drawn, error)
       character(len=*), intent(in) :: name           !! name of C, for messages
       real(wp), intent(in) :: c(:, :)                !! any [unit]
@@ -116,7 +116,7 @@ contains
       end do
    end function product_of
 
-   !> Correlation of two entries: 1 of an entry with itself, 0 without variance.
+   !> Correlation of two entries: 1 for an entry with itself, 0 without variance.
    pure real(wp) function correlation_of(c, deviation, i, j) result(correlation)
       real(wp), intent(in) :: c(:, :), deviation(:)
       integer, intent(in) :: i, j
@@ -179,7 +179,7 @@ contains
       text = "("//integer_text(indices(1))//", "//integer_text(indices(2))//")"
    end function place_of
 
-   !> Eigenvalues and eigenvectors of a symmetric matrix of entries up to 1, by Jacobi rotations in a fixed order.
+   !> Eigenvalues and eigenvectors of a symmetric matrix with entries up to 1, by Jacobi rotations in a fixed order.
    pure subroutine find_eigenvalues(matrix, eigenvalue, vectors)
       real(wp), intent(in) :: matrix(:, :)
       real(wp), intent(out) :: eigenvalue(:), vectors(:, :)  !! vectors as columns

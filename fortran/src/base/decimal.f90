@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Correctly rounded conversion of decimal text to numbers; reports every error and accepts nothing else.
+!> Correctly rounded conversion of decimal text to numbers. Any text that is not a valid number gives an error status.
 module rockfall_decimal
    use rockfall_kinds, only: wp, i8
    implicit none
@@ -50,7 +50,7 @@ contains
       else if (number%dropped .or. abs(number%power) > exact_power) then
          read (text, *) value
          return
-      else if (number%mantissa <= max_exact) then  ! two exact doubles: a single rounding
+      else if (number%mantissa <= max_exact) then  ! both are exact doubles: only one rounding
          if (number%power < 0) value = real(number%mantissa, wp)/ten_to(-number%power)
          if (number%power >= 0) value = real(number%mantissa, wp)*ten_to(number%power)
       else if (number%power <= 0 .and. number%power >= -max_digits) then
@@ -75,7 +75,7 @@ contains
       rounded_quotient = real(quotient_bits, wp)*2.0_wp**(-64)
    end function rounded_quotient
 
-   !> Parse [+-]digits[.digits][(e|d)[+-]digits], with at least one digit before the exponent.
+   !> Parse text of the form [+-]digits[.digits][(e|d)[+-]digits], with at least one digit before the exponent.
    pure subroutine split_number(text, number, ok)
       character(len=*), intent(in) :: text
       type(decimal_t), intent(out) :: number
@@ -130,7 +130,7 @@ contains
       character(len=*), intent(in) :: text
       integer, intent(out) :: exponent
       logical, intent(out) :: ok
-      integer, parameter :: beyond_all = 100000  ! overflow or zero, for any digits
+      integer, parameter :: beyond_all = 100000  ! larger exponents overflow or give zero, whatever the digits
       integer :: i, first
 
       exponent = 0

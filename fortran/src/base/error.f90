@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Errors are values: unallocated means success, and only programs print or stop.
+!> Error values: an unallocated error means success. Only programs print or stop.
 module rockfall_error
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_sizes, only: max_message
@@ -14,7 +14,7 @@ module rockfall_error
 
    type :: error_t
       integer :: code = our_fault            !! bad_input or our_fault
-      character(len=:), allocatable :: message  !! a line for each fault: file, group, key, value, what is allowed
+      character(len=:), allocatable :: message  !! one line for each fault: file, group, key, value, what is allowed
    end type error_t
 
 contains

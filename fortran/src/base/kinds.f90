@@ -8,7 +8,7 @@ module rockfall_kinds
 
    integer, parameter :: wp = real64  !! working precision: all physics
    integer, parameter :: sp = real32  !! single-precision rasters
-   integer, parameter :: i1 = int8    !! zone indices of cells, if there are few zones
+   integer, parameter :: i1 = int8    !! zone indices of cells, with few zones
    integer, parameter :: i2 = int16   !! zone indices of cells
    integer, parameter :: i4 = int32   !! counts per cell
    integer, parameter :: i8 = int64   !! boulder numbers, random words, sums

@@ -9,14 +9,14 @@ module rockfall_math
    public :: tangent, arcsine, rounded_up, fraction_bits, exponent_bias, bits_of_one
 
    real(wp), parameter :: pi = 3.14159265358979323846_wp
-   real(wp), parameter :: degree = pi/180.0_wp  !! [rad]
+   real(wp), parameter :: degree = pi/180.0_wp  !! one degree [rad]
    real(wp), parameter :: ln2 = 0.69314718055994530942_wp
-   !> An IEEE double: sign, 11 bits of exponent + 1023, 52 bits of fraction.
+   !> Layout of an IEEE double: sign, 11 bits of exponent + 1023, 52 bits of fraction.
    integer, parameter :: fraction_bits = 52, exponent_bias = 1023
    integer(i8), parameter :: fraction_mask = int(z"000FFFFFFFFFFFFF", i8)
    integer(i8), parameter :: bits_of_one = int(z"3FF0000000000000", i8)
    real(wp), parameter :: sqrt2 = 1.4142135623730951_wp
-   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! doubles from here to twice this are the integers
+   real(wp), parameter :: first_whole = 2.0_wp**fraction_bits  !! doubles from here to twice this value are integers
    integer(i8), parameter :: bits_of_whole = int(z"4330000000000000", i8)
 
 contains
@@ -41,7 +41,7 @@ contains
       if (real(rounded_up, wp) < x) rounded_up = transfer(bits, rounded_up)
    end function rounded_up
 
-   !> |v|**2.
+   !> Squared length |v|**2.
    pure real(wp) function squared_length(v)
       real(wp), intent(in) :: v(3)  !! any unit
 
@@ -135,7 +135,7 @@ contains
       q = s*s
       term = s
       angle = s
-      do n = 1, 11  ! |s| <= 0.196: each term is at least 26 times smaller than the one before
+      do n = 1, 11  ! |s| <= 0.196: each term is at least 26 times smaller than the previous
          term = term*q*(2*n - 1)/(2*n)
          angle = angle + term/(2*n + 1)
       end do

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Zeroed memory for large arrays: allocated lazily, so that untouched pages cost nothing. Prefetches.
+!> Zeroed memory for large arrays, allocated lazily so that untouched pages cost nothing; prefetching.
 module rockfall_memory
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated
    use rockfall_kinds, only: i8

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Counter-based random numbers: a pure function of (seed, purpose; boulder, impact, draw), so the result of a boulder
-!> does not depend on other boulders, threads, shards or restarts.
+!> Counter-based random numbers: a pure function of (seed, purpose; boulder, impact, draw), so that results for a
+!> boulder do not depend on other boulders, threads, shards or restarts.
 module rockfall_random
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: logarithm, real_of, fraction_bits, exponent_bias, bits_of_one
@@ -16,24 +16,24 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
-   !> Purposes, one stream each. Number 3 was used formerly and stays unused; purposes from 65 belong to the laboratory.
+   !> Purposes: each has its own stream. Number 3 is retired; purposes from 65 belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
-   integer(i8), parameter :: for_forest = 11  !! counter: cell, stem; stem 0 gives the number of stems
-   integer(i8), parameter :: for_tree = 12    !! counter: boulder, number of this tree among those hit
+   integer(i8), parameter :: for_forest = 11  !! counter: cell and stem; stem 0 gives the number of stems
+   integer(i8), parameter :: for_tree = 12    !! counter: boulder, and index of this tree among those it hit
    integer(i8), parameter :: for_breakage = 13  !! counter: fragment
-   integer(i8), parameter :: for_strength = 14  !! counter: boulder; fragments use that of their boulder
-   integer, parameter :: purpose_bit = 24  !! position of the purpose in the counter's last word, above its block number
+   integer(i8), parameter :: for_strength = 14  !! counter: boulder; a fragment uses that of its boulder
+   integer, parameter :: purpose_bit = 24  !! position of the purpose in the counter's last word, above the block number
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
    integer, parameter :: volume_word = 1        !! for_release: volume
    integer, parameter :: shape_word = 2         !! for_release: shape of the block, if there are several
-   integer, parameter :: deviate_word = 1       !! for_strength: normal deviate of ground strength
+   integer, parameter :: deviate_word = 1       !! for_strength: standard normal deviate of the ground strength
    integer, parameter :: column_word = 2, row_word = 3  !! for_strength: choices between parts of an impact table
    integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normals of V_t, V_n, W
-   integer, parameter :: normal_restitution_word = 1      !! for_impact, classical rebound: R_n,
-   integer, parameter :: tangential_restitution_word = 2  !! R_t,
-   integer, parameter :: obstacle_spread_word = 3         !! and the obstacle height, scattered about the drawn size
+   integer, parameter :: normal_restitution_word = 1      !! for_impact, classical rebound: R_n
+   integer, parameter :: tangential_restitution_word = 2  !! for_impact, classical rebound: R_t
+   integer, parameter :: obstacle_spread_word = 3         !! for_impact, classical rebound: obstacle height scatter
    integer, parameter :: turn_word = 4          !! for_impact: quantile of the turn; its last bit selects the side
    integer, parameter :: obstacle_word = 1      !! for_ground: obstacle size of method A
    integer, parameter :: ratio_word = 2         !! for_ground: choice between two impact sets
@@ -44,7 +44,7 @@ module rockfall_random
    integer, parameter :: around_word = 2        !! for_breakage: direction around that velocity
 
    integer, parameter :: words_per_block = 4
-   integer, parameter :: rounds = 10  !! recommended number for Philox; the minimum that passes all tests is 7
+   integer, parameter :: rounds = 10  !! recommended for Philox; 7 rounds are the minimum that passes all tests
    integer(i8), parameter :: low32 = int(z"FFFFFFFF", i8)
 
    !> Round keys of Philox, constant during a run.
@@ -58,7 +58,7 @@ module rockfall_random
       real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the scaled tail probability, 1..2
    end type normal_table_t
 
-   !> The first three fraction bits select the eighth of the octave, the others the position in it.
+   !> The first three fraction bits select the eighth of the octave, the remaining bits the position in it.
    integer, parameter :: within_bits = fraction_bits - 3
    integer(i8), parameter :: within_mask = 2_i8**within_bits - 1
    integer, parameter :: first_piece = exponent_bias*8  !! exponent of 1.0 and three fraction bits
@@ -89,7 +89,7 @@ contains
       call philox(key, x(1), x(2), x(3), x(4))
    end function philox4x32
 
-   !> Philox4x32-10 on four scalars, which contain the counter on entry and the words on return.
+   !> Philox4x32-10 on four scalars: the counter on entry, the words on return.
    elemental subroutine philox(key, c0, c1, c2, c3)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(inout) :: c0, c1, c2, c3
@@ -139,8 +139,8 @@ contains
       last_counter = ior(shiftl(purpose, purpose_bit), draw)
    end function last_counter
 
-   !> Number of a fragment among boulders: its random numbers are its own. Boulders have numbers below 2**32, and
-   !> fragment 0 is the boulder itself.
+   !> Number of a fragment in the numbering of boulders, so that it has random numbers of its own. Boulders have numbers
+   !> below 2**32, and fragment 0 is the boulder itself.
    elemental integer(i8) function fragment_number(boulder, fragment)
       integer(i8), intent(in) :: boulder, fragment
 
@@ -188,7 +188,7 @@ contains
    !> Build the table for `normal` by interpolating the quantile at six Chebyshev points of each piece.
    pure function normal_table() result(table)
       type(normal_table_t) :: table
-      ! cos((2k+1) pi/12)/16, k = 0..5, from square roots
+      ! nodes cos((2k+1) pi/12)/16, k = 0..5, from square roots
       real(wp), parameter :: far = 0.060370364143066768_wp, mid = 0.044194173824159216_wp, &
                              near = 0.016176190318907546_wp
       real(wp), parameter :: node(0:5) = [-far, -mid, -near, near, mid, far]

@@ -34,7 +34,7 @@ int64_t rockfall_stack(void)
     pthread_attr_t attributes;
     size_t bytes = 0;
 
-#if defined(__linux__) /* for the main thread glibc parses all mappings of the process, which takes milliseconds */
+#if defined(__linux__) /* for the main thread, glibc parses all mappings of the process, which takes milliseconds */
     struct rlimit limit;
 
     if (syscall(SYS_gettid) == getpid() && getrlimit(RLIMIT_STACK, &limit) == 0)
@@ -50,7 +50,7 @@ int64_t rockfall_stack(void)
 }
 
 /* Take memory for all threads from one arena if the address space or the data of the process is limited (ulimit -v,
-   -d): else the C library reserves 64 MB or more of it for each thread. Returns whether there is a limit. */
+   -d); otherwise the C library reserves 64 MB or more for each thread. Returns 1 if there is a limit. */
 int rockfall_spare_arenas(void)
 {
 #if defined(__GLIBC__)
@@ -63,8 +63,8 @@ int rockfall_spare_arenas(void)
     return 0;
 }
 
-/* Replaces a procedure of libgfortran, called where an allocation without `stat` fails: one line, and the exit status
-   of a case that is too large. */
+/* Replaces the procedure of libgfortran that is called if an allocation without `stat` fails: prints one line and exits
+   with the status of a case that is too large. */
 void _gfortran_os_error_at(const char *place, const char *format, ...)
 {
     static const char line[] = "rockfall: not enough memory for this case: use fewer threads, or raise ulimit -v\n";
@@ -75,7 +75,7 @@ void _gfortran_os_error_at(const char *place, const char *format, ...)
     _Exit(2);
 }
 
-/* Check whether the process can map this many more bytes; the mapping is released. */
+/* Check whether the process can map `bytes` more bytes; the mapping is released. */
 int rockfall_fits(int64_t bytes)
 {
 #if defined(_WIN32)

@@ -17,7 +17,7 @@ module rockfall_text
 
 contains
 
-   !> Return line k of a text, counted from 1; "" past its end.
+   !> Return line k of a text, counted from 1; "" past the end.
    pure function line_of(text, k) result(line)
       character(len=*), intent(in) :: text
       integer, intent(in) :: k
@@ -58,7 +58,7 @@ contains
       k = 0
    end function first_repeated
 
-   !> Names that differ from a word by the fewest characters, the nearest first.
+   !> Names closest to a word by number of differing characters, the closest first.
    pure function nearest_names(word, names, n) result(nearest)
       character(len=*), intent(in) :: word, names(:)
       integer, intent(in) :: n  !! number of names to return
@@ -96,7 +96,7 @@ contains
    !> Reject invalid text: control characters other than tabs and line ends, and malformed UTF-8.
    pure subroutine check_text(text, file, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! for the message
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(error_t), allocatable, intent(out) :: error
       integer :: i, line, length
 
@@ -126,7 +126,7 @@ contains
       case (9, 10, 32:126)
          length = 1
          return
-      case (13)  ! valid only in a line end
+      case (13)  ! valid only as part of a line end
          if (i == len(text)) then
             length = 1
          else if (text(i + 1:i + 1) == achar(10)) then
@@ -195,7 +195,7 @@ contains
       text = trim(buffer)
    end function long_text
 
-   !> Format a number with at most this many significant digits, without trailing zeros.
+   !> Format a number with at most `digits` significant digits, without trailing zeros.
    pure function real_text(number, digits) result(text)
       real(wp), intent(in) :: number
       integer, intent(in) :: digits  !! 2 to 17
@@ -232,7 +232,7 @@ contains
       end do
    end function joined
 
-   !> Shorten text for a one-line message: no line ends or tabs. Truncation is marked and never splits a UTF-8
+   !> Shorten text for a one-line message, and replace line ends and tabs. Truncation is marked and never splits a UTF-8
    !> character.
    pure function excerpt(text)
       character(len=*), intent(in) :: text

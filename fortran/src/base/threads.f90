@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Number of threads of a run, with a check of the available memory: a thread that overruns its stack, or cannot
-!> be created, ends the process.
+!> Number of threads of a run, checked against the available memory: a thread that overruns its stack or cannot be
+!> created would end the process.
 module rockfall_threads
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
    use rockfall_kinds, only: wp, i8
@@ -10,12 +10,12 @@ module rockfall_threads
    private
    public :: team_size, check_team, release_team, deadline_in, take_batch, batch
 
-   integer, parameter :: batch = 16  !! boulders that a thread takes at a time
-   integer, parameter :: max_threads = 1024  !! far above the cores of any machine: a larger number is a mistake
+   integer, parameter :: batch = 16  !! boulders taken by a thread at a time
+   integer, parameter :: max_threads = 1024  !! far above the cores of any machine: more is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
    integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! memory for everything else [bytes]
-   integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! [bytes] of a thread, in addition to its stack
-   integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! [bytes] "ulimit -s 512" is enough
+   integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! [bytes] memory of a thread besides its stack
+   integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! "ulimit -s 512" is enough [bytes]
 
    interface  ! room.c
       integer(c_int64_t) function c_stack() bind(c, name="rockfall_stack")
@@ -32,7 +32,7 @@ module rockfall_threads
 
 contains
 
-   !> Number of threads of a run; 0 requests all threads that OpenMP offers (OMP_NUM_THREADS, the cores of the process).
+   !> Number of threads of a run; 0 means all that OpenMP offers (OMP_NUM_THREADS, or the cores of the process).
    integer function team_size(threads)
       !$ use omp_lib, only: omp_get_max_threads
       integer, intent(in) :: threads
@@ -75,14 +75,14 @@ contains
          call fail(error, "threads = "//integer_text(team_size(threads))//": their stacks of " &
                    //integer_text(stack/kilobyte)//" kB do not fit in memory (ulimit -v): use fewer threads " &
                    //"or a smaller OMP_STACKSIZE")
-      else if (is_limited) then  ! start all threads before other allocations take the memory for their stacks
+      else if (is_limited) then  ! start all threads before other allocations use up the memory for their stacks
          !$omp parallel default(none) num_threads(team_size(threads)) reduction(min: stack)
          stack = stack_of_this()
          !$omp end parallel
       end if
    end subroutine check_team
 
-   !> Time after this number of seconds [ticks of system_clock].
+   !> Clock time a number of seconds from now [ticks of system_clock].
    integer(i8) function deadline_in(seconds) result(deadline)
       real(wp), intent(in) :: seconds
       integer(i8) :: now, rate
@@ -91,8 +91,8 @@ contains
       deadline = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
    end function deadline_in
 
-   !> Take the next indices `from` to `to`, at most `count` up to n, from the counter that all threads share. None are
-   !> taken (from > to) past the last index, nor after the deadline once an index has been taken.
+   !> Take the next indices `from` to `to`, at most `count` up to n, from a counter shared by all threads. Returns from
+   !> > to if no index is left, or if the deadline has passed and at least one index was taken.
    subroutine take_batch(next, n, count, deadline, from, to)
       integer, intent(inout) :: next       !! next index
       integer, intent(in) :: n, count
@@ -115,8 +115,8 @@ contains
       to = min(from + count - 1, n)
    end subroutine take_batch
 
-   !> End the idle threads of the calling thread's team; the next run starts new ones. A process forked while they
-   !> are idle would wait for them forever.
+   !> End the idle threads of the calling thread's team; the next run starts new ones. A process forked while idle
+   !> threads exist would wait for them forever.
    subroutine release_team()
       !$ use omp_lib, only: omp_pause_resource_all, omp_pause_hard
       integer :: status
@@ -132,7 +132,7 @@ contains
       bytes = min(bytes, huge(bytes)/max_threads)
    end function stack_of_this
 
-   !> Check whether the process can map this many more bytes; none are allocated.
+   !> Check whether the process can map `bytes` more bytes; nothing is allocated.
    logical function can_map(bytes)
       integer(c_int64_t), intent(in) :: bytes
 

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Shapes of the blocks in the simulations behind tables of impacts, and the shape of each boulder among several
-!> (theory, chapter 3).
+!> Shapes of the blocks simulated for impact tables, and choice of a shape for each boulder (theory, chapter 3).
 module rockfall_block_shape
    use rockfall_kinds, only: wp, i1
    use rockfall_sizes, only: n_block_shapes
@@ -9,7 +8,7 @@ module rockfall_block_shape
    public :: block_shapes, block_axes, shape_mix_t, shape_mix, drawn_shape, ground_of_shape, shape_of_axes
 
    character(len=*), parameter :: block_shapes(n_block_shapes) = [character(len=9) :: "compact", "elongated", "platy"]
-   !> Axes a >= b >= c of the laboratory's blocks, over a [-].
+   !> Axes a >= b >= c of the laboratory's blocks, divided by a [-].
    real(wp), parameter :: block_axes(3, n_block_shapes) = reshape([1.0_wp, 0.9_wp, 0.8_wp, 1.0_wp, 0.62_wp, 0.56_wp, &
                                                                    1.0_wp, 0.8_wp, 0.42_wp], [3, 3])
 
@@ -17,13 +16,13 @@ module rockfall_block_shape
    type :: shape_mix_t
       real(wp) :: below(n_block_shapes) = 1.0_wp   !! cumulative fractions of the shapes; the last is 1 [-]
       integer(i1), allocatable :: of_source(:)     !! shape of each source's boulders, if sources give shapes; 0: drawn
-      integer, allocatable :: ground(:, :)         !! (grounds, shapes) index of the ground with the table of a shape;
-                                                   !! not allocated: all tables are for all shapes
+      integer, allocatable :: ground(:, :)         !! (grounds, shapes) index of the ground that has the table for a
+                                                   !! shape; not allocated if each table applies to all shapes
    end type shape_mix_t
 
 contains
 
-   !> Shapes drawn with these non-negative fractions; all zero: each boulder has a given shape.
+   !> Shape mix with the given non-negative fractions; if all are zero, each boulder has a given shape.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
       real(wp), intent(in) :: shares(n_block_shapes)
       integer :: k

@@ -18,7 +18,7 @@ module rockfall_boulder
    integer, parameter :: fixed_volume = 1, normal_volume = 2, uniform_volume = 3, lognormal_volume = 4, &
                          list_volume = 5, pareto_volume = 6
    character(len=*), parameter :: distributions(*) = [character(len=9) :: "fixed", "normal", "uniform", "lognormal", &
-                                                      "list", "pareto"]  !! in the order of their numbers
+                                                      "list", "pareto"]  !! in the order of the constants above
 
    !> Volume distribution, and the density that converts volumes to masses.
    type :: volume_distribution_t
@@ -28,8 +28,8 @@ module rockfall_boulder
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
       real(wp) :: exponent = 1.0_wp          !! pareto: exponent of the number of larger boulders, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
-      integer, allocatable :: list_shape(:)  !! block shape of each, if known
-      !> [kg/m3]; the energies and volumes given in the paper imply 2800.
+      integer, allocatable :: list_shape(:)  !! block shape of each volume, if known
+      !> [kg/m3]; 2800 is implied by the energies and volumes in the paper
       real(wp) :: density = 2800.0_wp
    end type volume_distribution_t
 
@@ -39,10 +39,10 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> Random properties of a boulder that apply to the ground along its whole path.
+   !> Random properties of a boulder that modify the ground along its whole path.
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
-      real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a table of impacts [-]
+      real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a impact table [-]
       real(wp) :: ratio_factor = 1.0_wp          !! factor on R_b/R_m [-]
    end type soil_draw_t
 
@@ -50,25 +50,25 @@ module rockfall_boulder
    type :: source_boulder_t
       real(wp) :: volume = 0                !! [m3]
       real(wp) :: density = 0               !! [kg/m3]
-      real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), R_b of the sphere of its volume [-]
+      real(wp) :: inertia = inertia_factor  !! I/(m R_b**2), with R_b of the sphere of equal volume [-]
    end type source_boulder_t
 
-   !> Release attributes of the sources of one feature of a layer: sources in a polygon, or the source at a point.
+   !> Release attributes of a feature of the source layer: a polygon with all sources inside it, or a point.
    type :: feature_t
       type(volume_distribution_t) :: volumes
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
    end type feature_t
 
-   !> Releases. Boulders are numbered source by source: either every source releases the same number n, and boulder b
-   !> has source (b-1)/n + 1; or each source has its own number, and `last` is its last boulder.
+   !> Releases. Boulders are numbered source by source. Either every source releases the same number n, and boulder b
+   !> has source (b-1)/n + 1, or the numbers differ, and `last` gives the last boulder of each source.
    type :: release_t
       real(wp), allocatable :: x(:), y(:)    !! local coordinates of each source [m]
       integer(i8) :: boulders_per_source = 1
-      integer(i8), allocatable :: last(:)    !! per source, non-decreasing
+      integer(i8), allocatable :: last(:)    !! last boulder of each source, non-decreasing
       real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
-      integer, allocatable :: feature(:)     !! per source, if the sources come from a layer
+      integer, allocatable :: feature(:)     !! feature index of each source, if the sources come from a layer
    end type release_t
 
 contains
@@ -160,7 +160,7 @@ contains
       boulder%mass = distribution%density*boulder%volume
    end function draw_boulder
 
-   !> Index of the list volume that a word selects.
+   !> Index of the listed volume selected by a random word.
    pure integer function list_item(distribution, word)
       type(volume_distribution_t), intent(in) :: distribution
       integer(i8), intent(in) :: word
@@ -168,7 +168,7 @@ contains
       list_item = 1 + int(uniform(word)*size(distribution%list))
    end function list_item
 
-   !> Boulder of a source that specifies its boulders.
+   !> Boulder as specified by its source.
    pure type(boulder_t) function boulder_of(source, factor) result(boulder)
       type(source_boulder_t), intent(in) :: source
       real(wp), intent(in) :: factor  !! volume relative to that given for the source [-]
@@ -211,7 +211,7 @@ contains
       end select
    end function max_volume
 
-   !> Range of the volumes [m3] of all but a few boulders.
+   !> Range of volumes [m3] that contains all but a few boulders.
    pure function usual_volumes(distribution) result(limits)
       type(volume_distribution_t), intent(in) :: distribution
       real(wp) :: limits(2)
@@ -232,7 +232,7 @@ contains
       type(volume_distribution_t), intent(in) :: distribution
 
       select case (distribution%kind)
-      ! truncation at zero raises the mean most if the mean is zero: by sqrt(2/pi) = 0.798 of std
+      ! truncation at zero raises the mean most if the untruncated mean is zero: by sqrt(2/pi) = 0.798 std
       case (normal_volume); volume = distribution%mean + 0.8_wp*distribution%std
       case (uniform_volume); volume = (distribution%min + distribution%max)/2
       case (pareto_volume); volume = mean_of_pareto(distribution)
@@ -247,7 +247,7 @@ contains
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      integer(i8), intent(in) :: first  !! word of the first draw
+      integer(i8), intent(in) :: first  !! index of the word used for the first draw
       integer(i8) :: draw, word(words_per_block)
 
       volume = distribution%mean + distribution%std*normal(table, first)
@@ -270,7 +270,7 @@ contains
       lognormal = distribution%mean*exponential(sqrt(variance)*z - variance/2)
    end function lognormal
 
-   !> Volume [m3] of a truncated power distribution, whose number of boulders larger than V falls as V**-exponent.
+   !> Volume [m3] of a truncated power-law distribution: the number of boulders larger than V decreases as V**-exponent.
    pure real(wp) function pareto(distribution, u) result(volume)
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: u  !! uniform, 0 to 1

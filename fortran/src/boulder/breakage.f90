@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Breakage of a boulder into fragments by a fractal rule (Ruiz-Carulla et al. 2017; Matas et al. 2017, 2020; theory,
-!> chapter 3): whether it breaks, the volumes of its fragments, which add up to its volume, and their directions.
+!> chapter 3): decision to break, volumes of the fragments (conserving the total volume), and their directions.
 module rockfall_breakage
    use rockfall_kinds, only: wp
    use rockfall_math, only: logarithm, cube_root, power, sine_cosine
@@ -11,14 +11,14 @@ module rockfall_breakage
    public :: breakage_t, split_t, area_ratio, fractal_dimension, surviving_fraction, split_volume, fragment_of
    public :: direction_in_cone, away_from_ground, kept_energy
 
-   !> New surface per energy: S = new_area E**area_power [m2], E in J.
+   !> New surface created by the energy E: S = new_area E**area_power [m2], E in J.
    real(wp), parameter :: new_area = 0.0031_wp, area_power = 0.7562_wp
    real(wp), parameter :: kept_energy = 0.99_wp  !! kinetic energy after breaking relative to the energy before [-]
    !> Area ratio at which the published dimension D is largest. Beyond it the published straight lines of b and q would
-   !> give ever fewer fragments, and none from 0.646 on (D < 0), so D stays constant.
+   !> give fewer and fewer fragments, and none from 0.646 on (D < 0), so D stays constant.
    real(wp), parameter :: ratio_of_max_dimension = 0.43_wp
 
-   !> Conditions of breakage, and rule for fragments.
+   !> Conditions of breakage, and parameters of the fragments.
    type :: breakage_t
       logical :: at_release = .false., at_impact = .false.
       real(wp) :: min_ratio = 0.0_wp     !! area ratio above which a boulder breaks [-]
@@ -30,7 +30,7 @@ module rockfall_breakage
 
    !> Result of breaking a volume.
    type :: split_t
-      real(wp), allocatable :: volume(:)  !! volumes of the fragments [m3]; a single one: it does not break
+      real(wp), allocatable :: volume(:)  !! volumes of the fragments [m3]; a single volume if the block does not break
       real(wp) :: fines = 0.0_wp          !! volume left in smaller pieces [m3]
       logical :: capped = .false.         !! the maximum number of fragments was reached
    end type split_t
@@ -66,9 +66,9 @@ contains
       dimension = 3 + logarithm(1 - surviving_fraction(held))/logarithm(b)
    end function fractal_dimension
 
-   !> Split a volume into at most `room` fragments of at least `min_volume`. Fragment i of a series has q i**(-1/D) of
-   !> its volume. The same rule splits the remainder of a series; at the maximum number the remainder stays one
-   !> block. All fragments and fines add up to the volume: each is subtracted from the remainder.
+   !> Split a volume into at most `room` fragments of at least `min_volume`. Fragment i of a series takes q i**(-1/D) of
+   !> the volume being split. The remainder of a series is split again by the same rule, or stays one block once the
+   !> maximum number is reached. Each fragment is subtracted from the remainder, so all volumes add up.
    pure subroutine split_volume(volume, ratio, min_volume, room, split)
       real(wp), intent(in) :: volume      !! [m3]
       real(wp), intent(in) :: ratio       !! area ratio [-]

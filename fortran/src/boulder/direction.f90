@@ -14,16 +14,16 @@ module rockfall_direction
              random_heading, rotated
    public :: turn_by_class, divide_by_length, shortest, along_aspect
 
-   !> Turning rules: the printed classes, where a turn larger than the angle to the aspect goes past it (as written in
-   !> the paper) or ends at it; or the laboratory's deviations.
+   !> Turning rules. The classes printed in the paper: a turn larger than the angle to the aspect goes past the aspect
+   !> (as written in the paper) or ends at it. Or deviations measured in the laboratory.
    integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
 
    !> Length below which a vector is rescaled before it is normalised [-]: far above 1.5e-154, the root of the smallest
    !> normal number.
    real(wp), parameter :: shortest = 1.0e-150_wp
 
-   !> A heading this close to the aspect [rad] is treated as along it: on a plane the difference is rounding only, and
-   !> its sign must not choose one side for all boulders. Double-precision elevations cause about 1e-12.
+   !> Headings within this angle of the aspect [rad] are treated as along it: on a plane the difference is only
+   !> rounding, and its sign must not turn all boulders to the same side. Double-precision elevations cause about 1e-12.
    real(wp), parameter :: along_aspect = 1.0e-9_wp
 
    !> Classes of the turn in the paper: thresholds in (0, 1) of the second and third class; widths of the first two and
@@ -52,13 +52,13 @@ module rockfall_direction
    type :: turning_t
       integer :: rule = past_aspect
       real(wp) :: u = 0.0_wp        !! quantile of the turn, uniform in (0, 1) [-]
-      real(wp) :: side = 1.0_wp     !! side of the turn if the ground gives none, 1 or -1 [-]
+      real(wp) :: side = 1.0_wp     !! side of the turn if the ground does not determine it, 1 or -1 [-]
       real(wp) :: lateral = 0.0_wp  !! by_lab: angle of the turn [rad]
    end type turning_t
 
 contains
 
-   !> Lateral deviations from angles in degrees, as in files.
+   !> Lateral deviations from angles in degrees (the unit of set files).
    pure type(lateral_t) function lateral(incidence, angle) result(this)
       real(wp), intent(in) :: incidence(lateral_classes - 1)             !! class limits, 0 to 90 [degree]
       real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)  !! quantiles of each class [degree]
@@ -86,7 +86,7 @@ contains
    end function lateral_angle
 
    !> Angle of a turn [rad] (section 3.3) by inversion of its distribution: 0-22.5 degrees with probability 0.72,
-   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform within a class, our choice (theory, chapter 6).
+   !> 22.5-45 with 0.24, 45-50 with 0.04; uniform within a class, which is our assumption (theory, chapter 6).
    elemental real(wp) function rebound_turn_angle(u)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
 
@@ -95,8 +95,8 @@ contains
       if (u >= third_class) rebound_turn_angle = 2*sector*degree + in_third*(u - third_class)
    end function rebound_turn_angle
 
-   !> Heading after a rebound (section 3.3; theory, chapter 6): in a pit unchanged; upslope uniform within 22.5 degrees
-   !> of the heading before; otherwise by the rule, and by the printed classes only if the cell has a descent.
+   !> Heading after a rebound (section 3.3; theory, chapter 6): unchanged in a pit; upslope, uniform within 22.5 degrees
+   !> of the heading before; otherwise by the turning rule. The printed classes apply only if the cell has a descent.
    pure function new_heading(turning, heading, g, descent, pit) result(after)
       type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: heading(2)     !! heading before the rebound, unit [-]
@@ -114,17 +114,17 @@ contains
          return
       end if
       across = heading(1)*aspect(2) - heading(2)*aspect(1)
-      ! Angles are positive towards the descent, so a mirrored scene has mirrored trajectories.
+      ! Angles are positive towards the descent, so that a mirrored scene gives mirrored trajectories.
       side = turning%side*merge(1.0_wp, sign(1.0_wp, across), abs(across) <= along_aspect)
       after = rotated_on_patch(heading, g, side*turning%lateral)
    end function new_heading
 
-   !> Heading after a rebound by the printed classes. All cases share one angle and one turn, so the loop over boulders
-   !> vectorises.
+   !> Heading after a rebound by the printed classes. All cases are expressed by one angle and one turn, so that the
+   !> loop over boulders vectorises.
    elemental subroutine turn_by_class(u, free_side, pit, ends_there, east, north, g_east, g_north, aspect_east, &
                                       aspect_north, after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
-      real(wp), intent(in) :: pit                        !! as from is_pit
+      real(wp), intent(in) :: pit                        !! as returned by is_pit
       real(wp), intent(in) :: ends_there                 !! from the rule: 1 to_aspect, 0 past_aspect
       real(wp), intent(in) :: east, north                !! heading before the rebound, unit [-]
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
@@ -148,7 +148,7 @@ contains
       after_north = merge(north, after_north, pit > 0)
    end subroutine turn_by_class
 
-   !> Heading in plan of the tangent above a heading, rotated in the plane of the patch as in the laboratory.
+   !> Heading in plan after rotating the tangent above a heading in the plane of the patch, as in the laboratory.
    pure function rotated_on_patch(heading, g, angle) result(after)
       real(wp), intent(in) :: heading(2)  !! unit [-]
       real(wp), intent(in) :: g(2)        !! gradient of the patch [-]
@@ -179,7 +179,7 @@ contains
       real(wp) :: length
 
       call divide_by_length(v(1), v(2), unit(1), unit(2), length)
-      if (.not. length > shortest) then  ! squares of such small numbers underflow: rescale first
+      if (.not. length > shortest) then  ! squares of components this small underflow: rescale first
          unit = 0
          if (any(abs(v) > 0)) unit = v/maxval(abs(v))
          if (any(abs(v) > 0)) unit = unit/sqrt(unit(1)**2 + unit(2)**2)
@@ -200,7 +200,7 @@ contains
    end subroutine divide_by_length
 
    !> Heading uniform on the circle, for a vertical impact on ground without descent: an angle within 45 degrees of
-   !> east, where the series of sine and cosine hold, then quarter turns.
+   !> east, where the series of sine and cosine are valid, then quarter turns.
    pure function random_heading(u) result(heading)
       real(wp), intent(in) :: u  !! uniform in (0, 1) [-]
       real(wp) :: heading(2)

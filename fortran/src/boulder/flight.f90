@@ -12,8 +12,8 @@ module rockfall_flight
    public :: inverse_speed, exit_time, side_time, curvature, strikes_ground, strike_time, max_height, enter_patch, &
              place_on_patch
 
-   real(wp), parameter :: no_hit_time = 1.0e30_wp  !! [s] longer than any flight; its square does not overflow
-   real(wp), parameter :: at_rest = 1.0e-200_wp  !! [m2/s2] squared plan speed that does not contribute to a length
+   real(wp), parameter :: no_hit_time = 1.0e30_wp  !! longer than any flight, and its square does not overflow [s]
+   real(wp), parameter :: at_rest = 1.0e-200_wp  !! squared plan speed that is negligible for path lengths [m2/s2]
 
    !> Start of a flight.
    type :: flight_t
@@ -27,7 +27,7 @@ module rockfall_flight
 
    !> End of a flight: the first contact, or the exit from the known terrain.
    type :: landing_t
-      logical :: contact               !! false: it left the domain
+      logical :: contact               !! false: the boulder left the domain
       real(wp) :: time                 !! flight time [s]
       real(wp) :: x, y, z              !! [m]
       type(patch_t) :: patch           !! patch of the contact
@@ -56,13 +56,13 @@ contains
 
    !> Compute a flight to its first contact after the start, or to the edge of the known terrain.
    !>
-   !> The loop keeps one invariant, so that no boulder can pass through the ground: the height at the entry to a patch
-   !> is >= 0. It equals the height at the exit from the previous patch, which was >= 0; negative values from rounding
-   !> count as zero. At zero height, a descending boulder is in contact at once; a rising boulder is not.
+   !> The height at the entry to a patch is always >= 0, so no boulder can pass through the ground: it equals the height
+   !> at the exit from the previous patch, and negative rounding errors count as zero. At zero height a descending
+   !> boulder is in contact at once, a rising boulder is not.
    !>
    !> Over the patch z00 + a u + b w + c u w the path has u = u0 + p t, w = w0 + q t [cells], so the height above it,
-   !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and
-   !> d2 = -g/2 - c p q (theory, chapter 4).
+   !> z(t) - z_patch(u(t), w(t)), is d0 + d1 s + d2 s**2 with d1 = vz - (a + c w) p - (b + c u) q and d2 = -g/2 - c p q
+   !> (theory, chapter 4).
    pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                       !! [m/s2]
@@ -179,7 +179,7 @@ contains
    elemental real(wp) function exit_time(x, edge, cell, inverse)
       real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
       real(wp), intent(in) :: edge     !! index of the edge, 0.. [-]
-      real(wp), intent(in) :: inverse  !! as from inverse_speed [s/m]
+      real(wp), intent(in) :: inverse  !! as returned by inverse_speed [s/m]
 
       exit_time = (edge*cell - x)*inverse
       exit_time = merge(exit_time, no_hit_time, abs(inverse) > 0)
@@ -189,7 +189,7 @@ contains
    elemental real(wp) function side_time(x, v, k, cell, inverse)
       real(wp), intent(in) :: x, v, cell  !! at the start [m], [m/s], size of a cell [m]
       real(wp), intent(in) :: k           !! an integer [-]
-      real(wp), intent(in) :: inverse     !! as from inverse_speed [s/m]
+      real(wp), intent(in) :: inverse     !! as returned by inverse_speed [s/m]
 
       side_time = exit_time(x, k + merge(0.0_wp, -1.0_wp, v > 0), cell, inverse)
    end function side_time
@@ -203,8 +203,8 @@ contains
       curvature = -0.5_wp*gravity - c*p*q
    end function curvature
 
-   !> Return 1 if d0 + d1 s + d2 s**2, d0 >= 0, becomes negative in 0..length, else 0; a number, so that loops
-   !> vectorise.
+   !> Return 1 if d0 + d1 s + d2 s**2, with d0 >= 0, becomes negative in 0..length, else 0 (a number, so that loops
+   !> vectorise).
    elemental real(wp) function strikes_ground(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! length of the span [s]
@@ -217,7 +217,7 @@ contains
       strikes_ground = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
    end function strikes_ground
 
-   !> First time [s] at which the height becomes negative, if it does; uses the form of the root without cancellation.
+   !> First time [s] at which the height becomes negative, if it does, from the form of the root without cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
       real(wp), intent(in) :: d0, d1, d2  !! as in strikes_ground
       real(wp), intent(in) :: length      !! length of the span [s]
@@ -312,7 +312,7 @@ contains
       s0 = sqrt(plan2 + v3*v3)
       s1 = sqrt(plan2 + v1*v1)
       speed_sum = s0 + s1
-      ! If rounding cancels the difference, plan2 is negligible.
+      ! If rounding cancels the whole difference, plan2 is negligible.
       area = plan2*logarithm((speed_sum + fall)/max(speed_sum - fall, epsilon(speed_sum)*speed_sum, tiny(speed_sum)))
       if (.not. plan2 > at_rest) area = 0
       length = max(0.0_wp, 0.5_wp*(v3*s0 - v1*s1 + area)/gravity)  ! terms cancel for short hops

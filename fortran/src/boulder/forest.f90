@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tree hits: the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan stem
-!> and boulder are discs, so the boulder's centre meets a disc whose radius is the sum of their radii.
+!> Tree hits: the first stem hit by a flight, the energy that it absorbs, and the turn of the boulder. In plan, stem and
+!> boulder are discs: a hit occurs when the boulder's centre enters a disc around the stem with the sum of both radii.
 module rockfall_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, exponential, logarithm, sine_cosine
@@ -12,20 +12,20 @@ module rockfall_forest
              tree_impact
    public :: max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch, class_ends
 
-   !> Types of a hit, by where the path of the boulder's centre passes the stem.
+   !> Types of a hit, by the distance of the path of the boulder's centre from the stem axis.
    integer, parameter :: frontal = 1, lateral = 2, scratch = 3
    !> Class limits of the turn [degree].
    real(wp), parameter :: class_ends(0:3) = [0.0_wp, 22.5_wp, 67.5_wp, 76.0_wp]
 
    real(wp), parameter :: radius_per_dbh = 0.005_wp  !! [m/cm]
-   !> Squared distance from the edge of a disc, over its squared radius, within which a flight counts as starting
-   !> inside: at the stem just hit, only rounding would decide [-].
+   !> Relative squared distance from the edge of a disc within which a flight counts as starting inside [-]. At the stem
+   !> just hit, only rounding errors would decide.
    real(wp), parameter :: on_edge = 1.0e-6_wp
-   !> Offset from the axis of a stem, over the radius, within which a hit has no side: only rounding would decide [-].
+   !> Offset from a stem's axis, over its radius, below which a hit has no side: only rounding would decide [-].
    real(wp), parameter :: centred_offset = 1.0e-9_wp
    real(wp), parameter :: along_rows = 1.0e-9_wp  !! heading component below which the row of buckets never changes [-]
-   real(wp), parameter :: min_side = 5.0_wp       !! minimum size of a bucket [m]: one or two trees
-   integer, parameter :: buckets_per_stem = 2     !! approximate maximum
+   real(wp), parameter :: min_side = 5.0_wp       !! minimum size of a bucket [m], for one or two trees
+   integer, parameter :: buckets_per_stem = 2     !! approximate maximum number of buckets per stem
 
    type :: stem_t
       real(wp) :: x = 0.0_wp, y = 0.0_wp          !! axis, local coordinates [m]
@@ -35,14 +35,14 @@ module rockfall_forest
 
    !> Parameters common to all stems.
    type :: tree_model_t
-      real(wp) :: stem_height = huge(1.0_wp)      !! boulders above this height pass over the stem [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! limits of x: lateral from the first, scratch from the second [-]
+      real(wp) :: stem_height = huge(1.0_wp)      !! boulders higher than this pass over the stem [m]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! limits of x between frontal, lateral and scratch [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
    end type tree_model_t
 
-   !> Stems in a grid of buckets: bucket (i, j) = (0.., 0..) has stem(first(k):first(k + 1) - 1), k = 1 + i + nx*j.
+   !> Stems in buckets: bucket (i, j), from (0, 0), contains stem(first(k):first(k + 1) - 1), k = 1 + i + nx*j.
    type :: forest_t
       type(tree_model_t) :: model
       type(stem_t), allocatable :: stem(:)
@@ -121,7 +121,7 @@ contains
       bucket = 1 + bucket_index(this, 1, x) + this%nx*bucket_index(this, 2, y)
    end function bucket
 
-   !> Column (axis 1) or row (axis 2) of buckets of a coordinate, from 0; clamped to the grid.
+   !> Column (axis 1) or row (axis 2) of the bucket that contains a coordinate, from 0; clamped to the grid.
    pure integer function bucket_index(this, axis, coordinate)
       type(forest_t), intent(in) :: this
       integer, intent(in) :: axis
@@ -148,8 +148,8 @@ contains
       absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
    end function absorbed_fraction
 
-   !> Return whether the plan path of a flight may enter the disc of a stem from outside: a test without roots and
-   !> divisions, true for all flights that find_first_hit finds to hit a stem, and for few others.
+   !> Return whether the plan path of a flight may enter the disc of a stem from outside. The test needs no roots or
+   !> divisions. It is true for all flights for which find_first_hit finds a stem, and for few others.
    pure logical function may_hit_tree(this, x, y, path, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y            !! start of the flight [m]
@@ -167,7 +167,7 @@ contains
                bucket_index(this, 2, y + max(0.0_wp, path(2)) + reach)
          do k = this%first(1 + left + this%nx*row), this%first(2 + right + this%nx*row) - 1
             d = [this%stem(k)%x - x, this%stem(k)%y - y]
-            along = d(1)*path(1) + d(2)*path(2)         ! these three are multiplied by the length of the path
+            along = d(1)*path(1) + d(2)*path(2)         ! these three distances are multiplied by the length of the path
             across = path(1)*d(2) - path(2)*d(1)
             beyond = max(0.0_wp, along - length2)
             r2 = (radius + this%stem(k)%radius)**2
@@ -268,9 +268,9 @@ contains
 
    !> Effect of a hit: absorbed energy, and turn of the boulder away from the stem.
    !>
-   !> The path of the boulder's centre passes the axis at x = offset/(DBH/2) of the stem's radius. Beyond the side of
-   !> the stem, where only the boulder's own radius reaches it, a hit is a scratch. A frontal hit that the boulder
-   !> survives breaks the stem.
+   !> The path of the boulder's centre passes the stem axis at a distance of x = offset/(DBH/2) stem radii. If the path
+   !> misses the stem and only the boulder's side touches it (x > 1), the hit is a scratch. A frontal hit that the
+   !> boulder survives breaks the stem.
    pure type(tree_impact_t) function tree_impact(model, stem, offset, energy, word) result(impact)
       type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem
@@ -300,7 +300,7 @@ contains
       hit_type = frontal + count(x >= model%limit)
    end function hit_type
 
-   !> Angle of a turn [rad]: a class drawn by the weights, uniform within the class.
+   !> Angle of a turn [rad]: the class is drawn by the weights, the angle uniformly within the class.
    pure real(wp) function tree_turn_angle(weight, class, within)
       real(wp), intent(in) :: weight(3)      !! weights of the classes, at least one > 0 [any unit]
       real(wp), intent(in) :: class, within  !! uniform in (0, 1) [-]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Evaluation lines: polylines in plan where the first crossing of each boulder is recorded. A line with a width is an
-!> object, which a boulder meets as soon as its side touches the object.
+!> object: a boulder meets it as soon as its side touches it.
 module rockfall_line
    use rockfall_kinds, only: wp
    implicit none
@@ -11,7 +11,7 @@ module rockfall_line
    type :: line_t
       real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
       real(wp) :: low(2), high(2)             !! bounding box of the centres of boulders that meet the line [m]
-      real(wp) :: half_width = -1.0_wp        !! half width of an object [m]; negative: a line, met by centres
+      real(wp) :: half_width = -1.0_wp        !! half width of an object [m]; negative for a line, which centres cross
    end type line_t
 
 contains
@@ -26,7 +26,7 @@ contains
       line%high = [maxval(x), maxval(y)]
    end function line
 
-   !> Build an object of a width along a polyline, for boulders up to a maximum radius.
+   !> Build an object with a width along a polyline, for boulders up to a maximum radius.
    pure type(line_t) function object_line(x, y, width, max_radius) result(object)
       real(wp), intent(in) :: x(:), y(:)         !! at least two vertices, which may be equal [m]
       real(wp), intent(in) :: width, max_radius  !! [m]
@@ -37,9 +37,9 @@ contains
       object%high = object%high + (object%half_width + max_radius)
    end function object_line
 
-   !> First meeting of a boulder with a line or an object along the plan path of its centre from a to b: fraction of the
-   !> path in 0..1 [-], or 2 if they do not meet. An object is met where its edge is one radius away, or at the start of
-   !> the path if it is already that near.
+   !> First meeting of a boulder, whose centre moves from a to b in plan, with a line or object: fraction of the path in
+   !> 0..1 [-], or 2 if it does not. It meets an object where its centre comes within one radius of the edge, or at the
+   !> start of the path if it is already that near.
    pure real(wp) function first_meeting(this, a, b, radius) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
@@ -81,8 +81,8 @@ contains
       end if
    end function entry_into_disc
 
-   !> Fraction of a path at which it enters, through a long side, the rectangle within a distance of a segment; 0 if it
-   !> starts inside, 2 if it does not enter.
+   !> Fraction of a path at which it enters, through a long side, the rectangle that surrounds a segment at a given
+   !> distance; 0 if it starts inside, 2 if it does not enter.
    pure real(wp) function entry_into_strip(p, q, distance, a, b) result(fraction)
       real(wp), intent(in) :: p(2), q(2)  !! both ends of the segment [m]
       real(wp), intent(in) :: distance    !! [m]
@@ -98,7 +98,7 @@ contains
       edge = sign(distance, side_a)
       entry = 0
       if (abs(side_a) > distance) then
-         if ((side_b - edge)*side_a > 0) return  ! the path stays beyond the edge
+         if ((side_b - edge)*side_a > 0) return  ! both ends of the path are beyond the edge
          entry = (side_a - edge)/(side_a - side_b)
       end if
       along = dot_product(direction, a + entry*(b - a) - p)
@@ -137,8 +137,8 @@ contains
       end do
    end function next_crossing
 
-   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0: the path does not cross the
-   !> line. A number, so that loops vectorise.
+   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0: the path cannot cross the line
+   !> (a number, so that loops vectorise).
    elemental real(wp) function boxes_touch(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
       real(wp), intent(in) :: low1, low2, high1, high2  !! bounding box of the line [m]
       real(wp), intent(in) :: a1, a2, b1, b2            !! ends of the path [m]

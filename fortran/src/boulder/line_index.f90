@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Spatial index of many lines: the plane is divided into buckets that list the lines touching them, so that a path
-!> is compared with few lines.
+!> Spatial index of many lines: a grid of buckets lists the lines that touch each bucket, so that a path is compared
+!> with few lines.
 module rockfall_line_index
    use rockfall_kinds, only: wp
    use rockfall_line, only: line_t
@@ -9,15 +9,15 @@ module rockfall_line_index
    public :: line_index_t, line_index, buckets_of, is_near_lines, worth_indexing
 
    integer, parameter :: worth_indexing = 12  !! number of lines from which an index is faster than testing all lines
-   integer, parameter :: max_buckets = 256    !! maximum along each axis
-   real(wp), parameter :: margin = 1.0e-6_wp  !! margin by which lines are widened, against rounding [buckets]
+   integer, parameter :: max_buckets = 256    !! maximum number of buckets along each axis
+   real(wp), parameter :: margin = 1.0e-6_wp  !! lines are widened by this margin, against rounding [buckets]
 
    !> Lines in buckets.
    type :: line_index_t
       real(wp) :: low(2) = 0.0_wp        !! south-west corner [m]
       real(wp) :: per_bucket(2) = 0.0_wp !! inverse size of a bucket [1/m]
       integer :: n(2) = 1                !! buckets along each axis
-      integer, allocatable :: first(:)   !! first element of `line` for each bucket, eastward first, and the end
+      integer, allocatable :: first(:)   !! first element of `line` for each bucket, row by row eastward; then the end
       integer, allocatable :: line(:)    !! indices of lines, bucket by bucket
    end type line_index_t
 
@@ -52,7 +52,7 @@ contains
          total = 1
          do k = 1, product(index%n)
             total = total + index%first(k)
-            index%first(k) = total  ! moves down while lines are stored
+            index%first(k) = total  ! decreases while lines are stored
          end do
          index%first(size(index%first)) = total
          allocate (index%line(total - 1))
@@ -63,7 +63,7 @@ contains
    pure subroutine list_line(this, number, store, last, index)
       type(line_t), intent(in) :: this
       integer, intent(in) :: number
-      logical, intent(in) :: store       !! store the line, not only count
+      logical, intent(in) :: store       !! store the line; false: only count it
       integer, intent(inout) :: last(:)
       type(line_index_t), intent(inout) :: index
       real(wp) :: p(2), q(2), reach(2), from, to, t(2), x(2)
@@ -97,7 +97,7 @@ contains
       end do
    end subroutine list_line
 
-   !> First and last bucket of an interval along an axis [buckets]; buckets outside count as the nearest.
+   !> First and last bucket of an interval along an axis [buckets]; positions outside are clamped to the grid.
    pure function within(interval, n) result(ends)
       real(wp), intent(in) :: interval(2)
       integer, intent(in) :: n

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Rest or rolling of a boulder that is too slow to fly after a rebound.
 !>
-!> One radius ahead, down the steepest descent of its patch, the ground is lower by the drop d. If d is at most the plan
-!> distance l times the tangent of the rest angle, friction holds the boulder; otherwise it rolls there and meets the
-!> ground again. The energy is that of a sphere rolling down a facet (Azzoni, La Barbera, Zaninetti 1995, Int. J. Rock
-!> Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k), k = I/(m R_b**2): closed form,
-!> no time step.
+!> One radius ahead of the boulder, down the steepest descent of its patch, the ground is lower by the drop d. If d is
+!> at most the plan distance l times the tangent of the rest angle, friction holds the boulder; otherwise it rolls there
+!> and meets the ground again. The energy is that of a sphere rolling down a facet (Azzoni, La Barbera, Zaninetti 1995,
+!> Int. J. Rock Mech. Min. Sci. 32, 709-724), v1**2 = v0**2 + 2 g (d - tan(rest angle) l)/(1 + k), k = I/(m R_b**2):
+!> closed form, no time step.
 module rockfall_rolling
    use rockfall_kinds, only: wp
    use rockfall_boulder, only: inertia_factor
@@ -17,14 +17,14 @@ module rockfall_rolling
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, walk_patches, falls_away, time_slide, &
              flight_after_roll, speed_within, cut_roll, ground_points
 
-   !> Maximum height over R_b of the ground above or below a chord between recorded points [-].
+   !> Maximum height of the ground above or below a chord between recorded points, over R_b [-].
    real(wp), parameter :: chord_tolerance = 0.01_wp
 
-   !> Fraction of the duration before the end of a path within which a recorded point counts as the end [-].
+   !> A recorded point this close to the end of a path counts as its end: fraction of the duration [-].
    real(wp), parameter :: end_tolerance = 1.0e-9_wp
 
-   !> Relative excess over the drop held by friction up to which a boulder is still held [-]: on a plane at the rest
-   !> angle, rounding must not decide.
+   !> A drop that exceeds what friction holds by less than this fraction still holds the boulder [-]: on a plane at the
+   !> rest angle, rounding errors must not decide.
    real(wp), parameter :: hold_tolerance = 1.0e-6_wp
 
    type :: roll_t
@@ -33,7 +33,7 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight path at the mean speed, followed without gravity
       type(landing_t) :: landing       !! end of the path: start of the next flight, or edge of the known terrain
-      logical :: from_table = .false.  !! from a contact by a table; the following are valid
+      logical :: from_table = .false.  !! the contact is from a table; the following components are then valid
       real(wp) :: length = 0.0_wp      !! distance along the ground [m]
       real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
       real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
@@ -45,7 +45,7 @@ module rockfall_rolling
    !> State of the last contact of a boulder on a table's ground.
    type :: touch_t
       integer :: ground = 0        !! index of the ground; 0: none
-      integer :: next = 0          !! record that followed its record in the laboratory; 0: none
+      integer :: next = 0          !! table record that followed the contact's record in the laboratory; 0: none
       real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
@@ -102,8 +102,8 @@ contains
    end subroutine find_roll
 
    !> Path of a contact by a table: along a tangent of the ground, in a given time. The boulder follows it at the speed
-   !> of the contact's mean energy, so that crossings of lines show that energy, or faster, to end in time; then it
-   !> waits for the remaining time.
+   !> of the contact's mean energy, so that line crossings show that energy, or faster if it would not arrive in time.
+   !> It then waits for the remaining time.
    !>
    !> `off`: the ground falls away faster than the boulder falls, so the boulder leaves the ground at once.
    pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)
@@ -141,11 +141,11 @@ contains
       roll%path%rate = 0
    end subroutine find_slide
 
-   !> End of a slide: on its first patch, or wherever `move_along` ends.
+   !> Find the end of a slide: on its first patch, or where `move_along` ends.
    pure subroutine find_slide_end(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
-      real(wp), intent(inout) :: length  !! as in walk
+      real(wp), intent(inout) :: length  !! as in walk_patches
       type(roll_t), intent(inout) :: roll
       real(wp) :: inside
 
@@ -160,7 +160,7 @@ contains
       if (.not. inside > 0) call move_along(dem, start, length, roll)
    end subroutine find_slide_end
 
-   !> End of a slide that ends inside its first patch: exactly its start if it has no length.
+   !> End of a slide that stays inside its first patch; a slide without length ends exactly at its start.
    elemental subroutine slide_on_patch(x, y, z, u, w, t1, t2, length, per_cell, i, j, z00, a, b, c, x_end, y_end, &
                                        z_end, u_end, w_end, inside)
       real(wp), intent(in) :: x, y, z, u, w       !! start of the slide, as in landing_t [m], [cells]
@@ -169,7 +169,7 @@ contains
       real(wp), intent(in) :: i, j, z00, a, b, c  !! as in patch_t [-], [m]
       real(wp), intent(out) :: x_end, y_end, z_end  !! [m]
       real(wp), intent(out) :: u_end, w_end         !! position in the patch, 0..1 [cells]
-      real(wp), intent(out) :: inside               !! the slide ends inside: 1 or 0
+      real(wp), intent(out) :: inside               !! 1 if the slide ends inside the patch, else 0
       real(wp) :: beyond
 
       x_end = x + length*t1
@@ -184,7 +184,7 @@ contains
       z_end = merge(height_at(z00, a, b, c, u_end, w_end), z, length > 0)
    end subroutine slide_on_patch
 
-   !> Return 1 if the ground falls away under a slide, else 0.
+   !> Return 1 if the ground falls away from a boulder during a slide, else 0.
    elemental real(wp) function falls_away(drop, t3, length, gravity, time)
       real(wp), intent(in) :: drop              !! drop of the ground [m]
       real(wp), intent(in) :: t3, length, time  !! as in find_slide [-], [m], [s]
@@ -193,7 +193,7 @@ contains
       falls_away = merge(1.0_wp, 0.0_wp, drop + length*t3 > 0.5_wp*gravity*time*time + hold_tolerance*length)
    end function falls_away
 
-   !> Length of a slide, its duration, and the time for which the boulder waits.
+   !> Length of a slide, its duration, and the waiting time at its end.
    elemental subroutine time_slide(t1, t2, length, drop, time, speed, distance, slides, waits)
       real(wp), intent(in) :: t1, t2, length, time, speed  !! as in find_slide [-], [m], [s], [m/s]
       real(wp), intent(in) :: drop                         !! drop of the ground [m]
@@ -222,7 +222,7 @@ contains
       end if
    end function flight_after_roll
 
-   !> Move a distance along the heading, patch by patch, until its end or the edge of the known terrain.
+   !> Move a distance along the heading, patch by patch, up to its end or to the edge of the known terrain.
    pure subroutine move_along(dem, start, length, roll)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: start
@@ -244,12 +244,12 @@ contains
       end associate
    end subroutine move_along
 
-   !> Find the patch on which a straight path ends, or the last known patch before.
+   !> Find the patch on which a straight path ends, or the last known patch on the way.
    pure subroutine walk_patches(dem, x, y, heading, length, patch, beyond, known)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y           !! start of the path [m]
       real(wp), intent(in) :: heading(2)     !! heading of any length
-      real(wp), intent(inout) :: length      !! length over that of the heading; on return the known part [m]
+      real(wp), intent(inout) :: length      !! over the length of the heading; on return the known part [-]
       type(patch_t), intent(inout) :: patch  !! patch at the start; on return at the end
       type(patch_t), intent(out) :: beyond   !! the unknown patch, if any
       logical, intent(out) :: known          !! the whole path is known
@@ -273,8 +273,8 @@ contains
       length = max(0.0_wp, min(tx, ty))
    end subroutine walk_patches
 
-   !> Return whether a patch of the terrain lies outside the current window. A boulder at the window's edge then leaves
-   !> it and is traced again, because whether it rests is unknown here.
+   !> Return whether a patch of the terrain lies outside the current window. If so, the window cannot show whether a
+   !> boulder at its edge comes to rest: the boulder leaves the window and is traced again.
    pure logical function outside_window(dem, patch)
       type(terrain_t), intent(in) :: dem
       type(patch_t), intent(in) :: patch
@@ -291,7 +291,7 @@ contains
       speed_within = sqrt(roll%speed2(1) + fraction*(roll%speed2(2) - roll%speed2(1)))
    end function speed_within
 
-   !> End a roll at an obstacle, at a time of its path.
+   !> End a roll at an obstacle, at the given time after its start.
    pure subroutine cut_roll(dem, roll, time, landing)
       type(terrain_t), intent(in) :: dem
       type(roll_t), intent(in) :: roll
@@ -304,14 +304,14 @@ contains
       landing%x = roll%path%x + time*roll%path%v(1)
       landing%y = roll%path%y + time*roll%path%v(2)
       call read_patch(dem, floor(landing%x*dem%per_cell) + 1, floor(landing%y*dem%per_cell) + 1, landing%patch)
-      if (.not. landing%patch%known) landing%patch = roll%path%patch  ! at the edge of the known terrain
+      if (.not. landing%patch%known) landing%patch = roll%path%patch  ! the obstacle is at the edge of the known terrain
       landing%u = patch_position(dem, landing%x, landing%patch%i)
       landing%w = patch_position(dem, landing%y, landing%patch%j)
       landing%z = height(landing%patch, landing%u, landing%w)
    end subroutine cut_roll
 
    !> Points between the start and the end of a straight path along the ground, so that chords follow the terrain: where
-   !> the path meets the next patch, and within a patch as its curvature requires.
+   !> the path enters a new patch, and within a patch as its curvature requires.
    pure subroutine ground_points(dem, path, duration, radius, time, place)
       type(terrain_t), intent(in) :: dem
       type(flight_t), intent(in) :: path

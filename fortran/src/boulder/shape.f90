@@ -27,8 +27,8 @@ contains
       end select
    end function shape_volume
 
-   !> Moment of inertia I/(m R**2) [-], with R of the sphere of equal volume. The axis of rotation changes, so I is the
-   !> mean of the three principal moments. The sphere has the minimum, 2/5.
+   !> Moment of inertia I/(m R**2) [-], where R is the radius of the sphere of equal volume. The axis of rotation
+   !> changes, so I is the mean of the three principal moments. The minimum, 2/5, is that of a sphere.
    pure real(wp) function shape_inertia(shape, d) result(inertia)
       integer, intent(in) :: shape  !! 1..4
       real(wp), intent(in) :: d(3)  !! sides, or axes; the shortest is the height of a disc [m]

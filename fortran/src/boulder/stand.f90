@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Stand of trees known only by its stems per hectare: the number of stems in a cell, and their positions. A pure
-!> function of the seed and the cell, so that neither the order of cells nor other input changes a tree.
+!> Stand of trees with a known number of stems per hectare: number and positions of the stems in a cell. A
+!> pure function of the seed and the cell, so that neither the order of cells nor other input changes a tree.
 module rockfall_stand
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: exponential
@@ -14,7 +14,7 @@ module rockfall_stand
 contains
 
    !> Number of stems in a cell with a given expected number: Poisson distributed, so that the forest does not depend on
-   !> the cell size; or, if `even`, the integer part, plus one with the probability of the fraction.
+   !> the cell size. If `even`, it is the integer part, plus one with the probability of the fractional part.
    pure integer function stems_in_cell(key, cell, expected, even) result(stems)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell       !! index in the raster
@@ -27,7 +27,7 @@ contains
          stems = int(expected + uniform(count_word(key, cell, 1)))
          return
       end if
-      parts = ceiling(expected/max_mean)  ! their sum is also Poisson distributed
+      parts = ceiling(expected/max_mean)  ! split the mean: a sum of Poisson numbers is Poisson distributed
       do k = 1, parts
          stems = stems + poisson(expected/parts, uniform(count_word(key, cell, k)))
       end do
@@ -71,8 +71,8 @@ contains
       u = uniform(random_words(key, for_forest, cell, int(stem, i8), 0_i8))
    end function stem_numbers
 
-   !> Two further uniform numbers in (0, 1) for a stem: whether it is kept in a stand less dense than the densest in its
-   !> cell, and whether it remains after thinning. The numbers of `stem_numbers` do not depend on them.
+   !> Two further uniform numbers in (0, 1) for a stem. They decide whether it is kept in a stand less dense than the
+   !> densest in its cell, and whether it remains after thinning. They are independent of those from `stem_numbers`.
    pure function thinning_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> C interface of the kernel (include/rockfall.h): rockfall_handles with types and strings of C.
+!> C interface of the kernel (include/rockfall.h): rockfall_handles with C types and strings.
 module rockfall_c
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_float, c_int, c_int32_t, c_int64_t, c_null_char, &
                                           c_null_ptr, c_ptr, c_loc, c_associated
@@ -178,7 +178,7 @@ contains
    pure subroutine return_error(error, code, message)
       type(error_t), allocatable, intent(in) :: error
       integer(c_int), intent(out) :: code
-      character(kind=c_char), intent(out) :: message(:)  !! a line for each fault
+      character(kind=c_char), intent(out) :: message(:)  !! one line for each fault
       character(len=:), allocatable :: text
       integer :: k
 

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Case file: reads the values of its keys (rockfall_case_keys) and checks the rules between keys, group by group. Keys
-!> that no run uses are checked only against their table; case/rules.py has the rules between them.
+!> that only Python uses are checked here against their table alone; case/rules.py has the rules between them.
 module rockfall_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, gather
@@ -24,19 +24,19 @@ module rockfall_case
    public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
-   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then makes the mean 4.6 times larger.
+   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then multiplies the mean by 4.6.
    integer, parameter :: max_spread = 5
-   real(wp), parameter :: share_rounding = 0.002_wp  !! sums of shares with three decimals deviate from 1 by less
+   real(wp), parameter :: share_rounding = 0.002_wp  !! maximum rounding error of a sum of fractions with three decimals
 
-   character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! order in results
-   !> A barrier has exactly one of these attributes.
+   character(len=*), parameter :: line_groups(*) = [character(len=7) :: "line", "barrier"]  !! in the order of results
+   !> Each barrier has exactly one of these attributes.
    character(len=*), parameter :: barrier_strengths(*) = [character(len=8) :: "capacity", "class", "diameter"]
 
    !> Evaluation line, or barrier.
    type :: case_line_t
       character(len=:), allocatable :: name
       real(wp), allocatable :: x(:), y(:)  !! map coordinates [m]
-      real(wp) :: object_width = -1.0_wp   !! width of an object [m]; negative: a line
+      real(wp) :: object_width = -1.0_wp   !! width of an object [m]; negative for a line
       real(wp) :: height = 0.0_wp          !! height of a barrier [m]; 0: evaluation line
       real(wp) :: capacity = 0.0_wp        !! capacity of a barrier [J]
    end type case_line_t
@@ -46,7 +46,7 @@ module rockfall_case
       character(len=:), allocatable :: file, title, dem, zones, table, zone_field, mean_radius, rg(:), sets, &
                                        cells, polygons, ground, ground_map, ground_table
       integer(i8) :: seed = 1
-      integer(i8) :: boulders = 0, boulders_total = 0  !! boulders per source, or in total; 0: the other is given
+      integer(i8) :: boulders = 0, boulders_total = 0  !! boulders per source, or in total; 0 if the other is given
       integer :: threads = 0
 
       integer, allocatable :: default_zone
@@ -56,35 +56,35 @@ module rockfall_case
       real(wp) :: stop_speed = 0.5_wp, rest_angle = -1.0_wp
       real(wp) :: gravity = 9.81_wp, drop_height = 0.0_wp, velocity(3) = 0.0_wp
       integer :: impact_limit = 100000
-      integer :: turning = past_aspect           !! rule, as in turning_t
-      logical :: by_table = .false.         !! rebounds follow a table of impacts by default
+      integer :: turning = past_aspect           !! turning rule, as in turning_t
+      logical :: by_table = .false.         !! rebounds follow impact tables by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
-      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! share of each block shape; all 0: given by sources [-]
+      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! fraction of each block shape; all 0: given by sources [-]
       real(wp) :: radius_sigma = 0.0_wp          !! standard deviation of ln R_m between boulders [-]
       real(wp) :: strength_sigma = -1.0_wp       !! for all grounds with tables; < 0: value of each ground [-]
-      logical :: by_source = .false.             !! sources specify their boulders; volumes are factors
+      logical :: by_source = .false.             !! sources specify their boulders; volumes in the case are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density
       logical :: at_points = .false.             !! sources are points, not cells
       logical :: forest = .false.                !! the scene has trees
       type(tree_model_t) :: tree_model
-      type(breakage_t), allocatable :: breakage  !! if boulders may break
+      type(breakage_t), allocatable :: breakage  !! allocated if boulders may break
       logical :: steep_cells = .false., by_area = .false., sampled = .false.  !! sampled: sources are a sample
       real(wp), allocatable :: slope_threshold   !! [degree]
-      type(case_line_t), allocatable :: lines(:)  !! given inline: evaluation lines, then barriers
-      character(len=:), allocatable :: unread    !! a layer with more lines, barriers or dams, for messages; "": none
-      logical :: map(n_maps) = .false.           !! requested, in the order of map_names
+      type(case_line_t), allocatable :: lines(:)  !! lines given in the case: evaluation lines, then barriers
+      character(len=:), allocatable :: unread    !! layer with further lines, barriers or dams, for messages; "": none
+      logical :: map(n_maps) = .false.           !! maps requested, in the order of map_names
       logical :: full_maps = .false.             !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! minimum number of passages for a mean or a quantile in a cell
       logical :: rebounds = .false.
-      logical :: shadow_angle = .false.        !! of each boulder, because one was observed
+      logical :: shadow_angle = .false.        !! requested for each boulder, because one was observed
       logical :: energy_balance = .false.
       integer :: trajectories = 0
-      integer(i8) :: kept = keeps_all            !! number of boulders whose rows are kept
+      integer(i8) :: kept = keeps_all            !! number of boulders for which rows are kept
       real(wp), allocatable :: thresholds(:)     !! energy thresholds of energy_exceeded and hits_energy_exceeded [J]
       real(wp) :: object_width = 0.0_wp          !! width of objects for the maps of hits [m]
-      character(len=:), allocatable :: variants  !! names of the case's variants; a run needs one; "": none
+      character(len=:), allocatable :: variants  !! names of the case's variants (a run needs one); "": none
    end type case_t
 
 contains
@@ -101,7 +101,7 @@ contains
       if (.not. allocated(error)) call case_of_keys(list, file, this, error)
    end subroutine read_case
 
-   !> Build a case from its checked keys; an error has the first fault of each group.
+   !> Build a case from its checked keys; the error lists the first fault of each group.
    pure subroutine case_of_keys(list, file, this, error)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: file
@@ -135,7 +135,7 @@ contains
       this%variants = variant_names(list)
    end subroutine case_of_keys
 
-   !> Find a group by name; `complete` has added absent ones.
+   !> Find a group by name, which exists because `complete` has added absent groups.
    pure type(group_t) function group_of(list, name)
       type(namelist_t), intent(in) :: list
       character(len=*), intent(in) :: name
@@ -352,7 +352,7 @@ contains
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
 
-   !> Read the shares of the block shapes, or the axes of the blocks in a volume list.
+   !> Read the fractions of the block shapes, or the axes of the blocks in a volume list.
    pure subroutine read_shapes(group, release, this, error)
       type(group_t), intent(in) :: group, release
       type(case_t), intent(inout) :: this
@@ -412,7 +412,7 @@ contains
       end if
    end subroutine read_axes
 
-   !> Mask of the block shapes that a case gives to boulders with its own volumes: those in the list, or with a share.
+   !> Mask of the block shapes of boulders whose volumes the case gives: those in the list, or with a fraction.
    pure function given_shapes(case) result(given)
       type(case_t), intent(in) :: case
       logical :: given(size(block_shapes))
@@ -475,7 +475,7 @@ contains
       this%velocity = reals_of(group, "velocity")
    end subroutine read_release
 
-   !> Read the conditions of breakage, and the rule for fragments.
+   !> Read the conditions of breakage and the parameters of fragments.
    pure subroutine read_breakage(group, output, this, error)
       type(group_t), intent(in) :: group, output
       type(case_t), intent(inout) :: this
@@ -571,7 +571,7 @@ contains
       type(group_t), intent(in) :: group
       integer, intent(in) :: min_points
       type(error_t), allocatable, intent(out) :: error
-      logical :: equal, single  ! single: one point, if commas are decimal
+      logical :: equal, single  ! the points are equal in number; there would be a single point if commas were decimal
 
       equal = value_count(group, "x") == value_count(group, "y")
       single = min_points == 1 .and. value_count(group, "x") == 2 .and. has_comma(group, "y")
@@ -634,7 +634,7 @@ contains
                                   g=1, size(list%group))])
    end function inline_groups
 
-   !> Check lines, barriers and dams from layers. Their coordinates are read elsewhere, and checked like inline ones.
+   !> Check lines, barriers and dams from layers. Other code reads their coordinates and checks them like inline ones.
    pure subroutine check_layers(list, this, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this
@@ -754,7 +754,7 @@ contains
       this%full_maps = text_of(group, "map_extent") == "terrain"
       this%min_passages = int(integer_of(group, "min_passages"))
       this%trajectories = int(integer_of(group, "trajectories"))
-      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! 0 for 'none'
+      if (text_of(group, "kept") /= "all") this%kept = integer_of(group, "kept")  ! 'none' gives 0
       this%map = [(any(maps == map_names(k)), k=1, n_maps)]
       this%sampled = text_of(release, "sources") == "sample"
       if (allocated(error) .or. this%kept == keeps_all .or. .not. any(this%map)) return

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Refusal of keys that would have no effect, with a message about the feature they require. A key with its default
-!> is allowed, because a program that writes a case may write all keys.
+!> Refusal of keys that would have no effect, with a message about the feature they require. A key may always have its
+!> default, because a program that writes a case may write all keys.
 module rockfall_case_effects
    use rockfall_error, only: error_t, gather
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist
@@ -55,7 +55,7 @@ contains
       end do
    end subroutine mark_defaults
 
-   !> Rock sizes are valid for either method, because `rockfall models` compares both.
+   !> Allow rock sizes for both methods, because `rockfall models` compares the methods.
    pure subroutine check_surface(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -124,7 +124,7 @@ contains
                      "maps", error)
    end subroutine check_output
 
-   !> Maps use thresholds and objects; only hazard classes, which need frequencies, use the other keys.
+   !> Allow thresholds and objects with maps that use them, the other keys only with hazard classes.
    pure subroutine check_hazard(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -140,7 +140,7 @@ contains
                      "&scenario, or maps ..._exceeded", error)
    end subroutine check_hazard
 
-   !> Refuse the first of these keys that differs from its default, unless the keys are valid.
+   !> Refuse the first of `keys` that differs from its default, unless `valid`.
    pure subroutine only_with(group, keys, valid, with, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: keys(:), with
@@ -174,7 +174,7 @@ contains
          if (key_table(k)%group == group%name .and. key_table(k)%name == key) exit
       end do
       default = trim(key_table(k)%default)
-      ! usually a default is written as in the table; entries end before a closing quote
+      ! defaults are usually written as in the table; the text of an entry ends before a closing quote
       if (group%entry(e)%text == default .or. group%entry(e)%text//"'" == default) return
       is_changed = default == "absent" .or. default == "required"
       if (is_changed) return

@@ -19,8 +19,8 @@ module rockfall_case_keys
    integer, parameter :: many = 100000                !! maximum number of values in a list
    integer, parameter :: text_length = 4096           !! maximum length of a text
    integer, parameter :: max_name = 60                !! maximum length of the name of a line or scenario
-   real(wp), parameter :: max_real = 1.0e12_wp        !! maximum absolute value, so that no product overflows
-   real(wp), parameter :: min_positive = 1.0e-12_wp   !! minimum of numbers that must be > 0
+   real(wp), parameter :: max_real = 1.0e12_wp        !! maximum absolute value; no product of such numbers overflows
+   real(wp), parameter :: min_positive = 1.0e-12_wp   !! minimum of numbers that must be positive
 
    !> Key of the case file.
    type :: key_t
@@ -28,7 +28,7 @@ module rockfall_case_keys
       character(len=32) :: name
       character(len=7) :: kind      !! text, integer, real, logical, or count: words or an integer
       integer :: most               !! maximum number of values
-      character(len=90) :: default  !! as written in a case; "required", or "absent"
+      character(len=90) :: default  !! text as in a case file; "required", or "absent"
       character(len=100) :: allowed  !! "", a range ("> 0", ">= 0", "1 to 10"), or words ("A, B")
       character(len=6) :: unit
       character(len=100) :: meaning
@@ -40,10 +40,10 @@ module rockfall_case_keys
 
    character(len=*), parameter :: map_names(*) = map_fields
    integer, parameter :: n_maps = size(map_names)
-   integer, parameter :: maps_offered = 5             !! names suggested for an unknown map
+   integer, parameter :: maps_offered = 5             !! number of names suggested for an unknown map
 
-   integer, parameter :: max_thresholds = 8, max_periods = 8  !! limits between intensity, frequency classes
-   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! in increasing order
+   integer, parameter :: max_thresholds = 8, max_periods = 8  !! numbers of limits between classes
+   character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! classes in increasing order
    !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (source: docs/hazard.md).
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
 
@@ -389,7 +389,7 @@ contains
       if (.not. allocated(error)) call complete_keys(list, file, error)
    end subroutine read_keys
 
-   !> Add defaults for absent groups and keys, and check all against the table; an error has all faults of names and
+   !> Add defaults for absent groups and keys, and check all against the table; the error lists all faults of names and
    !> values. A missing key is not reported together with an unknown key, which may be its misspelling.
    pure subroutine complete_keys(list, file, error)
       type(namelist_t), intent(inout) :: list
@@ -463,7 +463,7 @@ contains
       call complete(list, "")
    end subroutine default_keys
 
-   !> Add absent groups and the defaults of absent keys. In a group that names a layer, the layer may give these keys.
+   !> Add absent groups and the defaults of absent keys, except keys that a named layer may provide.
    pure subroutine complete(list, file)
       type(namelist_t), intent(inout) :: list
       character(len=*), intent(in) :: file
@@ -490,7 +490,7 @@ contains
       end do
    end subroutine complete
 
-   !> Format the defaults of a case as text: those of the table, except that a table of impacts implies its form.
+   !> Format the defaults of a case as text: those of the table, except that an impact table implies its rebounds.
    pure function default_case(list) result(text)
       type(namelist_t), intent(in) :: list
       character(len=:), allocatable :: text
@@ -661,7 +661,7 @@ contains
       if (key%kind == "real" .or. key%kind == "integer") limits = range_of(key%allowed, limits)
    end function limits_of
 
-   !> Rule that a number of a key violates; "" if none.
+   !> Rule that a number violates, given its key; "" if none.
    pure function broken_rule(key, value) result(rule)
       type(key_t), intent(in) :: key
       real(wp), intent(in) :: value
@@ -688,7 +688,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> Rule for a number that is probably in another unit; "" if plausible. Numbers within other bounds may be tests.
+   !> Rule for a number that is probably in another unit; "" if plausible. Implausible numbers may be allowed in tests.
    pure function other_unit(unit, value) result(rule)
       character(len=*), intent(in) :: unit
       real(wp), intent(in) :: value

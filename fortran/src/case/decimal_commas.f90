@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Decimal commas and thousands commas in lists of numbers: `600,5` is two numbers in namelist text.
 !>
-!> Only commas without adjacent blanks can be decimal. A list without blanks, `600,620,640`, is a list.
+!> Only a comma without adjacent blanks can be decimal. A list without blanks, `600,620,640`, is a list.
 module rockfall_decimal_commas
    use rockfall_namelist, only: entry_t, raw_value
    implicit none
@@ -30,8 +30,8 @@ contains
       end do
    end function comma_number
 
-   !> Index of the first number in a list whose comma cannot separate items, because numbers are also separated
-   !> otherwise (`600,5 620,5`), or long and short numbers alternate (`600,5,620,5`); 0 if none.
+   !> Index of the first number in a list whose comma is probably decimal, because blanks also separate numbers
+   !> (`600,5 620,5`), or because long and short numbers alternate (`600,5,620,5`); 0 if none.
    pure integer function misread_number(entry) result(found)
       type(entry_t), intent(in) :: entry
       integer, dimension(size(entry%value)) :: gap, length  ! separator before each number; length of each number
@@ -54,7 +54,7 @@ contains
       found = 0
    end function misread_number
 
-   !> Rule for number `k` and the number after its comma.
+   !> Rule for number `k` if the next number gives its decimals.
    pure function point_rule(entry, k) result(rule)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Ground types: a table of impacts; or, from text, a file of impact sets or a classical model from a row of a table of
-!> grounds (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`.
+!> Ground types. Each is an impact table or is read from text: a file of impact sets, or a classical model in a row of a
+!> ground table (docs/grounds.md), `&ground model = 'constant', r_n = 0.4, r_t = 0.9 /`.
 module rockfall_grounds
    use rockfall_kinds, only: wp, i1
    use rockfall_error, only: error_t, fail
@@ -23,10 +23,10 @@ module rockfall_grounds
    public :: read_ground, table_ground, read_yielding, read_stochastic, rest_angle_of_rocks, ground_parameter
    public :: model_names, table_model, max_grounds, rocks_of_model
 
-   integer, parameter :: max_grounds = huge(1_i1)  !! maximum number in a scene, stored in one byte
+   integer, parameter :: max_grounds = huge(1_i1)  !! maximum per scene: an index is one byte
 
-   !> Models, in the order of their numbers. The last two are for rows of a table of grounds that have a plane of tables
-   !> (theory, chapter 5).
+   !> Models, in the order of their numbers. The last two are for rows of a ground table that use a plane of impact
+   !> tables (theory, chapter 5).
    character(len=*), parameter :: model_names(*) = [character(len=14) :: "impact_sets", "rockyfor3d", &
                                                     "pfeiffer_bowen", "bourrier_hungr", "constant", "absorbs", &
                                                     "impact_table", "ratio_table", "ploughed", "hard"]
@@ -107,7 +107,7 @@ contains
    subroutine read_ground(text, file, turning, numbers, ground, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file              !! file and row, for messages
-      integer, intent(in) :: turning                    !! rule, as in turning_t
+      integer, intent(in) :: turning                    !! turning rule, as in turning_t
       type(normal_table_t), intent(in) :: numbers
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
@@ -124,11 +124,11 @@ contains
       end if
    end subroutine read_ground
 
-   !> Build a ground type with table k, for the ground in a row of a table of grounds, or for the table's own ground.
+   !> Build a ground type with impact table k, for the ground in a row of a ground table, or for the table's own ground.
    subroutine table_ground(tables, k, row, file, ground, error)
       type(table_arrays_t), intent(in) :: tables
       integer, intent(in) :: k
-      character(len=*), intent(in) :: row, file  !! "": none; file and row, for messages
+      character(len=*), intent(in) :: row, file  !! "", or file and row, for messages
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
 
@@ -140,7 +140,7 @@ contains
       ground%rest_slope = rest_slope_of(ground%table%ground%rest_angle)
    end subroutine table_ground
 
-   !> Read the ground for a table from a row of a table of grounds.
+   !> Read the ground for an impact table from a row of a ground table.
    pure subroutine read_yielding(text, file, ground, error)
       character(len=*), intent(in) :: text, file
       type(yielding_ground_t), intent(out) :: ground
@@ -160,7 +160,7 @@ contains
       end associate
    end subroutine read_yielding
 
-   !> Model of a table of impacts, determined by has_ratios.
+   !> Model for an impact table, from has_ratios.
    pure integer function table_model(columns, strength)
       integer, intent(in) :: columns
       real(wp), intent(in) :: strength  !! [Pa]
@@ -171,7 +171,7 @@ contains
    !> Read impact sets and their lateral deviations, and factor the sets.
    subroutine read_stochastic(text, file, turning, draw, ground, error)
       character(len=*), intent(in) :: text, file
-      integer, intent(in) :: turning  !! rule, as in turning_t
+      integer, intent(in) :: turning  !! turning rule, as in turning_t
       integer, intent(in) :: draw     !! draw to read; 0: the file must have only one
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
@@ -193,7 +193,7 @@ contains
       ground%lateral = [(lateral(sets%incidence(:, k), sets%lateral(:, :, k)), k=1, impact_ratios)]
    end subroutine read_stochastic
 
-   !> Read the parameters of a model, which requires exactly its own.
+   !> Read the parameters of a classical model; other parameters are refused.
    pure subroutine read_classical(group, numbers, classical, error)
       type(group_t), intent(in) :: group
       type(normal_table_t), intent(in) :: numbers

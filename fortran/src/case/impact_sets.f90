@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Files of impact sets: one `&impact_set ratio, mean, covariance /` for each R_b/R_m = 1..5, with optional keys (see
-!> docs/impact_sets.md). For an ensemble, a file may hold several draws of all five sets.
+!> docs/impact_sets.md). For an ensemble, a file may contain several draws of all five sets.
 module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
    use rockfall_sizes, only: n_set_numbers, n_incidence_limits
@@ -34,19 +34,19 @@ module rockfall_impact_sets
       !> class, padded with those of the last.
       real(wp) :: incidence(n_incidence_limits, impact_ratios) = 90.0_wp
       real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
-      !> Minimum and maximum incident speed [m/s] and angle [degree] that each set was fitted on.
+      !> Minimum and maximum incident speed [m/s] and angle [degree] in the data that each set was fitted to.
       real(wp) :: speed_range(2, impact_ratios) = spread([0.0_wp, any_speed], 2, impact_ratios)
       real(wp) :: angle_range(2, impact_ratios) = spread([0.0_wp, 90.0_wp], 2, impact_ratios)
    end type coefficients_t
 
 contains
 
-   !> Read impact sets from text, check each by factoring it, and read the numbers that the turning rule needs. The text
-   !> must have only one draw, unless `draw` selects one.
+   !> Read impact sets from text, check that the covariance of each can be factored, and read the lateral deviations if
+   !> the turning rule needs them. The text must have only one draw, unless `draw` selects one.
    subroutine read_sets(text, file, turning, draw, sets, error, draws)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages
-      integer, intent(in) :: turning           !! rule, as in turning_t
+      integer, intent(in) :: turning           !! turning rule, as in turning_t
       integer, intent(in) :: draw              !! index of the draw to read; 0: the text must have a single draw
       type(coefficients_t), intent(out) :: sets
       type(error_t), allocatable, intent(out) :: error
@@ -99,7 +99,7 @@ contains
                 "; a file needs ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
-   !> Check all groups, and find the draw of each.
+   !> Check all groups, and find the draw that each belongs to.
    subroutine read_draws(list, draw_of, error)
       type(namelist_t), intent(in) :: list
       integer, allocatable, intent(out) :: draw_of(:)
@@ -170,7 +170,7 @@ contains
       call read_lateral(group, sets%incidence(:, ratio), sets%lateral(:, :, ratio), error)
    end subroutine read_set
 
-   !> Add the noise within an impact, if a set has it, to the covariance; both must be valid covariances separately.
+   !> Add the noise within an impact, if the file gives it, to the covariance of a set; both must be valid covariances.
    subroutine add_noise(group, covariance, error)
       type(group_t), intent(in) :: group
       real(wp), intent(inout) :: covariance(entries, entries)
@@ -203,7 +203,7 @@ contains
       end do
    end function symmetric
 
-   !> Read the range on which a set was fitted, if given.
+   !> Read the range of the data a set was fitted to, if given.
    pure subroutine read_range(group, key, maximum, unit, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, unit
@@ -221,7 +221,7 @@ contains
       end if
    end subroutine read_range
 
-   !> Read lateral deviations, if given: the same number of quantiles for each class of incidence; without `incidence`
+   !> Read lateral deviations, if given. All incidence classes have the same number of quantiles; without `incidence`
    !> there is one class.
    pure subroutine read_lateral(group, incidence, lateral, error)
       type(group_t), intent(in) :: group
@@ -258,7 +258,7 @@ contains
       end do
    end subroutine read_lateral
 
-   !> Add the index of the impact set to a message from the factoring.
+   !> Add the index of the impact set to an error message from covariance_root.
    pure function located_message(group, message) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: message

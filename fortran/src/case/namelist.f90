@@ -13,17 +13,17 @@ module rockfall_namelist
    public :: namelist_t, group_t, entry_t, value_t, parse_namelist, mark_repeated, raw_value
 
    integer, parameter :: name_length = 63         !! maximum length of names of groups and keys
-   integer, parameter :: max_value_length = 4096  !! [characters]
-   integer, parameter :: max_values = 10000000    !! maximum per file, including repeat counts
+   integer, parameter :: max_value_length = 4096  !! maximum length of a value [characters]
+   integer, parameter :: max_values = 10000000    !! maximum number of values per file, including repeat counts
    integer, parameter :: max_repeats = 100000     !! maximum repeat count
-   integer, parameter :: max_keys = 200           !! maximum per group
+   integer, parameter :: max_keys = 200           !! maximum number of keys per group
    integer, parameter :: max_groups = 100         !! maximum number of different groups
 
    character(len=*), parameter :: blanks = " "//achar(9)//achar(10)//achar(13)
    character(len=*), parameter :: word_end = blanks//",/=!&'"""
    character(len=*), parameter :: digits = "0123456789"
 
-   !> Raw value: `entry%text(first:last)`, without its quotes.
+   !> Raw value `entry%text(first:last)`, without quotes.
    type :: value_t
       integer :: first = 1, last = 0
       logical :: quoted = .false.
@@ -33,14 +33,14 @@ module rockfall_namelist
    type :: entry_t
       character(len=name_length) :: key = ""  !! lower case
       integer :: line = 0
-      logical :: given = .true.  !! false: the key has its default
+      logical :: given = .true.  !! false: the entry is the default of its key
       character(len=:), allocatable :: text    !! from the first value to the last
       type(value_t), allocatable :: value(:)   !! at least one; repeat counts are expanded
    end type entry_t
 
    !> Group `&name ... /`.
    type :: group_t
-      character(len=:), allocatable :: file      !! for messages
+      character(len=:), allocatable :: file      !! file name, for messages
       character(len=name_length) :: name = ""   !! lower case
       integer :: line = 0
       logical :: repeated = .false.              !! the file has several groups with this name
@@ -62,7 +62,7 @@ contains
    !> Parse all groups of `text`; time and memory are linear in its length.
    pure subroutine parse_namelist(text, file, list, error)
       character(len=*), intent(in) :: text
-      character(len=*), intent(in) :: file  !! for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(namelist_t), intent(out) :: list
       type(error_t), allocatable, intent(out) :: error
       type(group_t), allocatable :: groups(:)
@@ -98,7 +98,7 @@ contains
    pure subroutine parse_group(text, file, cursor, entries, group, error)
       character(len=*), intent(in) :: text, file
       type(cursor_t), intent(inout) :: cursor
-      type(entry_t), intent(inout) :: entries(:)  !! buffer for one entry more than a group may have
+      type(entry_t), intent(inout) :: entries(:)  !! buffer, one entry longer than a group may be
       type(group_t), intent(inout) :: group
       type(error_t), allocatable, intent(out) :: error
       type(cursor_t) :: start
@@ -208,7 +208,7 @@ contains
          call take_value(text, file, cursor, value, repeats, error)
          if (allocated(error)) return
          call skip_blanks(text, cursor)
-         if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! the next key
+         if (is_at(text, cursor, "=") .and. .not. value%quoted) then  ! the word is the next key
             cursor = start
             exit
          end if
@@ -471,7 +471,7 @@ contains
       n = n + repeats
    end subroutine append
 
-   !> Move entries without copying their values, which may be many.
+   !> Move entries; their values, possibly very many, are not copied.
    pure subroutine move_entries(from, to)
       type(entry_t), intent(inout) :: from(:)
       type(entry_t), intent(inout) :: to(:)

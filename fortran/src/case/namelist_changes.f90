@@ -9,12 +9,12 @@ module rockfall_namelist_changes
 
 contains
 
-   !> Namelist without removed entries (`group` or `group%key`, separated by blanks), and with the groups of a second
-   !> namelist: their keys replace those of the group with the same name; a new group is appended.
+   !> Return a namelist without the `removed` entries (`group` or `group%key`, separated by blanks) and with the groups
+   !> of a second namelist. Keys of the second replace those of the group with the same name; new groups are appended.
    pure subroutine change_namelist(list, removed, new, file, changed, error)
       type(namelist_t), intent(in) :: list, new
       character(len=*), intent(in) :: removed
-      character(len=*), intent(in) :: file  !! for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(namelist_t), intent(out) :: changed
       type(error_t), allocatable, intent(out) :: error
       integer :: e, g, k, n

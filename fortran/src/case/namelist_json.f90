@@ -22,8 +22,8 @@ module rockfall_namelist_json
 
 contains
 
-   !> Format groups as JSON. Keys in the table have the table's kinds, and are lists if they may have several values;
-   !> values of other keys have the kinds that they resemble.
+   !> Format groups as JSON. Keys in the table have the kind given there, and are lists if they may have several values.
+   !> For other keys the kind is inferred from the text of the value.
    pure function json_of(list, table) result(text)
       type(namelist_t), intent(in) :: list
       type(key_t), intent(in) :: table(:)
@@ -108,7 +108,7 @@ contains
       if (several) call json%put("]")
    end subroutine put_values
 
-   !> Append an unquoted value: of the given kind if it has been checked, else of the kind that it resembles.
+   !> Append an unquoted value: of the given kind if it has been checked, else of the kind inferred from its text.
    pure subroutine put_word(json, word, kind)
       type(growing_t), intent(inout) :: json
       character(len=*), intent(in) :: word, kind
@@ -143,7 +143,7 @@ contains
 
       point = index(word, ".")
       if (point > 1 .and. point < len(word) .and. verify(word, "0123456789.") == 0 .and. word(1:1) /= "0") then
-         call json%put(word)  ! the usual case
+         call json%put(word)  ! usual case: nothing to add
          return
       end if
       first = verify(word, "+-")
@@ -159,7 +159,7 @@ contains
       if (power <= len(word)) call json%put("e"//word(power + 1:))
    end subroutine put_real
 
-   !> Quoted text. Of the characters that JSON escapes, namelist texts have only three.
+   !> Text as a quoted JSON string. Namelist texts can contain only three of the characters that JSON escapes.
    pure function json_text(text) result(json)
       character(len=*), intent(in) :: text
       character(len=:), allocatable :: json

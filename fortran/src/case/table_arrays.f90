@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Tables of impacts as arrays of a scene (docs/files.md): each array has the values of all tables, one table after
-!> the other.
+!> Impact tables as arrays of a scene (docs/files.md): each array contains the values of all tables, one table after the
+!> other.
 module rockfall_table_arrays
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use rockfall_kinds, only: wp, sp
@@ -11,15 +11,15 @@ module rockfall_table_arrays
    private
    public :: table_arrays_t, count_tables, take_table
 
-   integer, parameter :: table_counts = 9   !! columns; rows; bins of flights and of rolls, three each; records
-   integer, parameter :: table_scales = 8   !! inertia; rest_angle, ..., hurst of the ground
+   integer, parameter :: table_counts = 9   !! columns; rows; bins of flights and of rolls, three numbers each; records
+   integer, parameter :: table_scales = 8   !! inertia, and the ground's properties from rest_angle to hurst
    integer, parameter :: max_bins = 100000, max_columns = 100, max_rows = 100
 
-   !> Views of arrays that belong to the caller.
+   !> Pointers to arrays that belong to the caller.
    type :: table_arrays_t
       integer, pointer, contiguous :: shape(:, :) => null()   !! (table_counts, tables)
       real(wp), pointer, contiguous :: scale(:, :) => null()  !! (table_scales, tables)
-      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of the columns; of the rows
+      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! by column; by row
       !> Edges of bins, for flights and then for rolls. First key: by part. Second key: by part and first bin. Third
       !> key: by part, first and second bin.
       real(wp), pointer, contiguous :: edge(:) => null()
@@ -52,7 +52,7 @@ contains
                                  size(arrays%first), size(arrays%record, 2)]) > 0)) tables = size(arrays%shape, 2)
    end function count_tables
 
-   !> Numbers of columns, rows, edges, bins, ends of bins, and records of tables. They are reals, because products of
+   !> Numbers of columns, rows, edges, bins, bin ends, and records of tables. They are reals, because products of
    !> invalid numbers may have any size.
    pure function lengths(counts) result(n)
       integer, intent(in) :: counts(:, :)  !! (table_counts, tables)
@@ -74,11 +74,11 @@ contains
       edges_of = n(1) - 1 + n(1)*(n(2) - 1 + n(2)*(n(3) - 1))
    end function edges_of
 
-   !> Extract table k from arrays that agree. Errors: damaged.
+   !> Extract table k from arrays of consistent lengths. Error: the table is damaged.
    pure subroutine take_table(arrays, k, file, table, error)
       type(table_arrays_t), intent(in) :: arrays
       integer, intent(in) :: k
-      character(len=*), intent(in) :: file  !! for messages
+      character(len=*), intent(in) :: file  !! file name, for messages
       type(impact_table_t), intent(out) :: table
       type(error_t), allocatable, intent(out) :: error
       integer :: first(6), last(6), parts, edge
@@ -105,8 +105,8 @@ contains
       end if
    end subroutine take_table
 
-   !> Check the assumptions of the kernel: sizes and reliefs in order, finite numbers, a record in each bin, records of
-   !> a bin in order of gravity along the heading, no negative durations, and valid indices of following records.
+   !> Check the assumptions of the kernel: increasing sizes and reliefs, finite numbers, a record in each bin, records
+   !> sorted by gravity along the heading, no negative durations, and valid indices of following records.
    pure logical function is_valid(table)
       type(impact_table_t), intent(in) :: table
       integer :: bin, bins, columns, records, rows

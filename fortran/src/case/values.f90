@@ -25,7 +25,7 @@ module rockfall_values
 
 contains
 
-   !> Check that all groups and keys are in a table, and that only repeatable groups are repeated; an error has all
+   !> Check that all groups and keys are in a table, and that only repeatable groups are repeated; the error lists all
    !> faults.
    pure subroutine check_names(list, groups, keys, repeatable, rule, error)
       type(namelist_t), intent(in) :: list
@@ -68,7 +68,7 @@ contains
       end function location
    end subroutine check_names
 
-   !> Return the few names nearest to a word.
+   !> Return the few names most similar to a word.
    pure function nearest(word, names)
       character(len=*), intent(in) :: word, names(:)
       character(len=len(names)) :: nearest(min(3, size(names)))
@@ -112,7 +112,7 @@ contains
       end do
    end function key_index
 
-   !> Set an error that shows `key` with its value (number `item` of several values) and the `rule`.
+   !> Set an error that shows `key` with its value (value `item`, if there are several) and the `rule`.
    pure subroutine refuse(group, key, rule, error, item)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
@@ -146,7 +146,7 @@ contains
       call get_text(group, key, value, error)
    end function text_of
 
-   !> Like `refuse`, for numbers that are only invalid together: the rule concerns their commas if these can be decimal.
+   !> Like `refuse`, for numbers that are only invalid together; the message mentions commas that may be decimal.
    pure subroutine refuse_list(group, key, rule, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key, rule
@@ -184,7 +184,7 @@ contains
       text = text//"&"//trim(group%name)//" "//name
    end function key_location
 
-   !> Values as written, shortened; all of them if `item` is 0.
+   !> Values as written, shortened; all values if `item` is 0.
    pure function shown_values(entry, item)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: item

@@ -4,7 +4,7 @@
 !> A scene is built once, by `new_scene`, `pass_array` and `build_scene`, and identified by a handle until
 !> `close_scene`; it refers to the arrays passed in, which the caller must keep unchanged. Runs only read it, so several
 !> may use it concurrently. A run also has a handle; its arrays belong to the kernel, and the caller gets views of them.
-!> Handles and addresses have 64 bits; c_intptr_t is a C long for f2py, which has 32 bits on Windows.
+!> Handles and addresses are 64-bit integers instead of c_intptr_t, which f2py maps to a C long (32 bits on Windows).
 module rockfall_f2py
    use ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
@@ -98,7 +98,7 @@ contains
    !> Create an empty scene, which receives the arrays of scene_arrays_t before it is built.
    subroutine new_scene(west, north, cell, nodes, first, draw, handle)
       real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones of the arrays
+      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones in the arrays
       integer(c_int), intent(in) :: draw                    !! index of the draw of the impact sets; 0: the only draw
       integer(c_int64_t), intent(out) :: handle
 
@@ -130,8 +130,8 @@ contains
       call give_error(error, code, message)
    end subroutine build_scene
 
-   !> Restrict boulders to the columns and rows of the maps. All runs of a scene need the same restriction, set before
-   !> the first of them.
+   !> Restrict boulders to the columns and rows of the maps. All runs of a scene must have the same restriction, set
+   !> before the first run.
    subroutine limit_terrain(handle, map_at, map_last)
       integer(c_int64_t), intent(in) :: handle
       integer(c_int), intent(in) :: map_at(2), map_last(2)  !! first and last column, row
@@ -171,7 +171,7 @@ contains
       opened => scene_at(pointer_of(handle))
    end function scene_of
 
-   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with maps of a window (first
+   !> Open a run of a scene, or of `boulders` boulders after the first `before`, with maps that cover a window (first
    !> column and row, numbers of columns and rows).
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_int64_t), intent(in) :: handle, before, boulders
@@ -188,13 +188,13 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run without a scene, as a part or to be joined from parts: from a case, the number of grounds (0: only
-   !> impact sets), and whether sources have features of a layer and boulders several shapes (1 or 0).
+   !> Open a run without a scene, as a part or as the sum of parts. Needs the case, the number of grounds (0: only
+   !> impact sets), and whether sources have features of a layer and whether boulders have several shapes (1 or 0).
    subroutine open_joined_run(case, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
                               message, np, ng)
       integer(c_int), intent(in) :: np, ng
       integer(c_int64_t), intent(in) :: case
-      integer(c_int64_t), intent(in) :: boulders(3)  !! in the complete run, before the part, in the part
+      integer(c_int64_t), intent(in) :: boulders(3)  !! numbers in the complete run, before the part, in the part
       integer(c_int), intent(in) :: window(4), grounds, features, shapes
       integer(c_int32_t), intent(in) :: part_last(np), group_part(ng)  !! as in layout_t
       integer(c_int64_t), intent(out) :: run
@@ -272,9 +272,9 @@ contains
       opened => run_at(pointer_of(run))
    end function run_of
 
-   !> Run n boulders, every `step`-th from the first, on a scene, which may be a window of the run's terrain; `left`
-   !> is the number of boulders that left the window and must be rerun. No boulder starts after `seconds`; `done` is
-   !> the number completed.
+   !> Run n boulders, every `step`-th from the first, on a scene, which may be a window of the run's terrain. Boulders
+   !> that left the window must be rerun; `left` is their number. No boulder starts after `seconds`; `done` is the
+   !> number completed.
    subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, handle, first, step, n
@@ -294,8 +294,8 @@ contains
       call give_error(error, code, message)
    end subroutine advance
 
-   !> Array k of a run, from 1, or of its part (of_part 1): description from row_text, lengths of its dimensions (the
-   !> first varies fastest), and address; blank past the end. k = 1 builds a new list.
+   !> Array k of a run, from 1, or of its part (of_part 1): description from row_text, lengths of the dimensions (the
+   !> first varies fastest), and address; blank past the end. A call with k = 1 renews the list of arrays.
    subroutine array(run, of_part, k, text, length, address)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: of_part, k
@@ -315,7 +315,7 @@ contains
       address = transfer(row%at, address)
    end subroutine array
 
-   !> Pack a run, or only its samples (1), into a part; views of its last part become invalid.
+   !> Pack a run (or, with only_samples 1, its samples) into a part; views of its last part become invalid.
    subroutine pack_part(run, only_samples, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -334,7 +334,7 @@ contains
       call give_error(error, code, message)
    end subroutine pack_part
 
-   !> Allocate a part of the first `done` boulders of a run, to be filled, with lengths as in part_lengths_t.
+   !> Allocate a part for the first `done` boulders of a run, with lengths as in part_lengths_t; the caller fills it.
    subroutine begin_part(run, done, lengths, code, message)
       integer(c_int64_t), intent(in) :: run, done, lengths(6)
       integer(c_int), intent(out) :: code
@@ -350,8 +350,8 @@ contains
       call give_error(error, code, message)
    end subroutine begin_part
 
-   !> Store a filled part in its run, if its values are possible on a terrain with this raster; or only its samples
-   !> and numbers of rows (1).
+   !> Store a filled part in its run, if its values are possible on a terrain with this raster. With only_samples 1,
+   !> only samples and numbers of rows are stored.
    subroutine unpack_part(run, only_samples, corner, nodes, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -389,7 +389,7 @@ contains
       grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
    end function grid_of
 
-   !> Fault in the values of a variable, given its name in files; blank if a run can have them.
+   !> Describe what is wrong with the values of a variable, given its name in files; blank if a run can have them.
    subroutine value_fault(name, values, fault, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: name
@@ -399,8 +399,8 @@ contains
       fault = fault_of_values(name, values)
    end subroutine value_fault
 
-   !> Difference between two runs; the other run must begin this one. Blank if none. Character 1 joins texts,
-   !> in the order of identity_t; numbers are its integers, those of boulders first.
+   !> Describe the first difference between two runs, where the other must begin this one; blank if none. Character 1
+   !> separates texts, in the order of identity_t; numbers are its integers, boulders first.
    subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
       integer(c_int64_t), intent(in) :: our_case, their_case
       character(len=*), intent(in) :: ours, theirs
@@ -434,8 +434,8 @@ contains
       identity%window = int(numbers(6:9))
    end function identity_of
 
-   !> Write a real map of a run to an array of its cells, given by address. The second number of `boulders` is the size
-   !> of clusters that may behave alike (1: independent).
+   !> Compute a map of a run and write it to an array of its cells, given by address. The second number of `boulders` is
+   !> the number that may behave alike (1: independent).
    subroutine map(run, name, boulders, address, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, address
@@ -453,7 +453,7 @@ contains
       call give_error(error, code, message)
    end subroutine map
 
-   !> Numbers of passages in a cell of a map: minimum for a value, and number below which the value is unreliable.
+   !> Numbers of passages in a map cell: the minimum for a value, and the number below which a value is unreliable.
    subroutine map_passages(run, name, per_cluster, passages)
       integer(c_int64_t), intent(in) :: run
       character(len=*), intent(in) :: name
@@ -465,8 +465,8 @@ contains
       passages = [map_min_count(name, opened%run%min_passages), map_thin_below(name, per_cluster)]
    end subroutine map_passages
 
-   !> Free the tallies and samples of a run once all results are computed; if `go` is 1, also counts, sums and maxima of
-   !> maps. Views of them become invalid.
+   !> Free the tallies and samples of a run once all results are computed; if `go` is 1, also the counts, sums and
+   !> maxima of maps. Their views become invalid.
    subroutine forget_tallies(run, go)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
@@ -490,7 +490,7 @@ contains
       call give_error(error, code, message)
    end subroutine sort_crossings
 
-   !> Discard the crossings of a run, which the caller keeps; views of them become invalid.
+   !> Discard the crossings of a run once the caller has copied them; views of them become invalid.
    subroutine forget_crossings(run)
       integer(c_int64_t), intent(in) :: run
       type(run_handle_t), pointer :: opened
@@ -499,7 +499,7 @@ contains
       call forget_crossings_of(opened%run)
    end subroutine forget_crossings
 
-   !> For partial sources, count in the maps of a run only their completed boulders (sign 1), or revert this (-1).
+   !> Make the maps of a run count only completed boulders of sources that are partly done (sign 1), or undo this (-1).
    subroutine settle_sources(run, handle, done, sign)
       integer(c_int64_t), intent(in) :: run, handle, done
       integer(c_int), intent(in) :: sign
@@ -512,7 +512,7 @@ contains
       call settle_run(opened%run, scene%scene%release, sign)
    end subroutine settle_sources
 
-   !> Restore from an unpacked part the cells of sources that the completed boulders split; good: 1 or 0.
+   !> Restore the cells of partly completed sources from an unpacked part. good: 1 if successful, else 0.
    subroutine restore_sources(run, handle, good)
       integer(c_int64_t), intent(in) :: run, handle
       integer(c_int), intent(out) :: good
@@ -526,7 +526,7 @@ contains
       good = merge(1, 0, is_good)
    end subroutine restore_sources
 
-   !> Quantities, except the last, of boulders or fragments that crossed a line.
+   !> Compute the line quantities, except the last, of boulders or fragments that crossed a line.
    subroutine line_quantities(motion, volume, mass, quantities, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: motion(6, n)   !! velocity [m/s], omega [rad/s], jump and passing height [m]
@@ -560,7 +560,7 @@ contains
    end subroutine points_along
 
    !> Split blocks by the breakage rule of a case: area ratios; fragment volumes, padded with 0; volumes of fines [m3];
-   !> and 1 if the maximum number of fragments was reached. A block that does not break is its only fragment.
+   !> 1 if the maximum number of fragments was reached. An unbroken block is its only fragment.
    subroutine split_blocks(case, volume, energy, ratio, fragments, fines, capped, n, room)
       integer(c_int), intent(in) :: n, room
       integer(c_int64_t), intent(in) :: case
@@ -593,10 +593,10 @@ contains
       !f2py threadsafe
       integer(c_int), intent(in) :: max_vertices
       integer(c_int64_t), intent(in) :: handle, number
-      real(c_double), intent(inout) :: vertex(n_vertex_fields, max_vertices)  !! vertex_fields
+      real(c_double), intent(inout) :: vertex(n_vertex_fields, max_vertices)  !! columns as vertex_fields
       integer(c_int), intent(out) :: recorded
-      real(c_double), intent(out) :: boulder(n_boulder_fields)           !! boulder_fields
-      integer(c_int32_t), intent(out) :: counts(n_boulder_counts)       !! boulder_counts
+      real(c_double), intent(out) :: boulder(n_boulder_fields)           !! columns as boulder_fields
+      integer(c_int32_t), intent(out) :: counts(n_boulder_counts)       !! columns as boulder_counts
       type(scene_handle_t), pointer :: opened
       type(boulder_result_t) :: result
       type(scratch_t) :: scratch
@@ -614,8 +614,8 @@ contains
       end associate
    end subroutine trajectory
 
-   !> Scan the terrain rows first to last: update the minima of blocks, check the sources there, and raise their
-   !> energy head, as in rockfall_reach and check_sources.
+   !> Process the terrain rows from first to last as in rockfall_reach and check_sources: update the minima of blocks,
+   !> check the sources there, and raise the maximum energy head.
    subroutine scan_rows(handle, first, last, minima, max_head, code, message, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
@@ -643,7 +643,7 @@ contains
       dem = opened%terrain_known()
    end function terrain_of
 
-   !> First column and row, and last column and row, from 1, of the cells that boulders can reach.
+   !> First and last column and row, from 1, of the cells that boulders can reach.
    subroutine reachable_box(handle, minima, max_head, box, nbx, nby)
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
@@ -665,9 +665,9 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> Tallies needed by maps: indices in their stacks of the layers of map_plan_t, from 1 (0: none), also of the first
-   !> counts of passages and of hits above energy thresholds; the bins of counts for quantiles; and the number of layers
-   !> of each stack.
+   !> Plan of the tallies needed by maps: for each layer of map_plan_t its index in the stack, from 1 (0: none), with
+   !> the first counts of passages and of hits above energy thresholds; bins of the counts for quantiles; and the number
+   !> of layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! names of maps, separated by blanks
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
@@ -716,14 +716,14 @@ contains
       counts = [(stems_in_cell(random_key(seed), cell_number(nx, row, i), expected(i), even /= 0), i=1, n)]
    end subroutine stand_counts
 
-   !> Uniform numbers for each of these stems, cell by cell: four that place the stem, or two that decide whether it is
-   !> kept (rockfall_stand).
+   !> Uniform numbers for each stem, cell by cell: four that place the stem, or two that decide whether it is kept
+   !> (rockfall_stand).
    subroutine stand_numbers(seed, nx, row, counts, numbers, n, m, nt)
       !f2py threadsafe
       integer(c_int), intent(in) :: n, m, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! sum nt
+      integer(c_int32_t), intent(in) :: counts(n)       !! with sum nt
       real(c_double), intent(out) :: numbers(m, nt)     !! m: 4 or 2
       integer :: i, k, stem
 
@@ -781,7 +781,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> From row `first` (1..) on, set positive cells to zero if they are not steep; terrain from terrain_of.
+   !> Set positive cells to zero, from row `first` (1..) on, if they are not steep; the terrain is that of terrain_of.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -792,7 +792,7 @@ contains
       call keep_steep_cells(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
-   !> Surface over plan area of source cells, given in map coordinates [m]; terrain from terrain_of.
+   !> Ratio of surface to plan area of source cells given in map coordinates [m]; the terrain is that of terrain_of.
    subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
       integer(c_int), intent(in) :: ns
@@ -846,7 +846,7 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
-   !> Numbers of the n boulders in first..last with recorded trajectories, if `room` are recorded in total.
+   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` are recorded in total.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
       integer(c_int64_t), intent(in) :: handle, first, last
       integer, intent(in) :: requested
@@ -892,7 +892,7 @@ contains
       source = [(source_of(opened%scene%release, boulder(k)), k=1, n)]
    end subroutine sources_of_boulders
 
-   !> Index, from 1, of the first number that is invalid for a key of the case, and the rule that it violates; 0: none.
+   !> Index, from 1, of the first number that is invalid for a key of the case (0: none), and the rule that it violates.
    subroutine check_numbers(group, name, values, first, rule, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: group, name
@@ -911,7 +911,7 @@ contains
       first = 0
    end subroutine check_numbers
 
-   !> Lowest and highest number allowed for key k of a case; NaN: no limit.
+   !> Lowest and highest number allowed for key k of a case; NaN if unlimited.
    subroutine key_limits(k, limits)
       integer(c_int), intent(in) :: k
       real(c_double), intent(out) :: limits(2)
@@ -919,9 +919,9 @@ contains
       limits = limits_of(key_table(k))
    end subroutine key_limits
 
-   !> Read a text in namelist format, in a form of rockfall_handles: handle, and length of its values. Facts of a case,
-   !> 1 or 0: it has trees; its sources are points; boulders come from the layer of sources; from rasters; rebounds
-   !> follow an impact table by default; boulders can have each block shape.
+   !> Read text in namelist format, in one of the forms in rockfall_handles: returns a handle and the length of its
+   !> values. `facts` of a case, 1 or 0: it has trees; its sources are points; boulders are given by the source layer;
+   !> by rasters; rebounds follow an impact table by default; boulders can have each of the block shapes.
    subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
       integer(c_int64_t), intent(out) :: handle  !! 0 on error
@@ -935,7 +935,7 @@ contains
       call return_values(opened, error, handle, facts, length, code, message)
    end subroutine read_values
 
-   !> Derive a case from another by changes, as in change_namelist; results as from read_values.
+   !> Derive a case from another by changes, as in change_namelist; results as returned by read_values.
    subroutine change_case(other, removed, text, name, handle, facts, length, code, message)
       integer(c_int64_t), intent(in) :: other
       character(len=*), intent(in) :: removed, text, name
@@ -985,7 +985,7 @@ contains
       deallocate (opened%json)
    end subroutine values_of
 
-   !> Close a handle from read_values or change_case, which becomes invalid.
+   !> Close a handle from read_values or change_case; it becomes invalid.
    subroutine close_values(handle)
       integer(c_int64_t), intent(in) :: handle
       type(case_handle_t), pointer :: opened
@@ -1011,7 +1011,7 @@ contains
       end do
    end subroutine strength_deviates
 
-   !> Check a row of a table of grounds that uses a plane of tables of impacts.
+   !> Check a row of a ground table that uses a plane of impact tables.
    subroutine check_ground(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -1023,11 +1023,11 @@ contains
       call give_error(error, code, message)
    end subroutine check_ground
 
-   !> One-line error message that refuses a key of a case by a rule; `number` counts the groups with this name.
+   !> Build a one-line error message that refuses a key by a rule; `number` counts the groups with this name.
    subroutine refusal(case, group, number, key, rule, message)
       integer(c_int64_t), intent(in) :: case
       character(len=*), intent(in) :: group, key, rule
-      integer(c_int), intent(in) :: number  !! index of the group, from 1
+      integer(c_int), intent(in) :: number  !! index among groups with this name, from 1
       character(len=max_message), intent(out) :: message
       type(case_handle_t), pointer :: opened
       type(error_t), allocatable :: error
@@ -1040,7 +1040,7 @@ contains
       call give_error(error, code, message)
    end subroutine refusal
 
-   !> Range [m] of R_b of all but a few boulders of a case; requires that the case alone gives their volumes.
+   !> Range [m] of R_b that contains all but a few boulders of a case; the case alone must determine their volumes.
    subroutine usual_radii(case, radii)
       integer(c_int64_t), intent(in) :: case
       real(c_double), intent(out) :: radii(2)
@@ -1050,7 +1050,7 @@ contains
       radii = sphere_radius(usual_volumes(opened%case%volumes))
    end subroutine usual_radii
 
-   !> Number in a text, read as in files; NaN if invalid.
+   !> Convert a text to a number by the rules for files; NaN if invalid.
    subroutine decimal(text, value)
       character(len=*), intent(in) :: text
       real(c_double), intent(out) :: value
@@ -1090,7 +1090,7 @@ contains
       ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
    end subroutine limit_ranks
 
-   !> Model of a table of impacts, given its number of columns and the strength of its ground [Pa].
+   !> Model for an impact table, given its number of columns and the strength of its ground [Pa].
    subroutine table_model(columns, strength, text)
       integer(c_int), intent(in) :: columns
       real(c_double), intent(in) :: strength
@@ -1099,8 +1099,8 @@ contains
       text = model_names(model_of_table(columns, strength))
    end subroutine table_model
 
-   !> R_b [m] of the largest blocks of a table of impacts, given its largest size, the strength of its ground [Pa] and
-   !> the R_b for that strength [m]; NaN: none.
+   !> R_b [m] of the largest blocks of an impact table, given its largest size, the strength of its ground [Pa] and the
+   !> R_b for that strength [m]; NaN if undefined.
    subroutine largest_block(size, strength, strength_radius, radius)
       real(c_double), intent(in) :: size, strength, strength_radius
       real(c_double), intent(out) :: radius
@@ -1121,7 +1121,7 @@ contains
       capacity = given%case%lines%capacity
    end subroutine barriers
 
-   !> Outcomes at a barrier for boulders that crossed it, as numbers of the table of variables.
+   !> Outcomes for boulders that crossed a barrier, as numbered in the table of variables.
    subroutine barrier_outcomes(height, capacity, passing_height, energy, outcome, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: height, capacity             !! [m], [J]
@@ -1131,9 +1131,9 @@ contains
       outcome = int(barrier_outcome(height, capacity, passing_height, energy), c_int8_t)
    end subroutine barrier_outcomes
 
-   !> Row k of the table of keys (group|key|kind|most|default|allowed|unit|meaning|file), of a ground's parameters (also
-   !> |models), of its models (name|rocks, as in rockfall_grounds), of result variables (as in variable_text), or of
-   !> scene arrays (as in scene_array_text); blank past the end.
+   !> Row k of a table, blank past the end: keys of a case (group|key|kind|most|default|allowed|unit|meaning|file),
+   !> parameters of grounds (also |models), models of grounds (name|rocks, as in rockfall_grounds), result variables
+   !> (variable_text), scene arrays (scene_array_text).
    subroutine table_row(table, k, text)
       character(len=*), intent(in) :: table
       integer(c_int), intent(in) :: k
@@ -1151,7 +1151,7 @@ contains
    !> Root L of a covariance C = L L^T, used for all draws.
    subroutine covariance_root(name, covariance, root, code, message, n)
       integer(c_int), intent(in) :: n
-      character(len=*), intent(in) :: name                 !! for messages
+      character(len=*), intent(in) :: name                 !! name of the covariance, for messages
       real(c_double), intent(in) :: covariance(n, n)       !! any [unit]
       real(c_double), intent(out) :: root(n, n)
       integer(c_int), intent(out) :: code                  !! 0 = success
@@ -1220,7 +1220,7 @@ contains
       may = [(merge(1, 0, is_admissible(v_in(:, k), v_out(:, k))), k=1, n)]
    end subroutine admissible_rebounds
 
-   !> Limit rebounds like the kernel.
+   !> Limit rebounds in the same way as the kernel.
    subroutine limit_rebounds(v_in, v_out, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: v_in(3, n)
@@ -1246,24 +1246,24 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("any_speed"); value = any_speed          ! [m/s] end of an unlimited range of a set
+      case ("any_speed"); value = any_speed          ! end of the range of a set without limit [m/s]
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
-      case ("shapes"); value = shapes                ! of boulders
+      case ("shapes"); value = shapes                ! block shapes of boulders
       case ("sphere"); value = sphere                ! default shape of boulders
-      case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders
+      case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders in the first chunk
       case ("max_speed"); value = max_speed         ! [m/s] of boulders
       case ("max_draws"); value = max_draws          ! per rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
       case ("max_elevation"); value = max_elevation  ! [m]
-      case ("max_real"); value = max_real            ! in a case
+      case ("max_real"); value = max_real            ! maximum absolute number in a case
       case ("max_name"); value = max_name            ! [characters]
-      case ("max_held_speed"); value = max_held_speed  ! over sqrt(g R_b)
-      case ("usual_density"); value = usual_density  ! of boulders [kg/m3]
+      case ("max_held_speed"); value = max_held_speed  ! maximum speed of a held boulder, over sqrt(g R_b)
+      case ("usual_density"); value = usual_density  ! usual density of boulders [kg/m3]
       case ("usual_weight"); value = usual_weight    ! weight per volume of boulders [N/m3]
-      case ("lanes"); value = lanes                  ! boulders that a thread processes together
-      case ("max_grounds"); value = max_grounds      ! in a scene
+      case ("lanes"); value = lanes                  ! number of boulders that a thread processes together
+      case ("max_grounds"); value = max_grounds      ! maximum number of grounds in a scene
       case ("save_rest"); value = save_rest          ! minimum pause between saves, over the duration of the last save
       case ("chunk_crossings"); value = real(chunk_crossings, c_double)
       case ("z_95"); value = z_95                    ! [-]
@@ -1275,10 +1275,10 @@ contains
       case ("max_packing"); value = max_packing
       case ("sample_bins"); value = n_sample_bins
       case ("coarse_bins"); value = n_coarse_bins
-      case ("base_bits"); value = base_bits          ! bits in a digit of a sum
-      case ("sample_tails"); value = n_tails         ! the first quantities at lines have tails
+      case ("base_bits"); value = base_bits          ! bits per digit of a sum
+      case ("sample_tails"); value = n_tails         ! number of line quantities that have tails; they come first
       case ("sample_quantities"); value = n_quantities
-      case ("max_columns"); value = max_columns      ! of bin counts
+      case ("max_columns"); value = max_columns      ! maximum number of columns of bin counts
       case default; value = ieee_value(value, ieee_quiet_nan)
       end select
    end subroutine constant
@@ -1294,11 +1294,11 @@ contains
 
       allocate (found(0))
       select case (name)
-      case ("block_axes"); found = [block_axes]  ! (3, shapes), over the longest [-]
+      case ("block_axes"); found = [block_axes]  ! axes of the shapes over the longest axis, (3, shapes) [-]
       case ("size_weights"); found = size_weights  ! probabilities of the obstacle sizes of method A
-      case ("ead_energy"); found = ead_energy    ! maximum of each class of EAD 340059, from class 0 [J]
-      case ("sample_units"); found = [units_of]  ! (quantities, 2), at lines and at ends, over their SI unit
-      case ("sample_edges")  ! in units; too many for the stack
+      case ("ead_energy"); found = ead_energy    ! maximum energy of each class of EAD 340059, from class 0 [J]
+      case ("sample_units"); found = [units_of]  ! unit in SI of the quantities (rows) at lines and at ends (columns)
+      case ("sample_edges")  ! edges of sample bins, in those units; too many for the stack
          deallocate (found)
          allocate (found(n_sample_bins + 1))
          do k = 1, size(found)
@@ -1355,7 +1355,7 @@ contains
       call give_error(error, code, message)
    end subroutine team_fits
 
-   !> End idle threads before a fork: the child would lack them, and wait for them forever.
+   !> End idle threads before a fork: the child process would lack them and wait for them forever.
    subroutine end_team()
       call release_team()
    end subroutine end_team

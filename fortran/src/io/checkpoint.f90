@@ -19,14 +19,14 @@ module rockfall_checkpoint
    type, extends(run_observer_t) :: checkpoint_t
       character(len=:), allocatable :: output, name  !! path of the output; path of its checkpoint
       type(case_t), pointer :: case => null()
-      character(len=:), allocatable :: text         !! text of the case, with options of the command line
+      character(len=:), allocatable :: text         !! case text, with the command-line options applied
       type(inputs_t), pointer :: inputs => null()
-      real(wp) :: every = 0                         !! [s]; 0 = never
-      logical :: resumes = .false., overwrites = .false.  !! as requested
+      real(wp) :: every = 0                         !! interval between saves [s]; 0 = never
+      logical :: resumes = .false., overwrites = .false.  !! options of the command line
       type(crossing_store_t) :: store               !! stored crossings of the run
       procedure(say_to), pointer, nopass :: say => null()
       integer(i8), private :: next = 0              !! time of the next save [ticks]
-      integer(i8), private :: kept = 0              !! boulders in the last save
+      integer(i8), private :: kept = 0              !! number of boulders in the last save
    contains
       procedure :: on_start, on_chunk
    end type checkpoint_t
@@ -50,7 +50,7 @@ contains
       end if
    end subroutine check_checkpoint
 
-   !> Add the name of the checkpoint, if it exists, to the error of a result that could not be written.
+   !> Append the name of an existing checkpoint to the error of a result that could not be written.
    subroutine name_checkpoint(this, error)
       type(checkpoint_t), intent(in) :: this
       type(error_t), intent(inout) :: error
@@ -59,7 +59,7 @@ contains
                                                   //integer_text(boulders_in(this%name))//" boulders for --resume"
    end subroutine name_checkpoint
 
-   !> Check output and disk, and continue from the checkpoint, if any. A finished output ends the run without an error.
+   !> Check output and disk, and continue from a checkpoint, if any. If the output is complete, the run ends at once.
    subroutine on_start(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run
@@ -80,7 +80,7 @@ contains
       this%kept = run%done
    end subroutine on_start
 
-   !> Move crossings to a file, and save if a save is due, or after a signal, which also stops the run.
+   !> Move crossings to a file. Save if a save is due or a signal has arrived; a signal also stops the run.
    subroutine on_chunk(this, run, error)
       class(checkpoint_t), intent(inout) :: this
       type(run_t), intent(inout), target :: run

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Command line of the standalone program, with the options of `rockfall run`; and text for users. Prints nothing
-!> itself.
+!> Command line of the standalone program, which has options of `rockfall run`; formatting of text for users. Prints
+!> nothing itself.
 module rockfall_console
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -18,11 +18,11 @@ module rockfall_console
    type :: arguments_t
       character(len=:), allocatable :: case                     !! the case file
       character(len=:), allocatable :: output, scene            !! "" if not given
-      character(len=:), allocatable :: boulders, total, seed, threads  !! "" if not given; integers
-      integer(i8) :: shard(2) = 1                               !! [1, 1]: the whole run
+      character(len=:), allocatable :: boulders, total, seed, threads  !! integers; "" if not given
+      integer(i8) :: shard(2) = 1                               !! part and number of parts; [1, 1]: the whole run
       real(wp) :: checkpoint = 60.0_wp                          !! interval [s]; 0 = never
       logical :: resume = .false., overwrite = .false., quiet = .false.
-      logical :: help = .false., version = .false.              !! exclusive options
+      logical :: help = .false., version = .false.              !! options given alone
    end type arguments_t
 
 contains

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Crossings of a long run in a nameless file in the folder of its output, so that memory does not grow with their
-!> number. Blocks are in the order in which boulders end, as in part files.
+!> Crossings of a long run in an unnamed file in the folder of its output, so that memory does not grow with their
+!> number. Blocks follow in the order in which boulders end, as in part files.
 module rockfall_crossing_store
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
@@ -14,7 +14,7 @@ module rockfall_crossing_store
    integer(i8), parameter :: block_crossings = 1000000
 
    type :: crossing_store_t
-      character(len=:), allocatable :: name       !! name of the file, while it has one
+      character(len=:), allocatable :: name       !! name of the file, if the system keeps names of open files
       integer, private :: unit = -1
       integer(i8) :: n = 0                        !! crossings in the file
       integer(i8), allocatable :: size(:)         !! crossings of each block
@@ -39,7 +39,7 @@ contains
       if (this%unit == -1) then
          open (newunit=this%unit, file=this%name, access="stream", form="unformatted", status="replace", &
                action="readwrite", iostat=status)
-         if (status == 0) removed = remove_file(this%name)  ! fails where open files keep their names: see close_store
+         if (status == 0) removed = remove_file(this%name)  ! fails if open files keep their names: see close_store
          this%size = [integer(i8) ::]
          this%at = [integer(i8) ::]
       end if
@@ -63,7 +63,7 @@ contains
       call clear_rows(rows)
    end subroutine take
 
-   !> Read a block; not `good` if the file lacks it or memory is short.
+   !> Read a block; `good` is false if the file lacks it or memory is short.
    subroutine read_block(this, block, like, rows, good)
       class(crossing_store_t), intent(in) :: this
       integer, intent(in) :: block

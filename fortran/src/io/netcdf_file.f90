@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> netCDF-4 files: input is validated before use; output has checksums (Fletcher, by HDF5). After the first failure a
-!> file is not accessed again.
+!> netCDF-4 files: input is validated before use; output has checksums (Fletcher, by HDF5). A file is not accessed again
+!> after a failure.
 module rockfall_netcdf_file
    use netcdf, only: nf90_open, nf90_create, nf90_close, nf90_nowrite, nf90_netcdf4, nf90_noclobber, nf90_nofill, &
                      nf90_set_fill, nf90_noerr, nf90_edimsize, nf90_char, nf90_string, nf90_byte, nf90_int, &
@@ -22,7 +22,7 @@ module rockfall_netcdf_file
    public :: length_of, kind_of, text_of, integers_of, real_of
 
    character(len=*), parameter :: head = char(137)//"HDF"
-   integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; the default is ten
+   integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; by default ten
 
    !> Open file.
    type :: netcdf_file_t
@@ -47,7 +47,7 @@ module rockfall_netcdf_file
       character(len=80) :: units = "", long_name = "", comment = ""
    end type definition_t
 
-   interface  ! values of any type, and texts of NC_STRING, which Python writes for non-ASCII text
+   interface  ! values of any type, and NC_STRING texts, which Python writes if they are not ASCII
       integer(c_int) function c_put_values(file, variable, start, count, values) bind(c, name="nc_put_vara")
          import :: c_int, c_size_t
          integer(c_int), value :: file, variable
@@ -164,8 +164,8 @@ contains
 
    ! ---- values -------------------------------------------------------------------------------
 
-   !> Transfer a variable: write it, or read it if it exists with this type, with axes of these lengths (the first
-   !> varies fastest), in a file large enough to hold it. Transfers all values, or one layer along the last axis.
+   !> Transfer a variable: write it, or read it if it exists with the same type and axis lengths (the first varies
+   !> fastest) and the file is large enough to contain it. Transfers all values, or one layer along the last axis.
    subroutine transfer(file, definition, axes, values, layer)
       type(netcdf_file_t), intent(inout) :: file
       type(definition_t), intent(in) :: definition
@@ -197,7 +197,7 @@ contains
       end if
    end subroutine transfer
 
-   !> Define a variable, whose values are written later.
+   !> Define a variable whose values are written later.
    subroutine define(file, definition, axes)
       type(netcdf_file_t), intent(inout) :: file
       type(definition_t), intent(in) :: definition

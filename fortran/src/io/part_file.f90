@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Part file (docs/part_file.md): results of a range of a run's boulders, with additive tallies. Checkpoints, and
-!> results of shards and of this program, are part files, which `rockfall` also reads and writes.
+!> Part file (docs/part_file.md): results for a range of a run's boulders, with additive tallies. Checkpoints, shards,
+!> and results of the standalone program are part files; `rockfall` reads and writes them too.
 module rockfall_part_file
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
@@ -39,14 +39,14 @@ module rockfall_part_file
 
 contains
 
-   !> Write the completed boulders to a file by way of `part`; the file gets its name once it is complete and on disk.
+   !> Write the completed boulders to `name`, as the file `part` until it is complete and on disk.
    subroutine write_part(name, part, case, text, inputs, run, store, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case
-      character(len=*), intent(in) :: text  !! text of the case, with options of the command line
+      character(len=*), intent(in) :: text  !! case text, with the command-line options applied
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
-      type(crossing_store_t), intent(in) :: store  !! store with the first crossings
+      type(crossing_store_t), intent(in) :: store  !! store with the earlier crossings
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
       type(part_t), target :: packed
@@ -153,7 +153,7 @@ contains
       type(netcdf_file_t), intent(inout) :: file
       type(ground_t), intent(in) :: grounds(:)
       character(len=:), allocatable :: names, models
-      real(wp) :: radii(size(grounds))  !! NaN: none, or by R_b/R_m [m]
+      real(wp) :: radii(size(grounds))  !! radii [m]; NaN without a table, or for tables by R_b/R_m
       integer :: k
 
       names = grounds(1)%name
@@ -171,14 +171,14 @@ contains
       call record_status(file, nf90_put_att(file%id, nf90_global, "ground_block_radius", radii))
    end subroutine describe_grounds
 
-   !> R_b of the largest blocks of a table [m].
+   !> R_b of the largest blocks of an impact table [m].
    pure real(wp) function largest_of(table)
       type(impact_table_t), intent(in) :: table
 
       largest_of = largest_block(maxval(table%size), table%ground%strength, table%ground%strength_radius)
    end function largest_of
 
-   !> 0-based first column and row, and numbers of columns and rows of the maps.
+   !> First column and row, counted from 0, and numbers of columns and rows of the maps.
    pure function window_of(run) result(window)
       type(run_t), intent(in) :: run
       integer :: window(4)
@@ -201,7 +201,7 @@ contains
       end associate
    end function described
 
-   !> Transfer all arrays of a part, and the rows of the completed boulders; crossings follow `before` others.
+   !> Transfer all arrays of a part, and the rows of the completed boulders; `before` crossings are already in the file.
    subroutine pass_arrays(file, run, part, before)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in), target :: run
@@ -246,7 +246,7 @@ contains
       end do
    end subroutine write_blocks
 
-   !> Transfer an array: only the first `rows` rows of boulders; crossings after the first `before`.
+   !> Transfer an array: of boulders only the first `rows` rows, of crossings those after the first `before`.
    subroutine pass_array(file, row, rows, before)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -264,7 +264,7 @@ contains
       bytes => none
       if (c_associated(row%at)) call c_f_pointer(row%at, bytes, [step*product(row%length(2:))])
       if (row%axis(1) == "boulder") axes%length = [rows, row%length(2:row%rank)]
-      if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than used
+      if (row%axis(1) == "boulder" .and. row%rank == 2) then  ! more rows are allocated than are used
          do k = 1, int(row%length(2))
             call transfer(file, definition, axes, bytes((k - 1)*step + 1:), k)
          end do
@@ -292,7 +292,7 @@ contains
       end select
    end subroutine pass_array
 
-   !> Size of the rows of all boulders [bytes]: every file of the run is larger.
+   !> Size of the rows of all boulders [bytes]; every file of the run is larger.
    integer(i8) function row_bytes(run)
       type(run_t), intent(inout), target :: run
       type(table_t) :: table
@@ -337,7 +337,7 @@ contains
       value = sum(integers_of(file, name, 1))
    end function integer_of
 
-   !> Return whether a file is a part with all boulders of a run, but none completed.
+   !> Return whether a file is a part that contains all boulders of a run that has completed none.
    logical function is_finished(name, inputs, run)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs
@@ -356,7 +356,7 @@ contains
       call close_netcdf(file)
    end function is_finished
 
-   !> Read a part from which a run continues; it must start where the run starts. Other and damaged parts are rejected.
+   !> Read a part from which a run continues. It must start where the run starts; other and damaged parts are rejected.
    subroutine read_part(name, inputs, run, error)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs

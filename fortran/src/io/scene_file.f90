@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Scene file, written by `rockfall prepare` or another tool (docs/files.md): all input of a scene except its case.
-!> Validates everything on which the kernel relies.
+!> Validates everything the kernel relies on.
 module rockfall_scene_file
    use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
@@ -30,7 +30,7 @@ module rockfall_scene_file
    private
    public :: inputs_t, read_scene
 
-   !> Scene with the input from which it was built. Arrays that it refers to stay in memory.
+   !> Scene and the input from which it was built. Arrays that it refers to stay in memory.
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
@@ -38,10 +38,10 @@ module rockfall_scene_file
       type(netcdf_file_t) :: file              !! open file, whose `crs` is copied to results
       integer :: crs = -1                      !! id of the variable `crs`
       type(axis_t) :: cells(2)                 !! x, y
-      integer :: sizes = 1                     !! rock sizes per material; 3 by method A
+      integer :: sizes = 1                     !! number of rock sizes per material; 3 for method A
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
-      character(len=:), allocatable :: feature_names  !! features in the layer of sources, one line each
-      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON for the result; "" if absent in the file
+      character(len=:), allocatable :: feature_names  !! features in the source layer, one line each
+      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON for the result; "" if the file has none
    end type inputs_t
 
 contains
@@ -148,7 +148,7 @@ contains
       if (is_place) is_place = abs(value) <= max_real
    end function is_place
 
-   !> Read elevations in the file's precision; at least one must exist.
+   !> Read elevations in the precision of the file; at least one must exist.
    subroutine read_elevations(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer :: j
@@ -206,7 +206,7 @@ contains
       if (.not. is_borrowed(name)) deallocate (block)
    end subroutine take
 
-   !> Axes of an array, fastest first, with the lengths that the kernel expects or the file has.
+   !> Axes of an array, fastest first, with the lengths expected by the kernel or found in the file.
    function axes_of(inputs, dimensions) result(axes)
       type(inputs_t), intent(in) :: inputs
       character(len=*), intent(in) :: dimensions
@@ -252,7 +252,7 @@ contains
       mask = .not. ieee_is_nan(row_of(inputs, j))
    end function is_known
 
-   !> Read ground types, unless only the case's impact sets apply: one everywhere, or by material or cell.
+   !> Read ground types: one everywhere, or by material or cell; none if only the case's impact sets apply.
    subroutine read_grounds(inputs)
       type(inputs_t), intent(inout) :: inputs
       integer, allocatable :: index(:)
@@ -288,7 +288,7 @@ contains
       end associate
    end subroutine read_grounds
 
-   !> Read the tables of impacts of the grounds; their arrays are checked together with the scene.
+   !> Read the impact tables of the grounds; their arrays are checked together with the scene.
    subroutine read_tables(inputs)
       type(inputs_t), intent(inout) :: inputs
 
@@ -303,7 +303,7 @@ contains
       call take(inputs, "table_record")
    end subroutine read_tables
 
-   !> Read the ground for each shape on each cell ground; cell grounds come first among all `n`.
+   !> Read the ground for each shape on each cell ground; cell grounds are the first of all `n` grounds.
    subroutine read_shape_grounds(inputs, n)
       type(inputs_t), intent(inout) :: inputs
       integer, intent(in) :: n
@@ -331,8 +331,8 @@ contains
       end associate
    end subroutine take_texts
 
-   !> Read the surface: zones and their sizes, sizes per cell, or one size. On known terrain sizes must be positive
-   !> (infinite: absorbing), or may be zero if some ground has no rocks.
+   !> Read the surface: zones and their sizes, sizes per cell, or one size. On known terrain, sizes must be positive
+   !> (infinite means absorbing); zero is allowed if some ground has no rocks.
    subroutine read_surface(inputs, case)
       type(inputs_t), intent(inout) :: inputs
       type(case_t), intent(in) :: case

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* POSIX functions that Fortran lacks: signals, locks, durable files. The variables are for signal handlers, which
-   cannot be passed any. */
+/* POSIX functions that Fortran lacks: signals, locks, durable files. Variables are static because signal handlers take
+   no arguments. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -17,7 +17,7 @@
 
 enum { TAKEN, HELD, NO_LOCKS, NOT_WRITABLE, NO_LOCK_FILE };
 
-/* Seconds in which signals count as one: `timeout` signals both a process and its group. */
+/* Seconds within which several signals count as one: `timeout` signals both a process and its group. */
 static const double together = 0.1;
 static volatile sig_atomic_t status;  /* exit status for the first signal: 130, 143 */
 static struct timespec came;          /* time of the first signal */
@@ -65,7 +65,7 @@ void rockfall_start(void)
     signal(SIGTERM, take_signal);
 }
 
-/* Exit status of a program that stops because of a signal; 0 without one. */
+/* Exit status of a program stopped by a signal; 0 if there was none. */
 int rockfall_status(void)
 {
     return status;
@@ -102,7 +102,7 @@ int rockfall_is_folder(const char *path)
     return stat(path, &found) == 0 && S_ISDIR(found.st_mode);
 }
 
-/* Return whether a path leads to a file, not a pipe or device: opening a pipe would block until it has a writer. */
+/* Return whether a path leads to a file, not to a pipe or device: opening a pipe would block until it has a writer. */
 int rockfall_is_regular(const char *path)
 {
     struct stat found;
@@ -110,7 +110,7 @@ int rockfall_is_regular(const char *path)
     return stat(path, &found) == 0 && S_ISREG(found.st_mode);
 }
 
-/* Lock out other processes with an empty file. The system releases the lock however the process ends. */
+/* Lock out other processes by an empty file. The system releases the lock however the process ends. */
 int rockfall_lock(const char *path)
 {
     struct stat named, opened;
@@ -127,7 +127,7 @@ int rockfall_lock(const char *path)
             snprintf(lock, sizeof lock, "%s", path);
             return TAKEN;
         }
-        close(lock_file); /* the previous holder removed the file in the meantime */
+        close(lock_file); /* the previous lock owner removed the file in the meantime */
     }
     if (errno != EWOULDBLOCK) {
         snprintf(lock, sizeof lock, "%s", path);
@@ -147,15 +147,15 @@ void rockfall_unlock(void)
     close(lock_file);
 }
 
-/* Return whether the disk can hold a file of this size (created and removed). If the system can reserve space,
-   quotas and `ulimit -f` count too. */
+/* Return whether the disk has space for a file of this size, by creating and removing it. If the system can reserve
+   space, this includes quotas and `ulimit -f`. */
 int rockfall_disk_holds(const char *path, int64_t bytes)
 {
     struct statvfs disk;
     int file = open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW, 0600), full = 0;
 
     if (file < 0)
-        return 1; /* other errors are reported when the file is written */
+        return 1; /* any other error appears when the file is written */
 #if defined(__linux__)
     full = fallocate(file, 0, 0, bytes) != 0 && (errno == ENOSPC || errno == EDQUOT || errno == EFBIG);
 #endif
@@ -187,7 +187,7 @@ int rockfall_replace(const char *from, const char *to, const char *folder)
     return 1;
 }
 
-/* Separator of folders in paths besides '/', if there is one. */
+/* Second separator of folders in paths, if the system has one, else '/'. */
 char rockfall_separator(void)
 {
     return '/';

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Signals, locks and names of files, by system.c or system_windows.c.
+!> Signals, locks and file names, implemented in system.c or system_windows.c.
 module rockfall_system
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_null_char
    use rockfall_error, only: error_t, fail
@@ -13,7 +13,7 @@ module rockfall_system
    interface
       subroutine start_process() bind(c, name="rockfall_start")
       end subroutine start_process
-      !> End the process without the exit handlers of its libraries.
+      !> End the process without running the exit handlers of its libraries.
       subroutine end_at_once(code) bind(c, name="_exit")
          import :: c_int
          integer(c_int), value :: code
@@ -84,7 +84,7 @@ contains
       call c_on_crash(c_null_char)
    end subroutine end_reading
 
-   !> Lock an output by a file next to it against other processes, including `rockfall run`.
+   !> Lock an output against other processes, including `rockfall run`, by a file next to it.
    subroutine take_lock(name, say, error)
       character(len=*), intent(in) :: name
       procedure(say_to) :: say
@@ -116,7 +116,7 @@ contains
       replace_file = c_replace(from//c_null_char, to//c_null_char, folder_of(to)//"."//c_null_char) /= 0
    end function replace_file
 
-   !> Refuse an output in a folder without write permission, or that cannot rename a file over another.
+   !> Refuse an output in a folder that is not writable, or where a file cannot be renamed over another.
    subroutine check_place(name, error)
       character(len=*), intent(in) :: name
       type(error_t), allocatable, intent(out) :: error
@@ -146,7 +146,7 @@ contains
       if (make_empty) close (unit, iostat=status)
    end function make_empty
 
-   !> Refuse an output of at least this size [bytes] if the disk of its folder cannot hold it.
+   !> Refuse an output of at least this size [bytes] if the disk of its folder has too little space.
    subroutine check_space(name, bytes, error)
       character(len=*), intent(in) :: name
       integer(c_int64_t), intent(in) :: bytes
@@ -184,7 +184,7 @@ contains
       same_file = c_same(a//c_null_char, b//c_null_char) /= 0
    end function same_file
 
-   !> Folder of a path with its final slash; "" if there is none.
+   !> Folder of a path, with a final slash; "" if there is none.
    pure function folder_of(path) result(folder)
       character(len=*), intent(in) :: path
       character(len=:), allocatable :: folder

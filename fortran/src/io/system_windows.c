@@ -17,7 +17,7 @@ static char last_words[4096];    /* message in case of a crash */
 static char lock[4096];          /* lock file of this process; "" for none */
 static int lock_file = -1;
 
-/* Record the first Ctrl-C, Ctrl-Break or closed window in a separate thread; a second one ends the process. */
+/* Record the first Ctrl-C, Ctrl-Break or closed window in a separate thread; a second event ends the process. */
 static BOOL WINAPI take_event(DWORD event)
 {
     LONG code = event == CTRL_C_EVENT ? 130 : 143;
@@ -87,7 +87,7 @@ int rockfall_same(const char *a, const char *b)
            of_a.nFileIndexHigh == of_b.nFileIndexHigh && of_a.nFileIndexLow == of_b.nFileIndexLow;
 }
 
-/* Windows accepts "file/." like "folder/.", so asking for such a path proves nothing. */
+/* Windows accepts "file/." like "folder/.", so testing such a path proves nothing. */
 int rockfall_is_folder(const char *path)
 {
     DWORD found = GetFileAttributesA(path);
@@ -102,8 +102,8 @@ int rockfall_is_regular(const char *path)
     return _stat64(path, &found) == 0 && S_ISREG(found.st_mode);
 }
 
-/* Lock out other processes by the first byte of an empty file, as Python does. An open file cannot be removed here, so
-   nobody removes it in between. */
+/* Lock out other processes by the first byte of an empty file, as Python does. No process can remove the file
+   meanwhile, because Windows does not remove open files. */
 int rockfall_lock(const char *path)
 {
     struct _stat64 named;
@@ -142,7 +142,7 @@ int rockfall_disk_holds(const char *path, int64_t bytes)
     return !GetDiskFreeSpaceExA(folder, &left, NULL, NULL) || left.QuadPart >= (ULONGLONG)bytes;
 }
 
-/* Retry for a second: virus scanners and backups hold new files open. */
+/* Retry for a second: virus scanners and backups keep new files open. */
 int rockfall_replace(const char *from, const char *to, const char *folder)
 {
     int file = _open(from, _O_RDWR), ok, tries;
@@ -160,7 +160,7 @@ int rockfall_replace(const char *from, const char *to, const char *folder)
     return 0;
 }
 
-/* Separator of folders in paths besides '/', if there is one. */
+/* Second separator of folders in paths, if the system has one, else '/'. */
 char rockfall_separator(void)
 {
     return '\\';

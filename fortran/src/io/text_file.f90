@@ -12,7 +12,7 @@ module rockfall_text_file
 
 contains
 
-   !> Read a complete file, including line ends.
+   !> Read a complete file, with its line ends.
    subroutine read_text(file, text, error)
       character(len=*), intent(in) :: file
       character(len=:), allocatable, intent(out) :: text
@@ -45,7 +45,7 @@ contains
          if (size > 0) read (unit, iostat=status, iomsg=message) text
          if (status /= 0) call fail(error, file//": cannot be read: "//trim(message))
       end if
-      if (.not. allocated(error)) then  ! the size of a pipe or a device is unknown
+      if (.not. allocated(error)) then  ! pipes and devices do not report their size
          read (unit, iostat=status, iomsg=message) extra
          if (status == 0) then
             call fail(error, file//": not a regular file, or it grew while it was read")

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Flights of several boulders at a time. In each round all flights cross their current patch; flights that end are
-!> removed, and the last ones take their places. Each flight performs the operations of `fly` in the same order, so
-!> results are bitwise identical.
+!> removed, and the last flights move to their places. Each flight performs the operations of `fly` in the same order,
+!> so results are bitwise identical.
 !>
 !> Compiled three times, like rockfall_lanes.
 module rockfall_flights
@@ -23,16 +23,16 @@ module rockfall_flights
    integer, parameter :: lanes = 136
    integer, parameter :: width = 4   !! flights per instruction on the widest processors
 
-   !> State of each flight on leaving a cell.
+   !> Values of each flight when it leaves a cell.
    type :: cell_t
       real(wp), dimension(lanes) :: i = 0, j = 0     !! next cell, as in axis_t [-]
-      real(wp), dimension(lanes) :: left_cell = 0    !! leaves the cell: 1 or 0
+      real(wp), dimension(lanes) :: left_cell = 0    !! 1 if the flight leaves the cell, else 0
       real(wp), dimension(lanes) :: until = 0        !! time at which the flight leaves the cell [s]
       real(wp), dimension(lanes) :: speed2 = 0       !! maximum squared speed over the cell [m2/s2]
       real(wp), dimension(lanes) :: top = 0          !! maximum height over the cell [m]
    end type cell_t
 
-   !> Flights in the air. Lanes keep their values when they become free.
+   !> Flights in the air. Free lanes keep their old values.
    type :: flights_t
       integer :: n = 0
       integer :: n_started = 0                                        !! flights that have already been started
@@ -43,23 +43,23 @@ module rockfall_flights
       real(wp), dimension(lanes) :: inverse1 = 0, inverse2 = 0        !! inverse speeds [s/m]
       real(wp), dimension(lanes) :: i = 0, j = 0                      !! indices of the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t [m]
-      real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! since the start [s]; height [m], its rate [m/s]
-      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum so far [m]
+      real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! time [s]; height [m] and its rate [m/s]
+      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum height so far [m]
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! indices of the next patch [-]
-      real(wp), dimension(lanes) :: next_t = 0                        !! time of entry to it, or of contact [s]
-      real(wp), dimension(lanes) :: contact = 0                       !! 1 or 0
-      real(wp), dimension(lanes) :: known = 1                         !! the next patch is known: 1 or 0
+      real(wp), dimension(lanes) :: next_t = 0                        !! time of its entry, or of contact [s]
+      real(wp), dimension(lanes) :: contact = 0                       !! 1 if the flight has a contact, else 0
+      real(wp), dimension(lanes) :: known = 1                         !! 1 if the next patch is known, else 0
       real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! other corners of the next patch [m]
-      real(wp), dimension(lanes) :: at = 1                            !! index of its south-western corner
+      real(wp), dimension(lanes) :: at = 1                            !! index of the next patch's south-western corner
       ! Only used if cells are recorded:
-      real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! [m2/s2]; end of the span over the patch [s]
+      real(wp), dimension(lanes) :: d2 = 0, end = 0                   !! d2 as in span_t [m/s2]; end of the span [s]
       real(wp), dimension(lanes) :: cell_i = 0, cell_j = 0            !! current cell, as in axis_t [-]
       real(wp), dimension(lanes) :: v3_in = 0                         !! vertical speed on entry to the cell [m/s]
       real(wp), dimension(lanes) :: top = 0                           !! maximum height over the cell so far [m]
       type(cell_t) :: left(2)                                         !! up to two cells left over the patch
-      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the cell after those left
+      real(wp), dimension(lanes) :: speed2 = 0                        !! as in cell_t, for the current cell
       ! Only used if flights may meet obstacles:
-      type(flight_t), allocatable :: start(:)                         !! start of each flight, without its heading
+      type(flight_t), allocatable :: start(:)                         !! start of each flight, without heading
    end type flights_t
 
    !> Flights that have ended.
@@ -73,16 +73,16 @@ module rockfall_flights
       real(wp), dimension(lanes) :: i = 0, j = 0                      !! indices of the patch [-]
       real(wp), dimension(lanes) :: z00 = 0, a = 0, b = 0, c = 0      !! as in patch_t; 0 without a contact [m]
       real(wp), dimension(lanes) :: u = 0, w = 0                      !! position in the patch, 0..1 [cells]
-      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum [m]
-      real(wp), dimension(lanes) :: contact = 0                       !! 1: contact; 0: it left the domain
+      real(wp), dimension(lanes) :: jump_height = 0                   !! maximum height [m]
+      real(wp), dimension(lanes) :: contact = 0                       !! 1: contact; 0: the boulder left the domain
    end type landings_t
 
    interface
-      !> Read the corners of n patches, in loops of whole vectors.
+      !> Read the corners of n patches in vectorised loops.
       subroutine read_corners(n, at, row, z, z00, z10, z01, z11) bind(c, name="rockfall_read_corners")
          import :: c_int, c_int64_t, c_double, c_float
          integer(c_int), value :: n
-         real(c_double), intent(in) :: at(*)      !! index of each south-western corner, up to a multiple of `width`
+         real(c_double), intent(in) :: at(*)      !! index of each south-western corner, padded to a multiple of `width`
          integer(c_int64_t), value :: row         !! columns of the raster
          real(c_float), intent(in) :: z(*)        !! elevations [m]
          real(c_double), dimension(*), intent(inout) :: z00, z10, z01, z11  !! [m]
@@ -98,7 +98,7 @@ contains
       padded = (n + width - 1)/width*width
    end function padded
 
-   !> Add a flight.
+   !> Add a flight to the lanes.
    subroutine take_off(f, lane, start)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: lane
@@ -151,7 +151,7 @@ contains
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
-      real(wp), intent(in) :: x, y, z            !! on a patch [m]
+      real(wp), intent(in) :: x, y, z            !! start on a patch [m]
       real(wp), intent(in) :: i, j, z00, a, b, c !! patch, as in patch_t [-], [m]
       real(wp), intent(in) :: above              !! height above the patch [m]
       real(wp), intent(in) :: v1, v2, v3, rate   !! [m/s]
@@ -211,7 +211,7 @@ contains
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
-      logical, value :: cells, heights  !! record the cells; record the heights over them
+      logical, value :: cells, heights  !! whether to record the cells, and the heights over them
 
       call start_flights(f, dem, scratch, cells)
       l%n = 0
@@ -302,8 +302,8 @@ contains
       end do
    end subroutine cross_patches
 
-   !> Leave up to two cells over the patch, which has one cell boundary along each axis, in its middle. Records the
-   !> same cell values as `visit_path`.
+   !> Find up to two cells that a flight leaves over its patch, which one cell boundary crosses along each axis, in the
+   !> middle. Cell values equal those of `visit_path`.
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
       real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
@@ -348,7 +348,7 @@ contains
          left_second = f%left(2)%left_cell(k)
          top = f%top(k)
          top1 = max(top, max_height(f%d0(k), f%d1(k), f%d2(k), 0.0_wp, min(first, end) - t))
-         top1 = merge(top1, top, first > t)  ! otherwise the flight left the cell at the end of the previous patch
+         top1 = merge(top1, top, first > t)  ! otherwise the flight left this cell at the end of the previous patch
          top2 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(first, t) - t, min(second, end) - t))
          top3 = max(0.0_wp, max_height(f%d0(k), f%d1(k), f%d2(k), max(second, t) - t, end - t))
          f%left(1)%top(k) = top1
@@ -370,7 +370,7 @@ contains
       real(wp), intent(in) :: end                 !! given time, since the start [s]
       real(wp), intent(inout) :: i, j             !! indices of the cell, as in axis_t [-]
       real(wp), intent(inout) :: v3_in            !! vertical speed on entry to the cell [m/s]
-      real(wp), intent(inout) :: left_cell        !! leaves the cell: 1 or 0
+      real(wp), intent(inout) :: left_cell        !! 1 if the flight leaves the cell, else 0
       real(wp), intent(out) :: until              !! time of leaving, since the start [s]
       real(wp), intent(out) :: speed2             !! maximum squared speed over the cell [m2/s2]
       real(wp) :: tx, ty, east, north, v3_out
@@ -390,7 +390,7 @@ contains
       j = j + left_cell*north
    end subroutine leave_cell
 
-   !> Record the cells that flights have just left.
+   !> Record the cells that the flights have just left.
    subroutine record_left_cells(left, f, ny, w, scratch)
       type(cell_t), intent(in) :: left
       type(flights_t), intent(in) :: f
@@ -400,7 +400,7 @@ contains
       integer :: flight(lanes + 1), n, k, m
 
       n = 0
-      do k = 1, f%n  ! branchless, as in `remove_landed`
+      do k = 1, f%n  ! branchless for the same reason as in `remove_landed`
          flight(n + 1) = k
          n = n + int(left%left_cell(k))
       end do
@@ -425,8 +425,8 @@ contains
       real(wp) :: plan2, left_cell, until, speed2
 
       plan2 = f%v1(k)*f%v1(k) + f%v2(k)*f%v2(k)
-      left_cell = max(f%left(2)%left_cell(k), 1 - contact)  ! else `leave_cells` found the last one
-      do while (left_cell > 0)  ! the flight may have left cells in which it spent no time
+      left_cell = max(f%left(2)%left_cell(k), 1 - contact)  ! otherwise `leave_cells` has already found the last cell
+      do while (left_cell > 0)  ! a flight may have left cells in which it spent no time
          call leave_cell(f%x(k), f%y(k), f%inverse1(k), f%inverse2(k), dem%cell, plan2, f%v3(k), gravity, f%next_t(k), &
                          f%cell_i(k), f%cell_j(k), f%v3_in(k), left_cell, until, speed2)
          if (.not. left_cell > 0) exit
@@ -437,7 +437,7 @@ contains
       call raise_values(scratch%visits, f%speed2(k), inertia_factor*w**2, f%top(k))
    end subroutine record_last_cell
 
-   !> Remove the flights that meet the ground on their patch.
+   !> Remove the flights that hit the ground on their current patch.
    subroutine remove_landed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, w(:)
@@ -448,7 +448,7 @@ contains
       integer :: ended(lanes + 1), n_ended, k, m
 
       n_ended = 0
-      do k = 1, f%n  ! branchless: the outcome is unpredictable
+      do k = 1, f%n  ! branchless, because the outcome is unpredictable
          ended(n_ended + 1) = k
          n_ended = n_ended + int(f%contact(k))
       end do
@@ -526,7 +526,7 @@ contains
       f%top(to) = f%top(from)
    end subroutine move_flight
 
-   !> Move a flight's patch, and its height above that patch, to another lane.
+   !> Move the patch of a flight, and its height above the patch, to another lane.
    subroutine move_patch(f, from, to)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: from, to
@@ -591,12 +591,12 @@ contains
       end do
    end subroutine enter_patches
 
-   !> Read the corners of the next patches. Beyond the window another patch is read, so that no flight needs a branch.
+   !> Read the corners of the next patches. For a patch beyond the window another patch is read, which avoids branches.
    subroutine read_next_corners(dem, n, next_i, next_j, known, at, z00, z10, z01, z11)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: n                                        !! number of patches
       real(wp), dimension(lanes), intent(in) :: next_i, next_j        !! indices of the patches [-]
-      real(wp), dimension(lanes), intent(inout) :: known              !! the patch is in the window: 1 or 0
+      real(wp), dimension(lanes), intent(inout) :: known              !! 1 if the patch is in the window, else 0
       real(wp), dimension(lanes), intent(inout) :: at                 !! as in flights_t
       real(wp), dimension(lanes), intent(inout) :: z00, z10, z01, z11 !! corners of the patches [m]
       real(wp), pointer, contiguous :: z8(:)
@@ -664,7 +664,7 @@ contains
       end do
    end subroutine place_landings
 
-   !> Return the start of a flight that has ended, without its height above the ground and heading.
+   !> Start of a flight that has ended, without heading and height above the ground.
    pure type(flight_t) function flight_of(l, k) result(flight)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
@@ -675,7 +675,7 @@ contains
       flight%v = [l%v1(k), l%v2(k), l%v3(k)]
    end function flight_of
 
-   !> Return the end of a flight that has ended.
+   !> End of a flight that has ended.
    pure type(landing_t) function landing_of(l, k) result(landing)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
@@ -691,7 +691,7 @@ contains
       landing%jump_height = l%jump_height(k)
    end function landing_of
 
-   !> Replace the landing of a lane by the end of a roll.
+   !> Replace the landing in a lane by the end of a roll.
    pure subroutine replace_landing(l, k, landing)
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Random numbers of several impacts at a time: Philox4x32-10 and the normal quantiles of rockfall_random, to the bit.
-   Compiled three times, like rockfall_lanes; the name of the procedure is given by meson.build. Compilers multiply
-   64-bit lanes by three products where one is enough, and gather the coefficients of the quantiles one by one. */
+/* Random numbers of several impacts at a time: Philox4x32-10 and normal quantiles, bitwise identical to
+   rockfall_random. Compiled three times, like rockfall_lanes; meson.build defines the name of the procedure. Compilers
+   use three products to multiply 64-bit lanes where one is enough, and load the coefficients one by one. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -20,7 +20,7 @@ static __m256i whole(uint64_t value)
     return _mm256_set1_epi64x((int64_t)value);
 }
 
-/* Standard normal numbers from four words. The coefficients of a piece are contiguous, as rows that are transposed. */
+/* Standard normal numbers from four words. Coefficients of a piece are contiguous: rows are loaded and transposed. */
 static __m256d normals(const double *table, __m256i word)
 {
     const __m256d two52 = _mm256_set1_pd(4503599627370496.0), sign = _mm256_set1_pd(-0.0);
@@ -72,8 +72,8 @@ static double normal(const double *table, uint64_t word)
 }
 #endif
 
-/* Words of n impacts from their counters (boulder, impact, and a last one for all), and, `with_normals`, standard
-   normal numbers of the first three. Arrays are padded to a multiple of four. */
+/* Random words of n impacts from their counters (boulder, impact, and a common last word) and, if `with_normals`,
+   standard normal numbers from the first three words. Arrays are padded to a multiple of four. */
 void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int with_normals, int n,
                     const uint64_t *boulder, const uint64_t *impact, uint64_t last, uint64_t *w1, uint64_t *w2,
                     uint64_t *w3, uint64_t *w4, double *z1, double *z2, double *z3)
@@ -83,7 +83,7 @@ void impact_numbers(const uint64_t round[ROUNDS][2], const double *table, int wi
         __m256i c0 = _mm256_loadu_si256((const __m256i *)(boulder + k)), c1 = _mm256_srli_epi64(c0, 32);
         __m256i c2 = _mm256_loadu_si256((const __m256i *)(impact + k)), c3 = whole(last);
 
-        for (int r = 0; r < ROUNDS; r++) { /* only the lower halves matter */
+        for (int r = 0; r < ROUNDS; r++) { /* only the lower halves are used */
             const __m256i p0 = _mm256_mul_epu32(c0, whole(M0)), p1 = _mm256_mul_epu32(c2, whole(M1));
 
             c0 = _mm256_xor_si256(_mm256_xor_si256(_mm256_srli_epi64(p1, 32), c1), whole(round[r][0]));

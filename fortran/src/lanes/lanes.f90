@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Boulders in lanes: a thread advances a pool of boulders from contact to contact. Loops over all landed boulders
-!> perform their common operations; then these boulders rejoin those in the air. Each boulder goes through
-!> the operations of `trace` in the same order, so results are bitwise identical.
+!> perform the operations they have in common; then these boulders take off again. Each boulder undergoes the operations
+!> of `trace` in the same order, so results are bitwise identical.
 !>
 !> Compiled three times: for any processor; as the module rockfall_wide_lanes for AVX2; as rockfall_masked_lanes for
 !> AVX-512, where conditions become masks.
@@ -46,49 +46,49 @@ module rockfall_lanes
    public :: run_in_lanes, impact_numbers, read_squares
 
    integer, parameter :: lanes_with_visits = 64
-   !> Number of inadmissible draws below which redrawing one by one is faster.
+   !> Number of inadmissible draws below which single redraws are faster than a loop.
    integer, parameter :: few = 2
-   integer, parameter :: slots = lanes*width  !! slots of draws; each set starts a new vector
-   integer, parameter :: counters = 4  !! counters for the draws of a set
+   integer, parameter :: slots = lanes*width  !! capacity for draws; each impact set starts a new vector
+   integer, parameter :: counters = 4  !! counters used in turn for the draws of a set
 
-   !> Boulders of a thread; each stays in its lane until it ends.
+   !> Boulders of a thread; a boulder stays in its lane until it ends.
    type :: pool_t
       integer :: index(lanes) = 0                       !! index in the results
       integer(i8) :: number(lanes) = 0                  !! number of the boulder
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! heading after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       real(wp) :: v(3, lanes) = 0                       !! velocity of a boulder that has ended [m/s]
-      type(touch_t) :: touch(lanes)                     !! state on the ground of a table, used instead of scratch_t's
+      type(touch_t) :: touch(lanes)                     !! state on ground with a table (not in scratch_t)
       integer :: free(lanes) = 0, n_free = 0            !! lanes without a boulder
-      integer :: from = 1, to = 0                       !! indices of assigned boulders not yet started
+      integer :: from = 1, to = 0                       !! range of assigned boulders not yet started
    end type pool_t
 
-   !> All impact sets of a scene, concatenated over its grounds.
+   !> All impact sets of a scene, ground by ground.
    type :: set_list_t
       type(impact_set_t), allocatable :: set(:)
-      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1: the ground has no sets
+      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1 if a ground has none
    end type set_list_t
 
    !> Contacts of the landed boulders, in order of landing.
    type :: contacts_t
-      integer :: set(lanes)                                      !! impact set; past the last: none, or classical
+      integer :: set(lanes)                                      !! impact set; a number past the last: no set
       integer :: ground(lanes)                                   !! index of the ground, if the scene has several
-      logical :: obstructed(lanes) = .false.                     !! ended at an obstacle instead of the ground
-      logical :: outside(lanes)                                  !! outside the calibrated ratios
+      logical :: obstructed(lanes) = .false.                     !! the flight ended at an obstacle, not on the ground
+      logical :: outside(lanes)                                  !! R_b/R_m is outside the calibrated range
       integer(i8), dimension(lanes) :: number = 0, impact = 0
       real(wp), dimension(lanes) :: length = 0                   !! length of the flight [m]
-      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at the end of the flight; of the next flight [m2/s2]
+      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at the end of this flight, start of the next [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
-      real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted ranges: 1 or 0
-      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before; of the next flight [m/s]
+      real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted ranges: each 1 or 0
+      real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before the contact, after it [m/s]
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! unit heading [-]
       real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! gradient and steepness of the patch [-]
       real(wp), dimension(lanes) :: tangential = 0, normal = 0   !! V_t, V_n before the contact [m/s]
       real(wp), dimension(lanes) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0       !! velocity of the next flight [m/s]
-      real(wp), dimension(lanes) :: rate = 0                     !! rate of the next flight [m/s]
-      real(wp), dimension(lanes) :: in_loops = 0                 !! 1 if handled by the loops, else 0
+      real(wp), dimension(lanes) :: rate = 0                     !! rate of change of the next flight's height [m/s]
+      real(wp), dimension(lanes) :: in_loops = 0                 !! 1 if handled by the vectorised loops, else 0
       real(wp), dimension(lanes) :: z1 = 0, z2 = 0, z3 = 0, u = 0, side = 0  !! random numbers [-]
       real(wp), dimension(lanes) :: ratio = 0                    !! R_b/R_m [-]
       integer(i8) :: word(lanes, words_per_block) = 0            !! random words
@@ -104,30 +104,30 @@ module rockfall_lanes
       real(wp), dimension(slots) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(slots) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
       real(wp), dimension(slots) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after the contact [m/s]
-      real(wp), dimension(slots) :: admissible = 0               !! 1 or 0
-      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: 1 or 0
+      real(wp), dimension(slots) :: admissible = 0               !! 1 if the draw is admissible, else 0
+      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: each 1 or 0
    end type draws_t
 
    interface
-      !> Random words of n impacts, and standard normal numbers of the first three, in loops of whole vectors.
+      !> Random words of n impacts, and standard normal numbers of the first three words, in vectorised loops.
       subroutine impact_numbers(round_keys, coefficients, with_normals, n, number, impact, last, word1, word2, word3, &
                                 word4, z1, z2, z3) bind(c, name="rockfall_impact_numbers")
          import :: c_int, c_int64_t, c_double
          integer(c_int64_t), intent(in) :: round_keys(2, *)   !! as in random_key_t
          real(c_double), intent(in) :: coefficients(6, *)     !! as in normal_table_t
-         integer(c_int), value :: with_normals                    !! 1: with normal numbers, else 0
+         integer(c_int), value :: with_normals                    !! 1 to compute normal numbers, else 0
          integer(c_int), value :: n
-         integer(c_int64_t), intent(in) :: number(*), impact(*)  !! numbers of each, up to a multiple of `width`
-         integer(c_int64_t), value :: last                       !! as from last_counter
+         integer(c_int64_t), intent(in) :: number(*), impact(*)  !! numbers, padded to a multiple of `width`
+         integer(c_int64_t), value :: last                       !! as returned by last_counter
          integer(c_int64_t), intent(inout) :: word1(*), word2(*), word3(*), word4(*)
          real(c_double), intent(inout) :: z1(*), z2(*), z3(*)    !! [-]
       end subroutine impact_numbers
 
-      !> Read n squares of nine adjacent cells, in loops of whole vectors.
+      !> Read n squares of 3 x 3 cells in vectorised loops.
       subroutine read_squares(n, at, columns, elevation, lanes, z) bind(c, name="rockfall_read_squares")
          import :: c_int, c_int64_t, c_double, c_float
          integer(c_int), value :: n
-         real(c_double), intent(in) :: at(*)      !! index of each north-western cell, up to a multiple of `width`
+         real(c_double), intent(in) :: at(*)      !! index of each north-western cell, padded to a multiple of `width`
          integer(c_int64_t), value :: columns     !! columns of the raster
          real(c_float), intent(in) :: elevation(*)     !! [m]
          integer(c_int64_t), value :: lanes
@@ -137,13 +137,13 @@ module rockfall_lanes
 
 contains
 
-   !> Run one thread's part of the boulders, in batches from the shared counter `next`.
+   !> Run one thread's share of the boulders, in batches from the shared counter `next`.
    subroutine run_in_lanes(scene, first, step, results, crossings, maps, next, deadline, totals)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step              !! number of the first boulder; step to the next
       type(boulder_result_t), intent(inout) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)  !! crossings of each boulder
-      type(maps_t), intent(in) :: maps                    !! maps without counts by source
+      type(maps_t), intent(in) :: maps                    !! maps that do not count sources
       integer, intent(inout) :: next                      !! index of the next boulder
       integer(i8), intent(in) :: deadline                 !! time after which no more boulders start [ticks]
       type(totals_t), intent(inout) :: totals
@@ -212,7 +212,7 @@ contains
       n = merge(lanes_with_visits, lanes, needs_visits(maps))
    end function lanes_of_run
 
-   !> Collect the impact sets of the scene, which are those of the case or of its grounds.
+   !> Collect the impact sets of a scene, from the case or from its grounds.
    pure type(set_list_t) function all_sets(scene) result(sets)
       type(scene_t), intent(in) :: scene
       integer :: ground, n
@@ -273,7 +273,7 @@ contains
       end do
    end subroutine refill
 
-   !> Set the heading and the rotation of a boulder.
+   !> Set heading and rotation of a boulder.
    subroutine set_heading(pool, lane, heading1, heading2, w)
       type(pool_t), intent(inout) :: pool
       integer, intent(in) :: lane
@@ -285,8 +285,8 @@ contains
       pool%w(lane) = w
    end subroutine set_heading
 
-   !> Find the flights that meet an obstacle before the ground, and hit it. Flights that may hit an obstacle, or that
-   !> cross a line, are flown again, one by one.
+   !> Find the flights that meet an obstacle before the ground, and compute the hits. Flights that may hit an obstacle,
+   !> or that cross a line, are computed again one by one.
    subroutine meet_obstacles(scene, active, pool, l, flights, scratch, spans, c)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: active(lanes)
@@ -328,7 +328,7 @@ contains
       type(forest_t), intent(in) :: forest
       type(boulder_result_t), intent(in) :: active(lanes)
       type(landings_t), intent(in) :: l
-      real(wp), intent(inout) :: near(lanes)  !! raised to 1
+      real(wp), intent(inout) :: near(lanes)  !! set to 1 for these flights
       integer :: k
 
       do k = 1, l%n
@@ -337,7 +337,7 @@ contains
       end do
    end subroutine find_paths_to_trees
 
-   !> Hit an obstacle, and continue the flight from there.
+   !> Compute the hit of an obstacle, and continue the flight from there.
    subroutine hit_single(scene, number, obstacle, landing, v, l, k, pool, result, flight, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -348,7 +348,7 @@ contains
       integer, intent(in) :: k
       type(pool_t), intent(inout) :: pool
       type(boulder_result_t), intent(inout) :: result
-      type(flight_t), intent(inout) :: flight  !! with its heading
+      type(flight_t), intent(inout) :: flight  !! next flight, including its heading
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch
       integer :: lane
@@ -400,8 +400,8 @@ contains
       end do
    end subroutine find_cells
 
-   !> Read the elevations of the cells and their neighbours. If neighbours are missing, other cells are read, so that no
-   !> contact needs a branch.
+   !> Read the elevations of the cells and their neighbours. If neighbours are missing, other cells are read, which
+   !> avoids branches.
    subroutine read_elevations(dem, n, c)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: n
@@ -417,7 +417,7 @@ contains
          across = shape(dem%z4)
          first = lbound(dem%z4)
       end if
-      if (any(across < 3)) return  ! no neighbourhood is complete
+      if (any(across < 3)) return  ! raster too small: no neighbourhood is complete
       columns = across(1)
       !$omp simd private(column, row)
       do k = 1, padded(n)
@@ -437,7 +437,7 @@ contains
       end do
    end subroutine read_elevations
 
-   !> Look up the ground at each landing, and collect the contacts on table grounds.
+   !> Look up the ground at each landing, and collect the contacts on ground with impact tables.
    subroutine classify_contacts(scene, sets, active, pool, l, scratch, c, by_table)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -499,7 +499,7 @@ contains
             end if
             call find_impact_set(scene, c%ratio(k), uniform(c%word(k, ratio_word)), set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            ! flat, or next to nodata: left to scalar code
+            ! flat or next to nodata: handled by scalar code
             if (.not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
@@ -510,7 +510,7 @@ contains
    subroutine compute_incidence(l, gravity, per_cell, frames, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
-      logical, value :: frames                   !! tables need their frames
+      logical, value :: frames                   !! local frames are needed by tables
       type(contacts_t), intent(inout) :: c
       real(wp) :: v3, plan1, plan2, unit1, unit2, length
       integer :: k
@@ -560,7 +560,7 @@ contains
       integer, intent(in) :: n
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
-      integer, dimension(size(sets%set) + 1) :: first, left  !! first draw of each set; number of draws
+      integer, dimension(size(sets%set) + 1) :: first, left  !! first draw, and remaining number of draws, of each set
       integer :: set, draw, m
 
       call group_by_set(n, c, first, left, d)
@@ -577,12 +577,12 @@ contains
       end do
    end subroutine draw_rebounds
 
-   !> Sort the draws by impact set; the draws of each set fill separate vectors. Neighbouring contacts, mostly of one
-   !> set, are counted in turn by `counters`, because a single counter would wait for itself.
+   !> Sort the draws by impact set; the draws of each set fill separate vectors. Adjacent contacts mostly belong to the
+   !> same set, so several `counters` are used in turn: increments of a single counter would wait for each other.
    subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
-      integer, intent(out) :: first(:), number(:)  !! by set; the last: no set
+      integer, intent(out) :: first(:), number(:)  !! by set; the last element is for no set
       type(draws_t), intent(inout) :: d
       integer, dimension(counters, size(first)) :: counted, slot
       integer :: counter, set, k, m
@@ -616,10 +616,10 @@ contains
       end do
    end subroutine group_by_set
 
-   !> Draw new random numbers.
+   !> Draw new random numbers for inadmissible draws.
    subroutine draw_other_numbers(scene, draw, first, n, c, d)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: draw      !! 2, 3, ...
+      integer, intent(in) :: draw      !! number of the draw: 2, 3, ...
       integer, intent(in) :: first, n  !! first draw; number of draws
       type(contacts_t), intent(in) :: c
       type(draws_t), intent(inout) :: d
@@ -637,9 +637,9 @@ contains
                           d%z1(first:), d%z2(first:), d%z3(first:))
    end subroutine draw_other_numbers
 
-   !> Store draws, and keep the inadmissible ones.
+   !> Store the admissible draws, and keep the inadmissible ones for redrawing.
    subroutine keep_inadmissible(draw, first, c, d, n)
-      integer, intent(in) :: draw      !! 1, 2, ...
+      integer, intent(in) :: draw      !! number of the draw: 1, 2, ...
       integer, intent(in) :: first     !! first draw
       type(contacts_t), intent(inout) :: c
       type(draws_t), intent(inout) :: d
@@ -647,7 +647,7 @@ contains
       integer :: from(lanes + 1), n_kept, k, m, to
 
       n_kept = 0
-      do m = first, first + n - 1  ! branchless: the outcome is unpredictable
+      do m = first, first + n - 1  ! branchless, because the outcome is unpredictable
          k = d%contact(m)
          c%out1(k) = d%out1(m)
          c%out2(k) = d%out2(m)
@@ -687,7 +687,7 @@ contains
       end do
    end subroutine draw_set_rebounds
 
-   !> Redraw a rebound further that was not admissible.
+   !> Continue to redraw a rebound that was not admissible.
    subroutine redraw_single(scene, sets, k, c)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -705,8 +705,8 @@ contains
       c%forced(k) = out%forced
    end subroutine redraw_single
 
-   !> Compute the next flights. Special cases (flat cell, incomplete neighbourhood, vertical impact) are left to the
-   !> scalar procedures. The rule is a compile-time constant at each call, so the compiler specialises the procedure.
+   !> Compute the next flights. Scalar procedures handle flat cells, incomplete neighbourhoods and vertical impacts.
+   !> `ends_there` is a compile-time constant at each call, so the compiler specialises the procedure.
    subroutine turn_and_launch(n, per_cell, ends_there, c)
       integer, intent(in) :: n
       real(wp), intent(in) :: per_cell    !! [1/m]
@@ -739,7 +739,7 @@ contains
       end do
    end subroutine turn_and_launch
 
-   !> Advance each boulder after its contact to its next flight, or end it.
+   !> Advance each boulder from its contact to its next flight, or end it.
    subroutine advance_boulders(scene, sets, active, pool, l, c, by_table, flights, scratch)
       type(scene_t), intent(in) :: scene
       type(set_list_t), intent(in) :: sets
@@ -805,7 +805,7 @@ contains
       end do
    end subroutine advance_boulders
 
-   !> Start the next flight of a boulder after a contact by a table, or end the boulder.
+   !> Start the next flight of a boulder after a contact from a table, or end the boulder.
    subroutine finish_table_contact(scene, number, b, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -838,7 +838,7 @@ contains
          touch%height = b%height(k)
          touch%rolling = b%rolls(k) > 0
          touch%next = int(b%next(k))
-         ! an arbitrary record if no record followed: a branch would be mispredicted
+         ! prefetch an arbitrary record if none followed: a branch would be mispredicted
          call prefetch_record(scene%grounds(b%ground(k))%table, max(1, touch%next))
       end associate
       call set_heading(pool, lane, b%heading1(k), b%heading2(k), b%next_w(k))
@@ -870,7 +870,7 @@ contains
       call roll_single(scene, number, l, k, pool, result, flight, b%roll(k), flights, scratch)
    end subroutine finish_table_contact
 
-   !> Record the cells along a contact by a table, as `follow_roll` does along the path of `find_slide`.
+   !> Record the cells along a contact from a table, as `follow_roll` does along the path of `find_slide`.
    subroutine visit_slide(scene, b, l, k, start_time, scratch)
       type(scene_t), intent(in) :: scene
       type(table_batch_t), intent(in) :: b
@@ -892,7 +892,7 @@ contains
       call visit_cells(scene, 0.0_wp, path, sqrt(squared_length(path%v)), start_time, b%slides(k), span, scratch)
    end subroutine visit_slide
 
-   !> Compute a rebound that the loops do not cover, and the next flight.
+   !> Compute a rebound not covered by the loops, and the next flight.
    subroutine rebound_single(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -930,7 +930,7 @@ contains
       integer, intent(in) :: k
       type(pool_t), intent(inout) :: pool
       type(boulder_result_t), intent(inout) :: result
-      type(flight_t), intent(inout) :: flight  !! with the velocity after the rebound
+      type(flight_t), intent(inout) :: flight  !! on entry, with the velocity after the rebound
       type(roll_t), intent(inout) :: roll
       type(flights_t), intent(inout) :: flights
       type(scratch_t), intent(inout) :: scratch

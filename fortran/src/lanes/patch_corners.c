@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Elevations of several patches or cells at a time, in single precision: neighbours in a row by one load. Compiled
-   three times, like rockfall_lanes; the names of the procedures are given by meson.build. */
+/* Elevations of several patches or cells at a time, in single precision: one load reads neighbours in a row. Compiled
+   three times, like rockfall_lanes; meson.build defines the names of the procedures. */
 #include <stdint.h>
 #if defined(__AVX2__)
 #include <immintrin.h>
 #endif
 
-/* Read the corners of n patches of a raster with `row` columns; `at` is the index of the south-western one, from 1.
+/* Read the corners of n patches of a raster with `row` columns; `at` is the index of the south-western corner, from 1.
    Arrays are padded to a multiple of four, and all indices are valid. */
 void read_corners(int n, const double *at, int64_t row, const float *z, double *z00, double *z10, double *z01,
                   double *z11)
@@ -43,8 +43,8 @@ void read_corners(int n, const double *at, int64_t row, const float *z, double *
 #endif
 }
 
-/* Read n squares of nine cells of a raster with `columns` columns: to z, row by row from the north-west, `lanes`
-   numbers apart. `at` is the index of the north-western one, from 1. Padded like the arrays of read_corners. */
+/* Read n squares of 3 x 3 cells of a raster with `columns` columns to z, row by row from the north-west, `lanes`
+   numbers apart. `at` is the index of the north-western cell, from 1. Arrays are padded as in read_corners. */
 void read_squares(int n, const double *at, int64_t columns, const float *elevation, int64_t lanes, double *z)
 {
 #if defined(__AVX2__)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Lanes whose instructions the processor has, as meson.build compiles them and rockfall_scene_type numbers them. */
+/* Number of the best lanes that the processor supports, as in rockfall_scene_type; meson.build has the instructions. */
 int rockfall_supported_lanes(void)
 {
 #if defined(__x86_64__)

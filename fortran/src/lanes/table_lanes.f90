@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contacts by tables of impacts, for several boulders at a time. Each goes through the steps of `table_contact` in the
-!> same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records are
-!> chosen in several short loops before the first is read, so that memory accesses overlap. `find_slide` is only called
-!> for paths whose energies are needed, that may cross a line, or that leave the known terrain.
+!> Contacts from impact tables, for several boulders at a time. Each contact performs the steps of `table_contact` in
+!> the same order, so results are bitwise identical. Steps with roots and divisions are loops over all contacts. Records
+!> are chosen in several short loops before the first is read, so that memory accesses overlap. `find_slide` is only
+!> called for paths whose energies are needed, that may cross a line, or that leave the known terrain.
 !>
 !> Compiled three times, like rockfall_lanes.
 module rockfall_table_lanes
@@ -34,20 +34,18 @@ module rockfall_table_lanes
    private
    public :: table_batch_t, clear_batch, add_contact, handle_table_contacts, find_paths_near_lines, read_rows, find_bins
 
-   !> Stride from one field of the records to the next: a power of two would map all numbers of a lane to the same few
-   !> sets of the cache.
+   !> Stride between fields of the records: a power of two would map all values of a lane to the same few cache sets.
    integer, parameter :: column = lanes + 8
 
-   !> Contacts by a table among the landings, each at the index of its landing. Elements keep their values when they
-   !> become free.
+   !> Contacts from a table among the landings, each at the index of its landing. Free elements keep their old values.
    type :: table_batch_t
       integer :: n = 0, landing(lanes) = 0                        !! indices of the n contacts
-      logical, dimension(lanes) :: by_table = .false.             !! the contact is by a table
+      logical, dimension(lanes) :: by_table = .false.             !! the contact is from a table
       integer, dimension(lanes) :: ground = 0, part = 0, bin = 0, record = 0
       real(wp), dimension(lanes) :: volume = 1, mass = 1          !! as in boulder_t [m3], [kg]
       real(wp), dimension(lanes) :: radius = 1, inertia = 0       !! R_b [m]; as in approach_t [-]
       real(wp), dimension(lanes) :: before1 = 0, before2 = 0      !! heading before the contact, of any length
-      real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! still in previous contact: 1 or 0; its V_n [m/s]
+      real(wp), dimension(lanes) :: touches = 0, pressed = 0      !! 1 if still in the previous contact; its V_n [m/s]
       real(wp), dimension(lanes) :: tangential = 0, normal = 0, w = 0  !! V_t, V_n, W before the contact [m/s]
       real(wp), dimension(lanes) :: unit = 1                      !! sqrt(g R_b) [m/s]
       real(wp), dimension(lanes) :: t1 = 0, t2 = 0, t3 = 0        !! unit tangent [-]
@@ -61,45 +59,45 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: along = 0, across = 0, drawn = 0, w_drawn = 0  !! as in outcome_t; V_n, W [-]
       real(wp), dimension(lanes) :: allowed = 0, reach = 0, duration = 0           !! as in outcome_t [-]
       real(wp), dimension(lanes) :: lift = 0, height = 0          !! as in touch_t [-]
-      real(wp), dimension(lanes) :: copies = 1                    !! the record is copied: 1 or 0
+      real(wp), dimension(lanes) :: copies = 1                    !! 1 if the record is copied, else 0
       real(wp), dimension(lanes) :: hold = 0                      !! as in impact_table_t [-]
       real(wp), dimension(lanes) :: stretch = 1, pull_across = 0  !! as in approach_t [-]
       real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! record and map of each contact
       type(c_ptr), dimension(lanes) :: record_at, map_at          !! addresses of record and map
       real(sp) :: no_record(record_fields) = 1                    !! record of contacts without a record
       real(wp) :: no_map(map_fields) = 0
-      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! kind of the contact's end: 1 or 0
-      real(wp), dimension(lanes) :: rolled = 0                    !! rolls, as the record did: 1 or 0
+      real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! type of the contact's end, each 1 or 0
+      real(wp), dimension(lanes) :: rolled = 0                    !! 1 if the block of the record rolled, else 0
       real(wp), dimension(lanes) :: total = 0, left = 0, per_total = 0  !! energies, as in limit_energy [-]
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
-      real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; ground falls away: 1 or 0
+      real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; leaves the ground: 1 or 0
       real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch at the end, as in patch_t
       real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain, up to the end [m]
-      real(wp), dimension(lanes) :: found = 0                     !! the loops find the end: 1 or 0
+      real(wp), dimension(lanes) :: found = 0                     !! 1 if the loops find the end, else 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
       real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
       real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! from time_slide [m], [s]
-      real(wp), dimension(lanes) :: near = 0                      !! 1: the path may cross a line
-      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! after the contact, of any length
+      real(wp), dimension(lanes) :: near = 0                      !! 1 if the path may cross a line
+      real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! heading after the contact, of any length
       real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! velocity of the next flight [m/s]
       real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! of the next flight [m2/s2], [m/s], [m]
-      logical, dimension(lanes) :: walks = .false.                !! path in `roll`
+      logical, dimension(lanes) :: walks = .false.                !! the path is in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t
 
    interface
-      !> Read records and maps of bins, each by its address, into columns.
+      !> Read records and maps of bins from their addresses into columns.
       subroutine read_rows(n, column, record_fields, record_at, record, map_fields, map_at, map) &
          bind(c, name="rockfall_read_rows")
          import :: c_int, c_ptr, wp
          integer(c_int), value :: n, column, record_fields, map_fields  !! multiples of 4
-         type(c_ptr), intent(in) :: record_at(*), map_at(*)       !! single and double precision
+         type(c_ptr), intent(in) :: record_at(*), map_at(*)       !! records in single, maps in double precision
          real(wp), intent(inout) :: record(column, *), map(column, *)
       end subroutine read_rows
 
-      !> Find the bins of n contacts of one kind by one table, counted from the first bin of their part.
+      !> Find the bins of n contacts of one kind, from the same table, counted from the first bin of their part.
       subroutine find_bins(n, contact, key1, over1, key2, over2, key3, part, count, vectors, first_edge, second_edge, &
                            third_edge, bin) bind(c, name="rockfall_find_bins")
          import :: c_int, wp
@@ -127,7 +125,7 @@ contains
                           heading2, touch)
       type(table_batch_t), intent(inout) :: b
       integer, intent(in) :: k                    !! index of the landing
-      type(impact_table_t), intent(in) :: table   !! table of the ground
+      type(impact_table_t), intent(in) :: table   !! impact table of the ground
       integer, intent(in) :: ground
       type(boulder_t), intent(in) :: boulder
       type(soil_draw_t), intent(in) :: soil
@@ -159,7 +157,7 @@ contains
       type(landings_t), intent(in) :: l
       real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! gradient and steepness at the landings [-]
       integer(i8), intent(in) :: word(lanes, words_per_block)      !! random words
-      logical, intent(in) :: paths                                 !! all paths are needed
+      logical, intent(in) :: paths                                 !! compute all paths
       type(touch_t), intent(in) :: touch(lanes)                    !! state of each lane's boulder
       type(table_batch_t), intent(inout), target :: b
       integer :: first(2*size(scene%grounds) + 1)
@@ -242,7 +240,7 @@ contains
    subroutine draw_records(scene, l, first, word, touch, b)
       type(scene_t), intent(in), target :: scene
       type(landings_t), intent(in) :: l
-      integer, intent(in) :: first(:)                               !! from sort_contacts
+      integer, intent(in) :: first(:)                               !! as returned by sort_contacts
       integer(i8), intent(in) :: word(lanes, words_per_block)
       type(touch_t), intent(in) :: touch(lanes)                     !! state of each lane's boulder
       type(table_batch_t), intent(inout), target :: b
@@ -267,10 +265,10 @@ contains
       end do
    end subroutine draw_records
 
-   !> Find the parts of the table, and the records that followed in the laboratory.
+   !> Find the part of the table for each boulder, and the records that followed in the laboratory.
    subroutine find_parts(table, contact, lane, touch, b)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: contact(:)          !! contacts by this table
+      integer, intent(in) :: contact(:)          !! contacts from this table
       integer, intent(in) :: lane(lanes)         !! lane of each contact
       type(touch_t), intent(in) :: touch(lanes)  !! state of each lane's boulder
       type(table_batch_t), intent(inout) :: b
@@ -293,7 +291,7 @@ contains
             b%key(k) = kept%key
          end associate
          b%copies(k) = merge(1.0_wp, 0.0_wp, is_copied(table, max(1, b%record(k))))
-         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! 0 if the contact did not follow the sequence
+         b%copies(k) = min(b%copies(k), real(b%record(k), wp))  ! 0 if the contact does not follow the recorded sequence
          b%hold(k) = table%hold
       end do
    end subroutine find_parts
@@ -322,7 +320,7 @@ contains
    !> Find the bins of contacts of one kind.
    subroutine find_kind_bins(table, bins, rolling, contact, b)
       type(impact_table_t), intent(in) :: table
-      type(bins_t), intent(in) :: bins           !! bins of this kind
+      type(bins_t), intent(in) :: bins           !! bins for this kind of contact
       logical, intent(in) :: rolling             !! kind of the contacts: rolling, or after a flight
       integer, intent(in) :: contact(:)
       type(table_batch_t), intent(inout) :: b
@@ -336,10 +334,10 @@ contains
       end do
    end subroutine find_kind_bins
 
-   !> Choose the records of contacts without a follower, in short loops, so that memory accesses overlap.
+   !> Choose the records of contacts that do not follow a sequence, in short loops, so that memory accesses overlap.
    subroutine choose_records(table, contact, word, b)
       type(impact_table_t), intent(in), target :: table
-      integer, intent(in) :: contact(:)  !! contacts by this table
+      integer, intent(in) :: contact(:)  !! contacts from this table
       integer(i8), intent(in) :: word(lanes)
       type(table_batch_t), intent(inout) :: b
       integer, dimension(lanes + 1) :: drawn, held, from, width
@@ -348,7 +346,7 @@ contains
       n = 0
       do m = 1, size(contact)
          k = contact(m)
-         drawn(n + 1) = k  ! branchless, as in `leave_patches`
+         drawn(n + 1) = k  ! branchless for the same reason as in `leave_patches`
          n = n + merge(1, 0, b%record(k) == 0)
       end do
       n_held = 0
@@ -438,7 +436,7 @@ contains
       end do
    end subroutine follow_records
 
-   !> Find the lengths of contacts, and the contacts that end on their first patch.
+   !> Find the lengths of contacts, and which contacts end on their first patch.
    subroutine start_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -478,7 +476,7 @@ contains
       integer :: leaving(lanes + 1), n, m, k
 
       n = 0
-      do m = 1, b%n  ! branchless: the outcome is unpredictable
+      do m = 1, b%n  ! branchless, because the outcome is unpredictable
          k = b%landing(m)
          leaving(n + 1) = k
          n = n + 1 - int(b%inside(k))

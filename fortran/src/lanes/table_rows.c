@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Tables of impacts for several contacts: their bins, as rockfall_impact_table finds them, and the rows of a table,
-   anywhere in memory, as columns of lanes, by loads and shuffles of whole vectors. Compiled three times, like
-   rockfall_lanes; the names of the procedures are given by meson.build. */
+/* Impact tables for several contacts: finds the bins in the same way as rockfall_impact_table, and reads rows of a
+   table, anywhere in memory, as columns of lanes, by loads and shuffles of whole vectors. Compiled three times, like
+   rockfall_lanes; meson.build defines the names of the procedures. */
 #if defined(__AVX2__)
 #include <immintrin.h>
 
@@ -18,7 +18,7 @@ static void transpose(__m256d row0, __m256d row1, __m256d row2, __m256d row3, do
 }
 #endif
 
-/* Read n records of single and n maps of double precision, each by its address. The counts of lanes and of numbers in a
+/* Read n records in single and n maps in double precision from their addresses. The numbers of lanes and of values per
    row are multiples of four. */
 void read_rows(int n, int lanes, int record_fields, const float *const *record_at, double *record, int map_fields,
                const double *const *map_at, double *map)
@@ -46,7 +46,7 @@ void read_rows(int n, int lanes, int record_fields, const float *const *record_a
 #endif
 }
 
-/* Number of edges, multiplied by a unit, below a value; edges fill vectors of four. */
+/* Number of edges, each multiplied by a unit, below a value; edges fill vectors of four. */
 static int edges_below(const double *edge, int vectors, double unit, double value)
 {
     int below = 0;
@@ -68,8 +68,8 @@ static int smaller(int a, int b)
     return a < b ? a : b;
 }
 
-/* Bins of n contacts within their parts, from their keys, as `key_bin` of rockfall_impact_table. `contact` counts from
-   1, `count` and `vectors` are those of bins_t. */
+/* Bins of n contacts within their parts, from their keys, as in `key_bin` of rockfall_impact_table. `contact` counts
+   from 1, `count` and `vectors` are those of bins_t. */
 void find_bins(int n, const int *contact, const double *key1, const double *over1, const double *key2,
                const double *over2, const double *key3, const int *part, const int *count, const int *vectors,
                const double *first_edge, const double *second_edge, const double *third_edge, int *bin)

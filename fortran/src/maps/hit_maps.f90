@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of the boulders that would hit an object of a given width in the middle of each cell: those whose centre comes
-!> within half the width and a radius of it in plan. Unlike passages of a cell they do not depend on the cell size.
+!> Maps of the boulders that would hit an object of a given width in the middle of each cell: their centre comes closer
+!> to it in plan than half the width plus one boulder radius. Unlike passages, hits do not depend on the cell size.
 module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -12,7 +12,7 @@ module rockfall_hit_maps
 
    integer, parameter :: at_once = 64           !! cells processed together
    integer, parameter :: first_paths = 128     !! initial size of a list of paths
-   real(wp), parameter :: none = -1.0_wp       !! less than any energy
+   real(wp), parameter :: none = -1.0_wp       !! below any energy
 
    !> Straight path in plan: a flight, or motion along the ground (gravity 0).
    type :: path_t
@@ -22,8 +22,8 @@ module rockfall_hit_maps
       real(wp) :: spin        !! twice the rotational energy per mass [m2/s2]
    end type path_t
 
-   !> Paths of a boulder. Its hits are found when it ends, because the cells near all moving boulders would not stay in
-   !> the cache.
+   !> Paths of a boulder. Hits are computed when the boulder ends, because the cells near all moving boulders would not
+   !> fit in the cache.
    type :: paths_t
       integer :: n = 0
       type(path_t), allocatable :: path(:)
@@ -55,16 +55,16 @@ contains
       paths%path(paths%n) = path_t(flight%x, flight%y, flight%v, gravity, time, spin)
    end subroutine record_path
 
-   !> Find the cells whose middle is within a distance of a boulder's paths, each once, with the maximum energy there:
-   !> the energy at one of the ends of the path there, because the vertical speed changes monotonically. Maxima are kept
-   !> cell by cell, in the columns of each row near the paths, which is cheaper than a search for the cell.
+   !> Find the cells whose centre is within a distance of a boulder's paths, each once, with the maximum energy there.
+   !> The maximum is at one end of the path within that distance, because the vertical speed changes monotonically. For
+   !> each row, an array covers the columns near the paths, which is cheaper than searching for the cell.
    pure subroutine find_hits(hits, dem, paths, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
       type(paths_t), intent(in) :: paths
       real(wp), intent(in) :: distance                 !! [m]
       real(wp), allocatable :: twice(:)                !! maxima of twice the energy per mass [m2/s2]
-      integer, allocatable :: columns(:, :), first(:)  !! columns of each row; number of cells before the row in `twice`
+      integer, allocatable :: columns(:, :), first(:)  !! columns of each row; number of cells before it in `twice`
       integer :: near(2, 2), rows(2), row, column, k, n
 
       call start_visits(hits)
@@ -101,7 +101,7 @@ contains
       end do
    end subroutine find_hits
 
-   !> Raise the maxima of the cells whose middle is within a distance of a path.
+   !> Raise the maxima of the cells whose centre is within a distance of a path.
    pure subroutine raise_near(twice, first, low, dem, path, distance)
       real(wp), intent(inout), contiguous :: twice(:)  !! as in find_hits
       integer, intent(in) :: low                       !! row of the first element of `first`
@@ -109,7 +109,7 @@ contains
       type(terrain_t), intent(in) :: dem
       type(path_t), intent(in) :: path
       real(wp), intent(in) :: distance                 !! [m]
-      real(wp), dimension(at_once) :: east, north      !! start of the path from cells [m]
+      real(wp), dimension(at_once) :: east, north      !! start of the path relative to the cells [m]
       integer :: at(at_once)                           !! index of each cell in `twice`
       real(wp) :: offset, from, to, times(2)
       integer :: near(2, 2), columns(2), row, column, n
@@ -135,8 +135,8 @@ contains
       call raise_cells(twice, at(:n), path, distance, east, north)
    end subroutine raise_near
 
-   !> Raise the maxima of the cells whose middle is within a distance of the path. Branchless, because branches would
-   !> be mispredicted.
+   !> Raise the maxima of the cells whose centre is within a distance of the path. Branchless, because branches would be
+   !> mispredicted.
    pure subroutine raise_cells(twice, at, path, distance, east, north)
       real(wp), intent(inout), contiguous :: twice(:)  !! as in find_hits
       integer, intent(in), contiguous :: at(:)
@@ -152,7 +152,7 @@ contains
       do k = 1, size(at)
          call meet_object(east(k), north(k), path%v(1), path%v(2), path%v(3), plan2, inverse, path%gravity, distance, &
                           path%time, speed2, meets)
-         energy(k) = meets*(speed2 + path%spin) + (meets - 1)  ! `none` if the path does not meet the cell
+         energy(k) = meets*(speed2 + path%spin) + (meets - 1)  ! `none` if the path misses the cell
       end do
       do k = 1, size(at)
          twice(at(k)) = max(twice(at(k)), energy(k))
@@ -182,7 +182,7 @@ contains
       nodes = [max(1, ceiling(low*per_cell) + 1), min(n, floor(high*per_cell) + 1)]
    end function nodes_between
 
-   !> Part of a path that is within a distance of a node along one axis; the whole path if rounding leaves
+   !> Times during which a path is within a distance of a node along one axis; the whole path if rounding leaves
    !> nothing.
    pure subroutine restrict_times(offset, v, distance, time, times)
       real(wp), intent(in) :: offset, v       !! start relative to the node [m]; velocity along the axis [m/s]
@@ -196,7 +196,7 @@ contains
       times = [max(0.0_wp, min(time, minval(ends))), min(time, max(0.0_wp, maxval(ends)))]
    end subroutine restrict_times
 
-   !> Maximum squared speed while a path is within a distance of a point, and whether the path is ever that near.
+   !> Maximum squared speed while a path is within a distance of a point, and whether it ever is.
    elemental subroutine meet_object(offset1, offset2, v1, v2, v3, plan2, inverse, gravity, distance, time, speed2, &
                                     meets)
       real(wp), intent(in) :: offset1, offset2, v1, v2, v3  !! start relative to the point [m]; velocity [m/s]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Tallies of the maps of a run, in stacks of layers: allocated for a window of cells, viewed as maps, summed over
-!> threads and parts, and settled where a part ends in the middle of a source.
+!> threads and parts, and adjusted where a part ends in the middle of a source.
 module rockfall_map_tallies
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -33,16 +33,16 @@ module rockfall_map_tallies
       real(sp), pointer, contiguous :: maxima(:, :, :) => null()
       integer(i4), pointer, contiguous :: column(:, :) => null(), bin_counts(:, :) => null()
       integer(i4), pointer :: columns(:) => null()        !! scalar: number of columns assigned
-      integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t, with its first_partial
+      integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t; see its first_partial
       integer(i8) :: first_partial = 0
-      type(stacks_t), allocatable :: own(:)               !! per thread after the first, if views_of_threads decides so
-      integer(i8) :: max_columns = max_columns            !! maximum for `bin_counts`
+      type(stacks_t), allocatable :: own(:)               !! of threads after the first, if private
+      integer(i8) :: max_columns = max_columns            !! maximum number of columns of `bin_counts`
       type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
-      type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! memory of counts to bin_counts, last_source, columns
+      type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! memory of all arrays above
    end type map_tallies_t
 
    !> Maximum size of private tallies of threads, in total and per boulder of a call. A boulder takes about 30 us,
-   !> adding these bytes less than one.
+   !> adding these bytes at the end less than 1 us.
    integer(i8), parameter :: max_own = 2_i8**23, own_per_boulder = 4096  !! [bytes]
 
 contains
@@ -56,7 +56,7 @@ contains
 
    ! ---- memory -------------------------------------------------------------------------------
 
-   !> Allocate the stacks of a window, if they fit in memory.
+   !> Allocate the stacks of a window, if memory suffices.
    subroutine allocate_tallies(tallies, fit)
       type(map_tallies_t), intent(inout) :: tallies
       logical, intent(out) :: fit
@@ -86,8 +86,8 @@ contains
       end associate
    end subroutine allocate_tallies
 
-   !> Allocate bin counts for all cells, or repeatedly for half as many if memory is short (the run needs memory for
-   !> other data too). A column uses memory only once a boulder passes the cell, and boulders may pass few cells.
+   !> Allocate bin counts for all cells; if memory is short, try half the number, repeatedly. A column uses memory only
+   !> after a boulder passes its cell, and boulders may pass few cells. Memory is left for other data.
    subroutine allocate_bin_counts(tallies, cells)
       type(map_tallies_t), intent(inout) :: tallies
       integer(i8), intent(in) :: cells
@@ -101,7 +101,7 @@ contains
             if (c_associated(block)) exit
             columns = columns/2
          end do
-         if (k > 0 .and. c_associated(block)) then  ! use only half of what fits
+         if (k > 0 .and. c_associated(block)) then  ! leave the other half of the available memory
             call free_block(block)
             columns = columns/2
             block = zeroed_block(columns*rows, 4)
@@ -165,8 +165,8 @@ contains
       maps%first_partial = tallies%first_partial
    end function views_of
 
-   !> Maps to which each thread adds in a call of n boulders: private maps while they are small, because threads with
-   !> shared maps wait for each other; else common maps. All share the columns of bin counts and the marks of sources.
+   !> Maps to which each thread adds in a call for n boulders: private maps if they are small, because threads with
+   !> common maps wait for each other; otherwise common maps. Bin counts and `last_source` are always common.
    function views_of_threads(tallies, threads, n) result(maps)
       type(map_tallies_t), intent(inout), target :: tallies
       integer, intent(in) :: threads
@@ -217,7 +217,7 @@ contains
       end do
    end subroutine take_own_tallies
 
-   !> Add tallies of the same cells, if their bin counts fit; memory of cells without tallies remains untouched.
+   !> Add tallies of the same cells, if memory suffices for their bin counts; cells without tallies take no memory.
    pure subroutine add_tallies(tallies, part, fit)
       type(map_tallies_t), intent(inout) :: tallies
       type(map_tallies_t), intent(in) :: part
@@ -264,8 +264,8 @@ contains
 
    ! ---- partial sources ----------------------------------------------------------------------
 
-   !> In the cells of partial sources, count only the boulders first..last (sign 1), as a part requires; `shared` keeps
-   !> these cells. Sign -1 reverts this, for a run that continues.
+   !> In the cells of partial sources, count only the boulders first..last (sign 1), as a part requires; `shared` stores
+   !> these cells. Sign -1 reverts this, so that a run can continue.
    subroutine settle_partial_sources(tallies, release, first, last, sign)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release
@@ -279,8 +279,8 @@ contains
       call adjust_released(maps, release, tallies%shared, sign)
    end subroutine settle_partial_sources
 
-   !> Restore the cells of partial sources from `shared`, as read from a file. Not `good` unless they belong to the
-   !> sources split by the boulders first..last, with the correct numbers of boulders, and cells in order.
+   !> Restore the cells of partial sources from `shared`, as read from a file. `good` if they belong to the sources
+   !> split by the boulders first..last, with correct numbers of boulders and ordered cells.
    subroutine restore_sources(tallies, release, first, last, good)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Map values: the tallies that a map needs, and the computation of its rows.
+!> Map values: which tallies a map needs, and how its rows are computed from them.
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8, i16
@@ -15,7 +15,7 @@ module rockfall_map_values
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
    integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! columns of bin counts; one more can still be counted
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! maximum columns of bin counts, with one spare number
    integer, parameter :: halvings = 5  !! number of times that the number of columns may be halved
 
    !> Index of each tally in its stack of layers; 0 = not requested.
@@ -23,10 +23,10 @@ module rockfall_map_values
       integer :: count(n_map_counts - 2) = 0  !! passages, deposits, contributing sources, their boulders, hits
       !> Energy, speed, jump height, passing height; for tree hits: heights, absorbed energies, number.
       integer :: sum(n_map_sums) = 0
-      integer :: square(4) = 0 !! first of two layers for the squares of a quantity, among the sums
+      integer :: square(4) = 0 !! index among the sums of the first of two layers for squares
       integer :: max(n_map_maxima) = 0    !! as `sum`, without the last two
-      integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time; among the maxima
-      integer :: exceeded(2) = 0   !! first of the layers for thresholds of passages and of hits, the last counts
+      integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time: indices among the maxima
+      integer :: exceeded(2) = 0   !! first layer of thresholds of passages and of hits, among the counts
       integer :: thresholds = 0    !! number of thresholds
       integer :: bins(4) = 0   !! first row of the bin counts
       integer :: rows = 0      !! number of rows of the bin counts
@@ -46,7 +46,7 @@ module rockfall_map_values
       integer :: form = a_count
       integer :: quantity = energy
       real(wp) :: probability = 0.0_wp  !! probability of a quantile [-]
-      integer :: side = 0               !! 0: the quantile, -1 and 1: lower and upper limit of its interval
+      integer :: side = 0               !! 0: the quantile; -1, 1: lower, upper limit of its interval
    end type kind_t
 
 contains
@@ -157,8 +157,8 @@ contains
       layer_numbers = [(merge(count(requested(:k)), 0, requested(k)), k=1, size(requested))]
    end function layer_numbers
 
-   !> Maps as views of the stacks described by a plan; unused stacks may have any size. The stacks start at column and
-   !> row `at` of the raster.
+   !> Maps as views of the stacks described by a plan; unused stacks may have any size. The first element of the stacks
+   !> is column and row `at` of the raster.
    function map_views(plan, thresholds, origin, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
       real(wp), intent(in) :: thresholds(:)                              !! energy thresholds [J]
@@ -201,10 +201,10 @@ contains
       maps%slots => slots
    end function map_views
 
-   !> Minimum number of passages for a cell of a map to show a value; 0 for maps without a minimum.
+   !> Minimum number of passages for which a map shows a value in a cell; 0 for maps without a minimum.
    pure integer function map_min_count(name, min_passages)
       character(len=*), intent(in) :: name
-      integer, intent(in) :: min_passages  !! requested by the case
+      integer, intent(in) :: min_passages  !! as given in the case
       type(kind_t) :: kind
 
       kind = parsed_kind(name)
@@ -232,7 +232,7 @@ contains
       end do
    end function map_thin_below
 
-   !> Compute row j of a real map; NaN if too few boulders passed.
+   !> Compute row j of a real map; NaN in cells that too few boulders passed.
    pure subroutine map_row(maps, name, j, boulders, per_cluster, min_passages, row)
       type(maps_t), intent(in) :: maps
       character(len=*), intent(in) :: name
@@ -312,8 +312,8 @@ contains
       end select
    end subroutine count_row
 
-   !> Standard deviation (n - 1) of n integers from their sum and the two digits of the sum of their squares; exact
-   !> except for the last operations, so that equal numbers give zero.
+   !> Standard deviation (n - 1) of n integers from their sum and the two digits of the sum of their squares; exact up
+   !> to the last operations, so that equal numbers give zero.
    elemental real(wp) function std_of_sums(total, high, low, n) result(std)
       integer(i8), intent(in) :: total, high, low
       integer(i4), intent(in) :: n
@@ -324,18 +324,18 @@ contains
    end function std_of_sums
 
    !> Rank of a limit of the 95 % interval for quantile p of n independent numbers, from the binomial distribution, as
-   !> in line statistics. There is no limit below the first or above the last number. Boulders of a
-   !> cluster may all behave alike, which increases the variance by at most the cluster size.
+   !> in line statistics. No limit exists below the first or above the last number. Boulders of a cluster may behave
+   !> alike, which increases the variance at most by a factor equal to the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n
-      real(wp), intent(in) :: per_cluster  !! boulders per cluster, or n over the effective number; 1: independent
+      real(wp), intent(in) :: per_cluster  !! boulders per cluster, or n over the effective number; 1 if independent
       integer, intent(in) :: side  !! -1 lower, 1 upper
 
       limit_rank = n*p + side*z_95*sqrt(n*per_cluster*p*(1 - p))
    end function limit_rank
 
-   !> Return whether a limit of the interval lies within the numbers.
+   !> Return whether a limit of the interval exists within n numbers.
    pure logical function has_limit(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n, per_cluster
@@ -344,7 +344,7 @@ contains
       has_limit = abs(limit_rank(p, n, real(per_cluster, wp), side) - 0.5_wp*n) <= 0.5_wp*(n - 1)
    end function has_limit
 
-   !> Compute row j of a quantile of the maxima over passing boulders, or of a limit of its interval.
+   !> Compute row j of a quantile of the maxima of passing boulders, or of a limit of its interval.
    pure subroutine quantile_row(maps, kind, j, per_cluster, min_count, row)
       type(maps_t), intent(in) :: maps
       type(kind_t), intent(in) :: kind

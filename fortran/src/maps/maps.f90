@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps, i.e. statistics of the boulders in each raster cell as counts, integer sums, and maxima, so that the order of
-!> boulders does not change a bit. A boulder counts once per cell: its visits are collected first.
+!> Maps: statistics of the boulders in each raster cell. They consist of counts, integer sums and maxima, so results do
+!> not depend on the order of boulders. A boulder counts once per cell: its visits are collected first.
 !>
-!> Threads that add to the same maps lock one band of rows at a time. A boulder's cells are adjacent, so one lock
-!> serves many of them, which costs less than an atomic update of each number.
+!> Threads that add to the same maps lock one band of rows at a time. A boulder's cells are adjacent, so one lock serves
+!> many of them, which costs less than an atomic update of each number.
 module rockfall_maps
    use omp_lib, only: omp_lock_kind, omp_init_lock, omp_set_lock, omp_unset_lock, omp_destroy_lock
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -18,12 +18,12 @@ module rockfall_maps
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
-   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are in whole J, mm/s, mm
+   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are integers: J, mm/s, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! rows per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
-   integer, parameter :: spare_visits = 64   !! free visits where a path starts; enough for most paths
-   real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit of unknown time [s]: 1/time is 0
+   integer, parameter :: spare_visits = 64   !! free visits at the start of a path; enough for most paths
+   real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit without a known time [s]; 1/time is 0
    !> Factor of the row in the hash of a cell, so that adjacent cells get different entries.
    integer, parameter :: row_factor = 33
 
@@ -34,34 +34,34 @@ module rockfall_maps
       !> Sums of squares (nx, ny, 2): high digits, low digits.
       integer(i8), pointer, contiguous :: square(:, :, :) => null()
       real(sp), pointer, contiguous :: max(:, :) => null()     !! [J], [m/s], [m]
-      integer :: bin_offset = -1  !! row of `bin_counts` before its counts; -1: not counted
+      integer :: bin_offset = -1  !! row of `bin_counts` before the first of this quantity; -1: not counted
    end type layer_t
 
    !> Requested maps; other maps are not associated. All are (nx, ny); row 1 is the northernmost.
    type :: maps_t
-      integer(i4), pointer, contiguous :: passages(:, :) => null()    !! boulders that passed
-      integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! boulders that came to rest there
-      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! sources with a passing boulder
-      integer(i4), pointer, contiguous :: released(:, :) => null()    !! boulders of these sources
-      !> Last source counted here boulder by boulder (nx, ny, layers); see rockfall_source_maps.
+      integer(i4), pointer, contiguous :: passages(:, :) => null()    !! number of boulders that passed
+      integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! number of boulders that came to rest
+      integer(i4), pointer, contiguous :: sources(:, :) => null()     !! number of sources with a boulder that passed
+      integer(i4), pointer, contiguous :: released(:, :) => null()    !! number of boulders released by these sources
+      !> Last source that was counted in the cell boulder by boulder (nx, ny, layers); see rockfall_source_maps.
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
-      integer(i8) :: first_partial = 0  !! source that owns the second layer
+      integer(i8) :: first_partial = 0  !! source with its own, second layer of `last_source`
       type(layer_t) :: layer(4)
       !> Boulders whose maximum energy exceeds each `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
-      !> Boulders that hit an object in the cell (rockfall_hit_maps): all, and those above each `threshold`.
+      !> Boulders that hit an object in the cell (rockfall_hit_maps): all, and those that exceed each `threshold`.
       integer(i4), pointer, contiguous :: hits(:, :) => null(), hits_exceeded(:, :, :) => null()
       real(wp), allocatable :: threshold(:)  !! increasing [J]
       !> Arrival of boulders, in the encoding of rockfall_travel_maps: steepest and flattest energy line, shortest time.
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
-      integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! hits of trees, including repeated hits
+      integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! number of tree hits, including repeated hits
       type(layer_t) :: tree_height                                      !! height of the contact point
       integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! absorbed by trees [J]
-      !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The slot's
-      !> number, not its contents, depends on the order of boulders.
+      !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The order
+      !> of boulders determines only the number of the slot.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()
-      integer(i4), pointer, contiguous :: slot(:, :) => null()        !! per cell; 0: none yet
-      integer(i4), pointer :: slots => null()  !! number of slots assigned; one more than available on overflow
+      integer(i4), pointer, contiguous :: slot(:, :) => null()        !! slot of each cell; 0: none yet
+      integer(i4), pointer :: slots => null()  !! number of slots assigned; on overflow, one more than exist
       !> Locks of bands of rows, 0-based; not associated for a single thread.
       integer(omp_lock_kind), pointer, contiguous :: band(:) => null()
    end type maps_t
@@ -72,21 +72,21 @@ module rockfall_maps
       real(wp) :: max(3) = 0.0_wp   !! speed**2, twice the energy per mass [m2/s2]; jump height [m]
    end type visit_t
 
-   !> Visits of one boulder in their order, the last one in the current cell. A boulder that returns to a cell visits
-   !> it again; `join_visits` leaves one visit per cell.
+   !> Visits of one boulder in their order; the last visit is in the current cell. A boulder that returns to a cell
+   !> visits it again; `join_visits` leaves one visit per cell.
    type :: visits_t
       integer :: n = 0
       type(visit_t), allocatable :: visit(:)
-      real(wp), allocatable :: time(:)        !! start times [s]; only for a map of times
+      real(wp), allocatable :: time(:)        !! start times [s]; only if a map needs times
       integer :: timed = 0                    !! number of known times
       integer :: path = 0                     !! number at the start of the current path; only for `take_back_path`
-      real(wp) :: max(3) = 0.0_wp             !! as in visit_t, for the last visit
+      real(wp) :: max(3) = 0.0_wp             !! maxima of the last visit, as in visit_t
    end type visits_t
 
    !> Cells under a straight path, along one axis.
    type :: axis_t
       integer :: cell = 0, step = 1       !! current cell; step to the next: 1 or -1
-      real(wp) :: cut = no_hit_time       !! time at which it leaves the cell, since the start of the path [s]
+      real(wp) :: cut = no_hit_time       !! time at which the path leaves it, since its start [s]
       real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, cell size [m], 1/v [s/m], 0 at rest
    end type axis_t
 
@@ -104,7 +104,7 @@ contains
       end do
    end subroutine init_locks
 
-   !> Destroy the locks.
+   !> Free the locks.
    subroutine free_locks(maps)
       type(maps_t), intent(inout) :: maps
       integer :: k
@@ -115,7 +115,7 @@ contains
       deallocate (maps%band)
    end subroutine free_locks
 
-   !> Lock the band of a row, and release the previous band. Initially none is locked: -1.
+   !> Lock the band of a row, and release the previous band. `held` is -1 if no band is locked.
    subroutine lock_band(maps, row, held)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: row
@@ -201,7 +201,7 @@ contains
       end do
    end subroutine visit_path
 
-   !> Maximum height [m] from time t of span k to a later time; on return k and t are where the next call continues.
+   !> Maximum height [m] from time t of span k to a later time. On return, k and t are the start for the next call.
    pure subroutine find_max_height(spans, until, k, t, top)
       type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: until    !! since the start of the flight [s]
@@ -247,7 +247,7 @@ contains
       cell = i + merge(0.0_wp, 1.0_wp, (i - 0.5_wp)*size > x)
       cut = leaving_time(x, inverse, size, cell)
       step = merge(1.0_wp, -1.0_wp, inverse > 0)
-      cell = cell + merge(step, 0.0_wp, cut <= 0)  ! the path starts between two cells
+      cell = cell + merge(step, 0.0_wp, cut <= 0)  ! a path that starts between two cells continues in the next
    end function first_cell
 
    !> Time at which a path leaves its current cell [s].
@@ -265,7 +265,7 @@ contains
       type(axis_t), intent(inout) :: axis
       logical, intent(in) :: crosses
 
-      axis%cell = axis%cell + axis%step*merge(1, 0, crosses)  ! branchless: the outcome is unpredictable
+      axis%cell = axis%cell + axis%step*merge(1, 0, crosses)  ! branchless, because the outcome is unpredictable
       axis%cut = leaving_time(axis%x, axis%inverse, axis%size, real(axis%cell, wp))
    end subroutine step_axis
 
@@ -292,8 +292,8 @@ contains
       end associate
    end subroutine raise_values
 
-   !> Enter the first cell of a path, usually the current cell, because a flight starts where the last one ended. Visits
-   !> are joined only here, so that the visits of a path can be removed.
+   !> Enter the first cell of a path, usually the current cell, because a flight starts where the previous flight ended.
+   !> Visits are joined only at this point, so that the visits of a path can be removed.
    pure subroutine enter_cell(visits, cell)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)  !! column, row
@@ -331,7 +331,7 @@ contains
       visits%visit(visits%n) = visit_t(cell)
    end subroutine enter_other_cell
 
-   !> Join the visits if the list is almost full; at least half of it becomes free.
+   !> Join the visits if the list is almost full, and lengthen it if less than half becomes free.
    pure subroutine make_room(visits)
       type(visits_t), intent(inout) :: visits
 
@@ -351,11 +351,11 @@ contains
    end subroutine lengthen
 
    !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits. Called
-   !> at the end of a boulder, with a hash table of indices (open addressing) that fits in the first-level cache, unlike
-   !> tables for all boulders in flight.
+   !> when a boulder ends: one hash table of indices (open addressing) fits in the first-level cache, tables for all
+   !> boulders in flight would not.
    pure subroutine join_visits(visits)
       type(visits_t), intent(inout) :: visits
-      integer, allocatable :: entry(:)  ! 0-based; the size is a power of two; 0: free
+      integer, allocatable :: entry(:)  ! hash table, 0-based, of a power-of-two size; 0: free
       integer :: entries, n, timed, first, k
 
       entries = 1
@@ -401,8 +401,8 @@ contains
       entry(k) = index
    end subroutine find_visit
 
-   !> Add the visits of a fragment, with energies multiplied by its mass, to its boulder's. A boulder of unit mass
-   !> then counts once per cell, with the maxima over its fragments.
+   !> Add the visits of a fragment, with energies multiplied by its mass, to the visits of its boulder. A boulder of
+   !> unit mass then counts once per cell, with the maxima over its fragments.
    pure subroutine merge_visits(visits, fragment, mass)
       type(visits_t), intent(inout) :: visits
       type(visits_t), intent(in) :: fragment
@@ -491,7 +491,7 @@ contains
       if (associated(maps%exceeded)) call count_exceeded(maps%exceeded, maps%threshold, [i, r], values(energy))
    end subroutine add_values
 
-   !> Count a boulder for each threshold that its energy exceeds.
+   !> Count a boulder for each threshold exceeded by its energy.
    subroutine count_exceeded(exceeded, threshold, cell, value)
       integer(i4), intent(in), pointer, contiguous :: exceeded(:, :, :)  !! as in maps_t
       real(wp), intent(in) :: threshold(:)  !! increasing [J]
@@ -520,8 +520,8 @@ contains
       if (associated(layer%max)) call raise_maximum(layer%max(i, r), real(value, sp))
    end subroutine add_value
 
-   !> Add the square of a number, which may exceed an integer: with n = a*base + b it is
-   !> (a*a*base + 2*a*b)*base + b*b.
+   !> Add the square of a number, which may overflow an integer: with n = a*base + b it is (a*a*base + 2*a*b)*base +
+   !> b*b.
    subroutine add_square(square, i, r, n)
       integer(i8), intent(in), pointer, contiguous :: square(:, :, :)  !! as in layer_t
       integer, intent(in) :: i, r
@@ -552,7 +552,7 @@ contains
       end do
    end subroutine count_bins
 
-   !> Count a boulder for another quantity, if requested, in a cell to which `count_bins` assigned a slot.
+   !> Count a boulder for another requested quantity, in a cell to which `count_bins` has assigned a slot.
    subroutine count_bin(maps, quantity, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: quantity, i, r
@@ -562,12 +562,12 @@ contains
 
       if (maps%layer(quantity)%bin_offset < 0) return
       slot = maps%slot(i, r)
-      if (slot == 0) return  ! no slot was available
+      if (slot == 0) return  ! no slot is available
       bin = maps%layer(quantity)%bin_offset + log_bin(quantity, value)
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
-   !> Assign a slot for counts to a cell; 0 if none is available. Memory that was never written may have any contents.
+   !> Assign a slot for counts to a cell; 0 if none is available. Unwritten memory may have any contents.
    subroutine assign_slot(maps, i, r, slot)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -583,7 +583,7 @@ contains
       maps%slot(i, r) = slot
    end subroutine assign_slot
 
-   !> Return whether boulders passed more cells than slots exist, which makes the counts unusable.
+   !> Return whether boulders passed more cells than there are slots, which invalidates the counts.
    pure logical function lacks_slots(maps)
       type(maps_t), intent(in) :: maps
 
@@ -591,9 +591,9 @@ contains
       if (associated(maps%slots)) lacks_slots = maps%slots > size(maps%bin_counts, 2)
    end function lacks_slots
 
-   !> Raise a maximum; most visits only read it.
+   !> Raise a maximum; most visits only read its current value.
    elemental subroutine raise_maximum(maximum, value)
-      real(sp), intent(inout) :: maximum  !! [J], [m/s], [m], or of rockfall_travel_maps
+      real(sp), intent(inout) :: maximum  !! in J, m/s or m, or as stored by rockfall_travel_maps
       real(sp), intent(in) :: value       !! in the unit of `maximum`
 
       if (value > maximum) maximum = value

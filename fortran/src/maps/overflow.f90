@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Upper bounds of the sums and maxima of maps, so that a run that could overflow them is rejected before it starts.
-!> No rebound adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
+!> Upper bounds of the sums and maxima of maps: a run that could overflow them is rejected before it starts. No rebound
+!> adds energy (theory, chapter 5): the release and the lowest elevation bound all speeds.
 module rockfall_map_overflow
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_error, only: error_t, fail
@@ -17,7 +17,7 @@ module rockfall_map_overflow
 
    !> Maximum sum [J], [mm/s], [mm]: below 2**63 with a margin for rounding to integers.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   real(wp), parameter :: rounding = 0.5_wp  !! per tree hit [J], [mm]; the number of hits alone fits in 63 bits
+   real(wp), parameter :: rounding = 0.5_wp  !! per tree hit [J], [mm]; the number of hits fits in 63 bits
    !> Maps computed from the sums of a plan.
    character(len=*), parameter :: names(10) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
                                                "passing_height_mean", "tree_impact_height_mean", "tree_energy", &
@@ -32,9 +32,9 @@ contains
       type(map_plan_t), intent(in) :: plan
       type(volume_distribution_t), intent(in) :: distribution
       real(wp), intent(in) :: gravity        !! [m/s2]
-      real(wp), intent(in) :: fall           !! from the highest energy head to the lowest elevation [m]
-      integer(i8), intent(in) :: boulders    !! number in the whole run: all may pass the same cell
-      integer, intent(in) :: max_hits        !! maximum number of tree hits per boulder: all may be in one cell
+      real(wp), intent(in) :: fall           !! height of the highest energy head above the lowest elevation [m]
+      integer(i8), intent(in) :: boulders    !! number in the complete run: all may pass the same cell
+      integer, intent(in) :: max_hits        !! maximum number of tree hits per boulder: all may be in the same cell
       type(error_t), allocatable, intent(out) :: error
       real(wp) :: max_single(4), max_total(size(names)), limit(size(names)), volume, hits
       character(len=:), allocatable :: advice
@@ -44,7 +44,7 @@ contains
       max_single(energy) = distribution%density*volume*gravity*fall
       max_single(speed) = sqrt(2*gravity*fall)
       max_single(jump_height) = fall
-      max_single(passing_height) = fall + volume**(1/3.0_wp)*max_steepness  ! R_b < side of a cube of that volume
+      max_single(passing_height) = fall + volume**(1/3.0_wp)*max_steepness  ! R_b is below the side of such a cube
       hits = real(boulders, wp)*max_hits
       max_total(:4) = boulders*max_single*per_unit
       max_total(energy) = min(max_total(energy), &
@@ -82,7 +82,7 @@ contains
       sum_of_many = max(6*n*mean, 128*max_single)
    end function sum_of_many
 
-   !> Explanation of the large numbers, for messages.
+   !> Explanation of the large values, for messages.
    pure function explanation(volume, fall) result(text)
       real(wp), intent(in) :: volume, fall  !! [m3], [m]
       character(len=:), allocatable :: text

@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of the passing height of boulder centres, vertically above the surface. A boulder whose lowest point is at
-!> height h over a slope has its centre at h + R / cos(slope), as at lines; the slope is the cell's (Horn
-!> 1981).
+!> Maps of the passing height of boulder centres, vertically above the surface. If the lowest point of a boulder is at
+!> height h over a slope, its centre is at h + R / cos(slope), as at lines, with the slope of the cell (Horn 1981).
 module rockfall_passing_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -13,7 +12,7 @@ module rockfall_passing_maps
    private
    public :: needs_passing, add_passing, merge_passing, max_steepness
 
-   real(wp), parameter :: max_steepness = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-]; larger is clamped
+   real(wp), parameter :: max_steepness = 1.0e3_wp  !! maximum 1/cos(slope) of a cell [-]; larger values are clamped
 
 contains
 
@@ -24,8 +23,8 @@ contains
       needs_passing = is_requested(maps%layer(passing_height))
    end function needs_passing
 
-   !> Add the maximum heights of a fragment's centre in its visited cells to those of its boulder, which
-   !> `add_passing` then treats as having radius zero.
+   !> Merge the maximum heights of a fragment's centre into the heights of its boulder, cell by cell; `add_passing` then
+   !> uses radius zero.
    pure subroutine merge_passing(passing, visits, dem, radius)
       type(visits_t), intent(inout) :: passing
       type(visits_t), intent(in) :: visits
@@ -38,7 +37,7 @@ contains
       end do
    end subroutine merge_passing
 
-   !> Height of the centre [m] in the k-th cell visited.
+   !> Height of a boulder's centre [m] in the k-th cell visited.
    pure real(wp) function centre_height(visits, k, dem, radius) result(height)
       type(visits_t), intent(in) :: visits
       integer, intent(in) :: k

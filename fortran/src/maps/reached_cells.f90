@@ -8,7 +8,7 @@ module rockfall_reached_cells
    public :: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, unpack_cells
 
    type :: reached_cells_t
-      integer(i8), allocatable :: cell(:)              !! 0-based by rows from the north-west, ascending
+      integer(i8), allocatable :: cell(:)              !! cell number from 0, by rows from the north-west, ascending
       integer(i4), allocatable :: counts(:, :)         !! (cells, layers)
       integer(i8), allocatable :: sums(:, :)
       real(sp), allocatable :: maxima(:, :)
@@ -65,7 +65,7 @@ contains
       end function reached
    end subroutine find_reached_cells
 
-   !> Allocate the tallies of the cells found, if they fit in memory.
+   !> Allocate the tallies of the cells found, if memory suffices.
    pure subroutine allocate_reached_cells(tallies, cells, fit)
       type(map_tallies_t), intent(in) :: tallies
       type(reached_cells_t), intent(inout) :: cells

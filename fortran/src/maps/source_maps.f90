@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps by source: the number of sources that contribute to a cell (one of their boulders passed it), and the number of
-!> boulders that these sources release. A source counts once per cell, however its boulders are distributed over
-!> threads, calls and parts.
+!> Maps by source: the number of sources that contribute to a cell (at least one of their boulders passed it), and the
+!> number of boulders released by these sources. A source counts once per cell, however its boulders are distributed
+!> over threads, calls and parts.
 !>
-!> Boulders of a source are consecutive. A source that one thread runs completely collects its cells first. A source
-!> shared by several threads or calls writes its number to `last_source` when it is counted; calls come in order, so a
-!> cell with the number of a later source is complete for earlier ones.
+!> Boulders of a source are consecutive. If one thread runs all boulders of a source, it collects the cells first. A
+!> source shared by several threads or calls writes its number to `last_source` when it is counted. Calls come in order:
+!> if a cell has the number of a later source, earlier sources are complete there.
 module rockfall_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
@@ -15,9 +15,9 @@ module rockfall_source_maps
    public :: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder
    public :: partial_sources, first_partial, contributing_cells, boulders_within, adjust_released
 
-   !> Cells to which partial sources contribute, by source. Only some boulders of a partial source are in the range.
+   !> Cells to which partial sources contribute, by source. The range has only some boulders of a partial source.
    type :: contributing_t
-      integer(i8), allocatable :: cell(:)      !! 0-based, by rows from the north-west
+      integer(i8), allocatable :: cell(:)      !! cell number from 0, by rows from the north-west
       integer(i4), allocatable :: source(:)
       integer(i4), allocatable :: boulders(:)  !! number of the source's boulders in the range
    end type contributing_t
@@ -31,7 +31,7 @@ contains
       counts_sources = associated(maps%sources) .or. associated(maps%released)
    end function counts_sources
 
-   !> Add a boulder's cells to the cells of its source; after `join_visits` each occurs once.
+   !> Add a boulder's cells to the cells of its source; after `join_visits` each cell occurs once.
    pure subroutine gather_cells(cells, visits)
       type(visits_t), intent(inout) :: cells  !! started with start_visits
       type(visits_t), intent(in) :: visits
@@ -54,8 +54,8 @@ contains
       end do
    end subroutine add_source
 
-   !> Count a source in the cells of one of its boulders in which it is not yet counted. Thread-safe for boulders of
-   !> the same source.
+   !> Count a source in the cells of one of its boulders, unless it is already counted there. Thread-safe for boulders
+   !> of the same source.
    subroutine add_source_of_boulder(maps, visits, source, boulders)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
@@ -79,8 +79,8 @@ contains
       end do
    end subroutine add_source_of_boulder
 
-   !> Layer of `last_source` for a source: the second layer is reserved for `first_partial`, whose cells are needed at
-   !> the end of the run, when later sources may have visited them.
+   !> Layer of `last_source` for a source. The second layer is reserved for `first_partial`: its cells are needed at the
+   !> end of the run, when later sources may have overwritten the first layer.
    pure integer function source_layer(maps, source) result(layer)
       type(maps_t), intent(in) :: maps
       integer(i8), intent(in) :: source
@@ -121,8 +121,7 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> Source split by the start of a range of boulders, 0 if none: later sources must not overwrite it in
-   !> `last_source`.
+   !> Source split by the start of a range of boulders, 0 if none; later sources must not overwrite it in `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first
@@ -171,8 +170,8 @@ contains
       end do
    end function contributing_cells
 
-   !> Reduce the boulders of partial sources, in the cells to which they contribute, to those in the range (sign 1): the
-   !> denominator of the reach probability in a part of a run. Sign -1 reverts this, for a run that continues.
+   !> In the cells to which partial sources contribute, count only their boulders in the range (sign 1): this is the
+   !> denominator of the reach probability in a part of a run. Sign -1 reverts this, so that a run can continue.
    pure subroutine adjust_released(maps, release, contributing, sign)
       type(maps_t), intent(inout) :: maps
       type(release_t), intent(in) :: release

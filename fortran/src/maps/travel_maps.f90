@@ -10,7 +10,7 @@ module rockfall_travel_maps
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
-   real(wp), parameter :: offset = 2.0_wp            !! makes a sine or its negative positive [-]
+   real(wp), parameter :: offset = 2.0_wp            !! added to a sine of either sign, gives a positive number [-]
    real(wp), parameter :: sine_steps = 2.0_wp**22    !! resolution of sines: both sums are exact in single precision
 
 contains
@@ -61,8 +61,8 @@ contains
       if (abs(v) > 0) arrival_time = (middle - sign(0.5_wp*cell, v))/v
    end function arrival_time
 
-   !> Add the arrival of a boulder in its visited cells; thread-safe. The first cell contains its release, to
-   !> which there is no energy line.
+   !> Add the arrival of a boulder in its visited cells; thread-safe. The first cell contains the release, where no
+   !> energy line is defined.
    subroutine add_travel(maps, visits, dem, start)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits

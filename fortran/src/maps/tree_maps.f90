@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Maps of trees: the number of hits in each raster cell, their heights, and the absorbed energy. Like all maps, they
-!> consist of counts, integer sums, and maxima; a boulder collects its hits first.
+!> consist of counts, integer sums, and maxima. The hits of a boulder are collected first.
 module rockfall_tree_maps
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_maps, only: maps_t, per_unit, add_value, lock_band, unlock_band
@@ -37,7 +37,7 @@ contains
    pure subroutine add_tree_hit(hits, cell, height, absorbed)
       type(tree_hits_t), intent(inout) :: hits
       integer, intent(in) :: cell(2)         !! column, row
-      real(wp), intent(in) :: height, absorbed  !! as in placed_t [m], [J]
+      real(wp), intent(in) :: height, absorbed  !! height [m] and absorbed energy [J], as in placed_t
       type(tree_contact_t), allocatable :: larger(:)
 
       if (.not. allocated(hits%hit)) allocate (hits%hit(first_capacity))

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rebounds by coefficients of restitution, as used in practice for ground without rocks: meadow, road, rock face.
-!> Each model computes V_t, V_n, W after an impact from those before; W = R_b omega, > 0 for forward rolling, so the
+!> Rebounds by coefficients of restitution, as used in practice for ground without rocks: meadow, road, rock face. Each
+!> model computes V_t, V_n, W after an impact from their values before; W = R_b omega, > 0 for forward rolling, so the
 !> contact point slides at V_t - W. Coefficients scatter from rebound to rebound.
 module rockfall_classical_rebound
    use rockfall_kinds, only: wp, i8
@@ -19,7 +19,7 @@ module rockfall_classical_rebound
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
                          absorbing = 6, by_table = 7, by_ratio_table = 8
 
-   !> Obstacle height [m] by which Rockyfor3D marks areas that no boulder leaves, such as a lake.
+   !> Obstacle height [m] with which Rockyfor3D marks areas that no boulder leaves, such as lakes.
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
 
    !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 ft/s.
@@ -33,13 +33,13 @@ module rockfall_classical_rebound
    !> Truncated normal variable, drawn at each rebound.
    type :: scatter_t
       real(wp) :: mean = 0.0_wp, std = 0.0_wp
-      real(wp) :: first = 0.0_wp, words = 0.0_wp  !! first random word within the limits, and the number of such words
+      real(wp) :: first = 0.0_wp, words = 0.0_wp  !! first random word within the limits; number of such words
    end type scatter_t
 
    !> Classical rebound. Components not used by its model keep their defaults.
    type :: classical_t
       integer :: model = by_sets
-      type(scatter_t) :: normal = scatter_t()      !! R_n [-]; for bourrier_hungr the speed at which it is 1/2 [m/s]
+      type(scatter_t) :: normal = scatter_t()      !! R_n [-]; for bourrier_hungr the speed at which R_n is 1/2 [m/s]
       type(scatter_t) :: tangential = scatter_t()  !! R_t [-]; for rockyfor3d computed from obstacles and penetration
       real(wp) :: friction = 0.0_wp   !! tangent of the friction angle [-]
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
@@ -66,7 +66,7 @@ contains
       this%words = real(beyond - first, wp)
    end function scatter
 
-   !> First word whose normal number is not below (or is above) a limit; one past the last word if there is none.
+   !> First word whose normal number is not below a limit (or is above it); one past the last word if there is none.
    pure integer(i8) function first_word(table, limit, inclusive) result(high)
       type(normal_table_t), intent(in) :: table
       real(wp), intent(in) :: limit  !! [-]
@@ -98,7 +98,7 @@ contains
                                                *normal(table, int(this%first + uniform(word)*this%words, i8))
    end function drawn_coefficient
 
-   !> Return whether a boulder stays where it lands, given the obstacle height.
+   !> Return whether a boulder stays where it lands, because of the model or the obstacle height.
    pure logical function absorbs(this, obstacle)
       type(classical_t), intent(in) :: this
       real(wp), intent(in) :: obstacle  !! [m]
@@ -107,8 +107,8 @@ contains
    end function absorbs
 
    !> Compute one rebound. The ground is tilted against the direction of motion by a random angle (Pfeiffer and Bowen
-   !> 1989; here uniform): on a plane, a rebound would otherwise never convert tangential into normal velocity, and hops
-   !> would shrink to nothing within a finite distance on any slope. A rebound that gains energy, or does not rise, is
+   !> 1989; here uniform). Otherwise a rebound from a plane would never convert tangential into normal velocity, and
+   !> hops on any slope would shrink to zero within a finite distance. A rebound that gains energy, or does not rise, is
    !> limited as in rockfall_impact.
    !>
    !> W is that of a sphere with equal rotational energy, as everywhere between rebounds; inside this procedure the
@@ -135,9 +135,9 @@ contains
       if (out%forced) call limit_rebound(out%v, v_in)
    end subroutine classical_rebound
 
-   !> Make a rolling boulder hop from obstacle to obstacle by its radius (Pfeiffer and Bowen 1989, who displace it by
-   !> that length). Part of its energy, if sufficient, throws it that far: hops over even ground have the
-   !> length 2 V_t V_n/pull, apart from the acceleration along the slope.
+   !> Make a rolling boulder hop from obstacle to obstacle, `min_hop` radii apart (Pfeiffer and Bowen 1989 displace it
+   !> by that length). If its energy suffices, part of it lifts the boulder: a hop over even ground has the length 2 V_t
+   !> V_n/pull, apart from the acceleration along the slope.
    pure subroutine lengthen_hop(this, boulder, pull, v)
       type(classical_t), intent(in) :: this
       type(boulder_t), intent(in) :: boulder
@@ -148,7 +148,7 @@ contains
       required = pull*this%min_hop*boulder%radius
       speed2 = v(1)*v(1) + v(2)*v(2)
       if (required <= 0 .or. speed2 <= required) return
-      normal2 = required*required/(2*(speed2 + sqrt((speed2 - required)*(speed2 + required))))  ! the smaller root
+      normal2 = required*required/(2*(speed2 + sqrt((speed2 - required)*(speed2 + required))))  ! smaller root
       if (v(2)*v(2) >= normal2) return
       v(1) = sign(sqrt(speed2 - normal2), v(1))
       v(2) = sqrt(normal2)
@@ -164,7 +164,7 @@ contains
       if (abs(s) > 0) tilted(:2) = [c*v(1) + s*v(2), c*v(2) - s*v(1)]
    end function tilted
 
-   !> Compute V_t, V_n, W after an impact by the model, whose variables have been drawn.
+   !> Compute V_t, V_n, W after an impact by the selected model, from parameters already drawn.
    pure function model_rebound(this, table, words, boulder, inertia, obstacle, v_in) result(v)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
@@ -256,7 +256,7 @@ contains
       v = sqrt((v_in(1)*v_in(1) + inertia*v_in(3)*v_in(3))*energy_fraction/(1 + inertia))
    end function rolling_velocity
 
-   !> Normal velocity V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard hits crush the ground.
+   !> Normal velocity V_n' = -V_n R_n/(1 + (V_n/30 ft/s)**2) (Pfeiffer and Bowen 1989): hard impacts crush the ground.
    pure real(wp) function slowed_normal(r_n, v_n)
       real(wp), intent(in) :: r_n  !! [-]
       real(wp), intent(in) :: v_n  !! <= 0 [m/s]
@@ -266,7 +266,7 @@ contains
 
    !> Rebound of Bourrier and Hungr (2011): R_n = v_half/(|V_n| + v_half). If friction suffices, |R_t (V_t - W)| 2/7 (of
    !> a sphere) < tan(phi) (1 + R_n) |V_n|, the contact point sticks and the boulder rolls; else it slides, and friction
-   !> slows V_t and spins the boulder up. Momentum and angular momentum make the two cases meet continuously.
+   !> slows V_t and spins the boulder up. The velocity after the impact is continuous between the two cases.
    pure function sliding_rebound(v_half, r_t, friction, inertia, v_in) result(v)
       real(wp), intent(in) :: v_half    !! [m/s]
       real(wp), intent(in) :: r_t       !! [-]

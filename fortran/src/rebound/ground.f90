@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Ground types: rebounds by impact sets, by a table of impacts, or by a classical model.
+!> Ground types: rebounds by impact sets, by an impact table, or by a classical model.
 module rockfall_ground
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: tangent
@@ -15,16 +15,16 @@ module rockfall_ground
 
    type :: ground_t
       character(len=:), allocatable :: name
-      type(classical_t) :: classical              !! its model selects between impact sets, table and coefficients
+      type(classical_t) :: classical              !! rebound model, with the parameters of classical models
       type(impact_set_t), allocatable :: sets(:)  !! impact sets for R_b/R_m = 1, 2, 3, 4, 5
-      type(lateral_t), allocatable :: lateral(:)  !! lateral deviations of the sets, if boulders turn by them
-      type(impact_table_t), allocatable :: table  !! impact table, if the model is one
-      real(wp) :: rest_slope = 1.0e30_wp          !! tangent of the rest angle: on steeper ground no boulder rests [-]
+      type(lateral_t), allocatable :: lateral(:)  !! lateral deviations of the sets, if they determine the turn
+      type(impact_table_t), allocatable :: table  !! impact table, if the model uses one
+      real(wp) :: rest_slope = 1.0e30_wp          !! tangent of the maximum slope at which boulders can rest [-]
    end type ground_t
 
 contains
 
-   !> Tangent of a rest angle; at 90 degrees boulders rest anywhere.
+   !> Tangent of a rest angle; at 90 degrees boulders can rest anywhere.
    pure real(wp) function rest_slope_of(angle)
       real(wp), intent(in) :: angle  !! [degrees]
 
@@ -45,7 +45,7 @@ contains
       type(ground_t), intent(in) :: ground
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
-      integer(i8), intent(in) :: number, impact       !! numbers of the boulder and of its contact
+      integer(i8), intent(in) :: number, impact       !! numbers of the boulder and of the contact
       integer(i8), intent(in) :: words(rebound_words)  !! random words of the first draw
       real(wp), intent(in) :: tilt                    !! tilt of the ground relative to its roughness, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder

@@ -20,20 +20,21 @@ module rockfall_impact
 
    integer, parameter :: impact_ratios = n_impact_sets  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: entries = n_set_numbers  !! number of elements of the matrix A
-   integer, parameter :: max_draws = 32    !! draws of A before the last draw is limited; our choice (theory, chapter 5)
-   !> V_n of a limited rebound that did not leave the surface, over the incoming speed [-]; our choice.
+   integer, parameter :: max_draws = 32    !! draws of A before the last draw is limited; assumption (theory, chapter 5)
+   !> V_n of a limited rebound that would not leave the surface, over the incoming speed [-]; our assumption.
    real(wp), parameter :: min_normal = 0.01_wp
    !> Relative pivot size below which a pivot is zero up to rounding [-].
    real(wp), parameter :: pivot_tolerance = 64*epsilon(1.0_wp)
 
-   !> Ranges of incident speed and of angle to the surface for which a set was fitted: squares of both ends, so that
-   !> comparisons need neither a root nor an arcsine.
+   !> Ranges of incident speed and of angle to the surface for which a set was fitted, as squares of both ends:
+   !> comparisons then need neither roots nor arcsines.
    type :: fitted_t
       real(wp) :: speed2(2) = [0.0_wp, huge(1.0_wp)]  !! [m2/s2]
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> Distribution of V_out = A V_in, where (a1..a9), A by rows, is normal with the mean m and a covariance. All [-].
+   !> Distribution of V_out = A V_in, where the elements a1..a9 (A by rows) are normal with mean m and a covariance; all
+   !> [-].
    type :: impact_set_t
       real(wp) :: mean(entries) = 0.0_wp
       !> Covariances of V_out (11, 21, 31, 22, 32, 33), rows, as linear functions of the products of V_in
@@ -60,7 +61,7 @@ module rockfall_impact
 
 contains
 
-   !> Build a set from its mean and covariance. Errors are those of covariance_root.
+   !> Build a set from its mean and covariance. Errors as in covariance_root.
    pure subroutine impact_set(mean, covariance, set, error)
       real(wp), intent(in) :: mean(entries), covariance(entries, entries)  !! mean and covariance of a1..a9 [-]
       type(impact_set_t), intent(out) :: set
@@ -118,8 +119,8 @@ contains
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0; numbers, so that
-   !> loops vectorise.
+   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0 (numbers, so that
+   !> loops vectorise).
    elemental subroutine beyond_fit(this, t, n, speed, angle)
       type(fitted_t), intent(in) :: this
       real(wp), intent(in) :: t, n          !! V_t, V_n [m/s]
@@ -134,8 +135,8 @@ contains
       angle = merge(1.0_wp, angle, normal2 > this%sine2(2)*speed2)
    end subroutine beyond_fit
 
-   !> Impact set for a ratio R_b/R_m: rounded, within 1..5 (theory, chapter 5); `outside`: beyond 0.5..5.5, where no set
-   !> is calibrated.
+   !> Impact set for a ratio R_b/R_m, rounded and limited to 1..5 (theory, chapter 5). `outside`: the ratio is beyond
+   !> 0.5..5.5, where no set is calibrated.
    pure subroutine find_nearest_set(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       integer, intent(out) :: number
@@ -145,8 +146,8 @@ contains
       number = int(0.5_wp + max(1.0_wp, min(real(impact_ratios, wp), ratio)))
    end subroutine find_nearest_set
 
-   !> Impact set for a ratio by stochastic interpolation: the lower or upper neighbour, with the probability given by
-   !> linear interpolation, within 1..5.
+   !> Impact set for a ratio by stochastic interpolation: the lower or upper neighbour, with probabilities that
+   !> interpolate linearly, within 1..5.
    pure integer function interpolated_set(ratio, u) result(number)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       real(wp), intent(in) :: u      !! uniform in (0, 1) [-]
@@ -178,9 +179,9 @@ contains
    !> without gaining kinetic energy; otherwise A is redrawn, and after 32 draws the last draw is limited.
    !>
    !> Local frame: t along the tangential velocity before the impact, so V_t_in >= 0; n the surface normal, away from
-   !> the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. As W is a velocity too, A is dimensionless and
-   !> a set applies to boulders of any size (our choice; theory, chapter 5).
-   !> R_t = V_t_out/V_t_in and R_n = -V_n_out/V_n_in (eqs 6, 7) are results of A, not inputs.
+   !> the ground, so V_n_in <= 0; W = R_b omega, > 0 for forward rolling. W is also a velocity, so A is dimensionless
+   !> and a set applies to boulders of any size (our assumption; theory, chapter 5). R_t = V_t_out/V_t_in and R_n =
+   !> -V_n_out/V_n_in (eqs 6, 7) are results of A, not inputs.
    pure subroutine rebound(set, table, key, boulder, impact, words, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -195,7 +196,7 @@ contains
       if (.not. is_admissible(v_in, out%v)) call redraw_rebound(set, table, key, boulder, impact, v_in, out)
    end subroutine rebound
 
-   !> Draw V_out for V_in from three independent standard normals.
+   !> Draw V_out for V_in from three independent standard normal numbers.
    elemental subroutine draw_rebound(set, t_in, n_in, w_in, z1, z2, z3, t, n, w)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: t_in, n_in, w_in  !! V_t, V_n, W before the rebound [m/s]
@@ -205,7 +206,7 @@ contains
       call draw_velocity(velocity_distribution(set, t_in, n_in, w_in), z1, z2, z3, t, n, w)
    end subroutine draw_rebound
 
-   !> Redraw after `out%draws` inadmissible draws.
+   !> Continue to redraw after `out%draws` inadmissible draws.
    pure subroutine redraw_rebound(set, table, key, boulder, impact, v_in, out)
       type(impact_set_t), intent(in) :: set
       type(normal_table_t), intent(in) :: table
@@ -318,8 +319,8 @@ contains
       energy_of = t*t + n*n + inertia_factor*w*w
    end function energy_of
 
-   !> Return 1 if a rebound velocity is admissible (theory, chapter 5), else 0: it leaves the surface without gaining
-   !> energy. A number, so that loops vectorise.
+   !> Return 1 if a rebound velocity is admissible (the boulder leaves the surface without gaining energy; theory,
+   !> chapter 5), else 0 (a number, so that loops vectorise).
    elemental real(wp) function admissible(t, n, w, energy_in)
       real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after the rebound [m/s]
       real(wp), intent(in) :: energy_in  !! twice_energy before the rebound [m2/s2]
@@ -335,7 +336,7 @@ contains
       is_admissible = admissible(v_out(1), v_out(2), v_out(3), twice_energy(v_in)) > 0
    end function is_admissible
 
-   !> Limit a rebound: V_n becomes 1 % of the incoming speed if the boulder stays on the surface; no energy is gained.
+   !> Limit a rebound: V_n becomes 1 % of the incoming speed if it would not leave the surface; no energy is gained.
    pure subroutine limit_rebound(v, v_in)
       real(wp), intent(inout) :: v(3)  !! V_t, V_n, W after the rebound [m/s]
       real(wp), intent(in) :: v_in(3)  !! V_t, V_n, W before the rebound [m/s]

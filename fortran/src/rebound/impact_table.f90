@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contacts drawn from a table of contacts simulated in a laboratory (theory, chapter 5): the paper's random operator
-!> without its linearity. For each contact, the bin of its velocity is found, one of the bin's records is drawn, and
-!> the least-squares map of the bin scales the record to the velocity.
+!> Contacts drawn from a table of contacts simulated in a laboratory (theory, chapter 5), like the paper's random
+!> operator but without its linearity. A contact draws a record from the bin of its velocity; the least-squares map of
+!> the bin adapts the record to the velocity.
 !>
 !> Velocities are scaled by U = sqrt(g R_b), times by sqrt(R_b/g), lengths by R_b. On ground that yields, contacts are
-!> similar if they agree in the scaled quantities, in the ground strength over rho_b g R_b, and in the relief: size,
-!> density and strength therefore form one axis.
+!> similar if the scaled quantities, the ground strength over rho_b g R_b, and the relief agree. Size, density and
+!> strength therefore form one axis of the table.
 module rockfall_impact_table
    use rockfall_memory, only: prefetch
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
@@ -30,76 +30,77 @@ module rockfall_impact_table
 
    !> Fields of a record: before the contact (V_t, V_n, W), speed, height; after it the velocity along the incoming
    !> heading and across it towards the descent, V_n, W; duration, advance, rise; gravity along and across, over g;
-   !> exit; index of the record that followed in the laboratory, 0: unknown, or too fast to be followed.
+   !> exit; index of the record that followed in the laboratory (0: unknown, or too fast to be followed).
    integer, parameter :: t_in = 1, n_in = 2, w_in = 3, speed_in = 4, height_in = 5, along_out = 6, across_out = 7, &
                          n_out = 8, w_out = 9, duration_out = 10, advance_out = 11, rise_out = 12, pull_along = 13, &
                          pull_across = 14, exit_code = 15, follower = 16, record_fields = 16
 
-   !> Inputs of the map of a bin: V_t, V_n, W, and the height for a rolling block.
+   !> Inputs of the map of a bin: V_t, V_n, W, and for a rolling block its height.
    integer, parameter :: n_inputs = 4
-   !> Map of a bin, with the range of its inputs: numbers before each row of n_inputs, for velocity along, V_n and W;
-   !> and before the range, W over V.
+   !> Map of a bin and range of its inputs: offsets of the rows (n_inputs numbers each) for velocity along, V_n and W,
+   !> and of the range; then W over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
-   real(wp), parameter, public :: usual_density = 2700         !! density of boulders [kg/m3]
+   real(wp), parameter, public :: usual_density = 2700         !! usual density of boulders [kg/m3]
    real(wp), parameter, public :: usual_weight = usual_density*9.81_wp  !! [N/m3]
-   integer, parameter :: window = 6      !! 1/window of a bin is eligible for a slow contact: see find_window
+   integer, parameter :: window = 6      !! 1/window of a bin's records are eligible for a slow contact: see find_window
    integer, parameter :: fewest = 16     !! minimum number of eligible records, so that identical landings differ
-   integer, parameter :: candidates = 3  !! number drawn; the nearest in gravity across the heading is used
-   !> Maximum number of parts of a bin; only one is searched. With 16, gfortran unrolls the loop into scalar code.
+   integer, parameter :: candidates = 3  !! number of records drawn; the nearest in gravity across the heading is used
+   !> Maximum number of parts of a bin; only one part is searched. With 16, gfortran unrolls the loop into scalar code.
    integer, parameter :: marks = 32
    integer, parameter :: edge_vector = 4 !! edges compared by one instruction
    integer, parameter :: vector = 8      !! records compared by one instruction; parts are multiples of it
 
-   !> Tolerances within which a contact equals the contact that followed in the laboratory: V, V_n and W differ by at
-   !> most the speed there, or `relief_speed`; gravity along and across the heading by at most
-   !> `pull_tolerance`, over g; the height of a rolling block by at most `height_tolerance`, over R_b [-].
+   !> Tolerances within which a contact counts as the one that followed in the laboratory: V, V_n and W differ by at
+   !> most the speed there or `relief_speed`, whichever is larger; gravity along and across the heading, over g, by at
+   !> most `pull_tolerance`; the height of a rolling block, over R_b, by at most `height_tolerance` [-].
    real(wp), parameter :: pull_tolerance = 0.2_wp, height_tolerance = 0.6_wp
-   !> Speed over sqrt(g R_b) below which the relief governs the motion, which is then not proportional to velocity [-].
+   !> Speed over sqrt(g R_b) below which the relief governs the motion, so that it is not proportional to velocity [-].
    real(wp), parameter :: relief_speed = 0.5_wp
    !> Initial speed over sqrt(g R_b) above which hollows do not stop a block, and contacts are drawn independently [-].
    real(wp), parameter, public :: max_held_speed = 2.0_wp
 
-   !> Bins of one kind of contact. Edges of each key are given per bin of the previous key. Infinite edges fill complete
-   !> vectors: a remainder loop would be mispredicted.
+   !> Bins of one kind of contact. Each bin of a key has its own edges of the next key. Edges are padded with infinity
+   !> to full vectors, because a remainder loop would be mispredicted.
    type :: bins_t
       integer :: n(3) = 0
       integer :: total = 0                              !! number of bins in each part
       integer :: vectors(3) = 0                         !! vectors of edges per key
-      real(wp), allocatable :: first_edge(:, :)         !! (n(1) - 1 and more, parts)
-      real(wp), allocatable :: second_edge(:, :, :)     !! (n(2) - 1 and more, n(1), parts)
-      real(wp), allocatable :: third_edge(:, :, :, :)   !! (n(3) - 1 and more, n(2), n(1), parts)
+      real(wp), allocatable :: first_edge(:, :)         !! (at least n(1) - 1, parts)
+      real(wp), allocatable :: second_edge(:, :, :)     !! (at least n(2) - 1, n(1), parts)
+      real(wp), allocatable :: third_edge(:, :, :, :)   !! (at least n(3) - 1, n(2), n(1), parts)
    end type bins_t
 
-   !> Ground of a table, as boulders meet it.
+   !> Ground represented by a table.
    type :: yielding_ground_t
-      real(wp) :: rest_angle = 90.0_wp      !! on steeper ground a boulder that stops rolls on [degrees]
-      real(wp) :: strength = 0.0_wp         !! median pressure at which it yields; 0: never [Pa]
-      real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of its logarithm from boulder to boulder [-]
-      real(wp) :: strength_radius = 0.0_wp  !! R_b for that strength, if strength is proportional to R_b; else 0 [m]
-      real(wp) :: relief = 0.0_wp           !! slope of the relief [degrees],
-      real(wp) :: relief_radius = 1.0_wp    !! for boulders of this R_b [m]
+      real(wp) :: rest_angle = 90.0_wp      !! on steeper ground, a stopping boulder rolls on [degrees]
+      real(wp) :: strength = 0.0_wp         !! median pressure at which the ground yields; 0: never [Pa]
+      real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of ln(strength) between boulders [-]
+      real(wp) :: strength_radius = 0.0_wp  !! R_b for this strength if strength is proportional to R_b, else 0 [m]
+      real(wp) :: relief = 0.0_wp           !! slope of the relief [degrees]
+      real(wp) :: relief_radius = 1.0_wp    !! R_b to which this slope applies [m]
       real(wp) :: hurst = 1.0_wp            !! exponent: the slope is proportional to R_b**(hurst - 1) [-]
    end type yielding_ground_t
 
    type :: impact_table_t
-      ! Parts by columns and rows, a row after the other; a table may have a single one:
+      ! A table has one or several parts, numbered column by column within each row:
       real(wp), allocatable :: size(:)     !! size of each column, increasing: R_b/R_m; on yielding ground rho_b g R_b
                                            !! over strength [-]
       real(wp), allocatable :: relief(:)   !! slope of the relief for each row, increasing [degrees]
       real(wp) :: inertia = 0.4_wp         !! moment of inertia of the laboratory's blocks, I/(m R_b**2) [-]
       type(yielding_ground_t) :: ground    !! ground that the table represents
-      type(bins_t) :: flights, rolls       !! by (V_n/V)**2, W/V, speed; by speed, height, V_n
-      integer, allocatable :: first(:)     !! first record of each bin, and end; flights before rolls, by part
+      type(bins_t) :: flights, rolls       !! keys (V_n/V)**2, W/V, speed; keys speed, height, V_n
+      integer, allocatable :: first(:)     !! first record of each bin, and the end; by part, flights before rolls
       real(wp), allocatable :: map(:, :)        !! (map_fields, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
-      ! From `index_records`:
+      ! Set by `index_records`:
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading of each record, over g
-      real(sp), allocatable :: pull_along(:)    !! gravity along it; each bin is filled to complete parts with infinity
-      integer, allocatable :: place(:)          !! first part of each bin, and end
-      real(wp), allocatable :: fastest(:)       !! speed key of the fastest record of incidence and spin, of each bin
+      real(sp), allocatable :: pull_along(:)    !! gravity along the heading; bins are padded to full parts with
+                                                !! infinity
+      integer, allocatable :: place(:)          !! first part of each bin, and the end
+      real(wp), allocatable :: fastest(:)       !! for each bin: maximum speed key at its incidence and spin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
-      real(wp), allocatable :: step(:)          !! logarithm of the ratio of successive sizes [-], and 0
-      real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 where nothing rests [-]
+      real(wp), allocatable :: step(:)          !! logarithm of the ratio of successive sizes [-], then 0
+      real(wp) :: hold = 0.0_wp                 !! tangent of the rest angle; 0 if nothing can rest [-]
    end type impact_table_t
 
    !> Start of a contact.
@@ -107,9 +108,9 @@ module rockfall_impact_table
       real(wp) :: v(3)              !! V_t, V_n, W [-]
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! height above the mean ground, of a rolling block [-]
-      logical :: rolling = .false.  !! continues a truncated contact
+      logical :: rolling = .false.  !! continuation of a truncated contact
       real(wp) :: key               !! factor from V**2 to the speed key, so that rho_b V_n**2/(2 p_y) equals the
-                                    !! record's: size over strength for the boulder, over that for its part [-]
+                                    !! record's: size/strength of the boulder, over that of its part of the table [-]
       real(wp) :: stretch           !! ratio of the contact's duration to the record's, sqrt(key) [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
@@ -160,8 +161,8 @@ contains
       end do
    end subroutine index_records
 
-   !> Find the maximum speed at the incidence and spin of each bin: that of the fastest record there. Bins of rolling
-   !> blocks have no maximum.
+   !> Find the maximum speed for the incidence and spin of each bin: that of the fastest record. Bins of rolling blocks
+   !> have none.
    pure subroutine find_fastest(table, bins)
       type(impact_table_t), intent(inout) :: table
       integer, intent(in) :: bins
@@ -178,7 +179,7 @@ contains
       end do
    end subroutine find_fastest
 
-   !> Remove the followers that no boulder can follow, so that they need not be read.
+   !> Remove links to following records that no boulder can follow, so that these records need not be read.
    pure subroutine drop_fast_followers(record)
       real(sp), intent(inout) :: record(:, :)
       integer :: k, next
@@ -206,8 +207,8 @@ contains
       has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> R_b [m] of the largest boulders that a column of a table covers, at the median strength; NaN if size does not
-   !> matter, or is R_b/R_m.
+   !> R_b [m] of the largest boulders covered by a column of a table, at the median strength; NaN if size does not
+   !> matter or is R_b/R_m.
    pure real(wp) function largest_block(largest_size, strength, strength_radius)
       real(wp), intent(in) :: largest_size               !! largest size of a column [-]
       real(wp), intent(in) :: strength, strength_radius  !! as in yielding_ground_t [Pa], [m]
@@ -228,7 +229,7 @@ contains
 
    !> Find the part of a table for a boulder: one of the two nearest columns for its size and one of the two nearest
    !> rows for its relief, with probabilities that interpolate linearly in the logarithm of the size and in the relief.
-   !> Strong ground stays strong for a boulder on its whole path, and on all grounds (theory, eq. 5.25).
+   !> A boulder that finds the ground strong does so along its whole path and on all grounds (theory, eq. 5.25).
    pure subroutine find_part(table, radius, density, gravity, ratio, soil, part, key)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: radius, density, gravity  !! R_b [m]; density of the boulder [kg/m3]; [m/s2]
@@ -262,7 +263,7 @@ contains
       part = (row - 1)*size(table%size) + column
    end subroutine find_part
 
-   !> Index of the last value that is not above `x`, from 1 to the second last.
+   !> Index of the last value not above `x`, limited to 1..size - 1.
    pure integer function place_below(values, x) result(k)
       real(wp), intent(in) :: values(:)  !! increasing
       real(wp), intent(in) :: x
@@ -275,14 +276,14 @@ contains
    end function place_below
 
    pure integer function drawn_row(relief, own, u) result(row)
-      real(wp), intent(in) :: relief(:), own  !! relief of each row; relief of the ground [degrees]
+      real(wp), intent(in) :: relief(:), own  !! relief of each row; relief of this ground [degrees]
       real(wp), intent(in) :: u               !! uniform in (0, 1) [-]
 
       row = place_below(relief, own)
       if (u*(relief(row + 1) - relief(row)) < own - relief(row)) row = row + 1
    end function drawn_row
 
-   !> Slope of the relief that a boulder meets [degrees].
+   !> Slope of the relief for a boulder [degrees].
    pure real(wp) function relief_at(ground, radius) result(relief)
       type(yielding_ground_t), intent(in) :: ground
       real(wp), intent(in) :: radius  !! R_b [m]
@@ -295,10 +296,10 @@ contains
    !> Find the bin of a contact, and its record if the contact follows the recorded sequence.
    pure subroutine begin_draw(table, part, in, bin, record)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: part       !! from find_part
+      integer, intent(in) :: part       !! as returned by find_part
       type(approach_t), intent(in) :: in
-      integer, intent(out) :: bin       !! bin of the contact; 0: the boulder follows the block of the record
-      integer, intent(out) :: record    !! record; 0: nearest_record must draw it from the bin
+      integer, intent(out) :: bin       !! bin of the contact; 0 if the boulder follows the recorded sequence
+      integer, intent(out) :: record    !! record; 0 if it must be drawn from the bin by nearest_record
 
       record = followed_record(table, in)
       bin = contact_bin(table, part, in)
@@ -313,7 +314,7 @@ contains
       record = merge(in%next, 0, continues_sequence(table, in))
    end function followed_record
 
-   !> Return whether a following record is copied, not scaled, because the relief governs its motion.
+   !> Return whether a following record is copied without scaling, because the relief governs its motion.
    pure logical function is_copied(table, record)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: record
@@ -322,11 +323,10 @@ contains
    end function is_copied
 
    !> Apply a record to a boulder: scale it to the boulder's velocity by the map of its bin, and adapt it to the slope.
-   !> A slow block stays in its hollow, so a small difference in velocity or slope changes nothing, and the record is
-   !> copied.
+   !> For a slow block in a hollow, a small difference in velocity or slope changes nothing: the record is copied.
    pure subroutine transfer_record(table, bin, record, in, out)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: bin, record  !! from begin_draw and nearest_record
+      integer, intent(in) :: bin, record  !! as returned by begin_draw and nearest_record
       type(approach_t), intent(in) :: in
       type(outcome_t), intent(out) :: out
       real(wp) :: r(record_fields), ratio, scale, unit, change(n_inputs), shift, rolling, keeps, shifts
@@ -407,10 +407,10 @@ contains
       speed_scale = merge(v1/merge(fastest, 1.0_wp, beyond > 0), speed_scale, beyond > 0)
    end function speed_scale
 
-   !> Difference of a map input from the record's, which does not grow beyond the range of the bin's records.
+   !> Difference between a map input and that of the record, limited to the range of the bin's records.
    elemental real(wp) function input_change(input, unit, lowest, highest, of_record)
       real(wp), intent(in) :: input            !! [-]
-      real(wp), intent(in) :: unit             !! scale of the range: for V_t and V_n, or for W [-]
+      real(wp), intent(in) :: unit             !! scale of the range, for V_t and V_n or for W [-]
       real(wp), intent(in) :: lowest, highest  !! range of the bin's records [-]
       real(wp), intent(in) :: of_record        !! value of the record, scaled to the boulder [-]
 
@@ -424,7 +424,7 @@ contains
       mapped_shift = change1*m1 + change2*m2 + change3*m3 + change4*m4
    end function mapped_shift
 
-   !> Duration of a contact. If the absolute speed is the key, it scales with R_b instead of its square root.
+   !> Duration of a contact. If the key is the absolute speed, the duration scales with R_b instead of its square root.
    elemental real(wp) function own_duration(of_record, keeps, stretch)
       real(wp), intent(in) :: of_record  !! duration of the record [-]
       real(wp), intent(in) :: keeps      !! 1: the boulder rolls or follows the block; else 0
@@ -450,8 +450,8 @@ contains
       mean_speed = sqrt(0.5_wp*(speed*speed + (along*along + across*across + normal*normal)))
    end function mean_speed
 
-   !> Velocity along or across the heading. Velocities scale with speed, but the work of gravity only with duration: the
-   !> record's contribution of gravity is replaced.
+   !> Velocity along or across the heading. Velocities scale with the speed, but the contribution of gravity scales with
+   !> the duration: it is replaced separately.
    elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
       real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; velocity of the record [-]
       real(wp), intent(in) :: pull, duration                 !! pull of gravity, over g; duration of the contact [-]
@@ -463,20 +463,20 @@ contains
    !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
    !> laboratory's. The force is that of gravity at the rest angle of the ground. The velocity is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
-      real(wp), intent(in) :: along         !! for a boulder held for as long as the block [-]
+      real(wp), intent(in) :: along         !! velocity of a boulder held as long as the block [-]
       real(wp), intent(in) :: rolling       !! 1: the boulder rolls, with the block's duration; else 0
       real(wp), intent(in) :: hold          !! as in impact_table_t [-]
       real(wp), intent(in) :: pull1, pull2  !! gravity along and across the heading, over g [-]
       real(wp), intent(in) :: stretch       !! as in approach_t [-]
       real(wp), intent(in) :: duration      !! duration of the record [-]
-      real(wp) :: pressing                  !! gravity across the plane, over g [-]
+      real(wp) :: pressing                  !! gravity normal to the plane, over g [-]
 
       pressing = sqrt(max(0.0_wp, 1 - pull1*pull1 - pull2*pull2))
       held_longer = sign(max(0.0_wp, abs(along) - hold*pressing*duration*(stretch - 1/stretch)), along)
       held_longer = merge(along, held_longer, rolling > 0)
    end function held_longer
 
-   !> Return 1 if the map of its bin shifts a record, else 0: a flight is not shifted into the ground.
+   !> Return 1 if the map of the bin shifts a record, else 0: a flight must not be shifted into the ground.
    elemental real(wp) function takes_shift(exit, normal, shift)
       real(wp), intent(in) :: exit           !! as in outcome_t
       real(wp), intent(in) :: normal, shift  !! V_n before the shift, and its shift [-]
@@ -486,8 +486,8 @@ contains
    end function takes_shift
 
    !> Maximum of twice the kinetic energy after a contact, over m g R_b, without the work of gravity along the slope:
-   !> the energy before the contact, plus the record's gain beyond that work. Relief, and spin about other axes, cause
-   !> this gain: it is fully allowed on ground as steep as the record's, and not at all on flat ground.
+   !> the energy before the contact, plus the energy that the record gains beyond that work, from relief and from spin
+   !> about other axes. This gain is allowed in full on ground as steep as the record's, and not at all on flat ground.
    elemental real(wp) function allowed_energy(v1, v2, v3, inertia, pull, ratio, in1, in2, in3, along, across, normal, &
                                               w, record_pull, advance)
       real(wp), intent(in) :: v1, v2, v3, inertia, pull, ratio  !! V_t, V_n, W; as in approach_t, speed_scale [-]
@@ -529,7 +529,7 @@ contains
       bins_before = (part - 1)*(table%flights%total + table%rolls%total) + merge(table%flights%total, 0, rolling)
    end function bins_before
 
-   !> Keys of a contact's bin, compared multiplied by their denominators to avoid divisions.
+   !> Keys of a contact's bin. Each is a numerator and a denominator, to avoid divisions.
    elemental subroutine bin_keys(v2, v3, speed, height, key, rolling, key1, over1, key2, over2, key3)
       real(wp), intent(in) :: v2, v3              !! V_n, W [-]
       real(wp), intent(in) :: speed, height, key  !! as in approach_t [-]
@@ -575,16 +575,16 @@ contains
       edge_bin = 1 + int(sum(below))
    end function edge_bin
 
-   !> Return whether a hollow may stop a boulder. If so, its record is drawn from the records nearest in gravity along
-   !> the heading, else from the whole bin. Faster boulders respond proportionally to gravity, and with few candidates a
-   !> rare record would be drawn at every other contact on slopes near its own.
+   !> Return whether a hollow may stop a boulder. If so, its record is drawn only from records with similar gravity
+   !> along the heading, else from the whole bin. Faster boulders respond in proportion to gravity, and with few
+   !> candidates a rare record would be drawn again and again on slopes near its own.
    pure logical function is_held(speed)
       real(wp), intent(in) :: speed  !! as in approach_t [-]
 
       is_held = .not. speed > max_held_speed
    end function is_held
 
-   !> Select all records of a bin.
+   !> Select all records of a bin as candidates.
    pure subroutine whole_bin(table, bin, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
@@ -594,7 +594,7 @@ contains
       n = table%first(bin + 1) - from
    end subroutine whole_bin
 
-   !> Find the records of a bin that are nearest in gravity along the heading.
+   !> Select the records of a bin that are nearest in gravity along the heading.
    pure subroutine find_window(table, bin, pull, from, n)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin
@@ -608,7 +608,7 @@ contains
       n = max((last - first + window)/window, min(last - first + 1, fewest))
       along = real(pull, sp)
       below = 0
-      do k = 1, marks  ! comparing all of them, vectorised, is faster than bisection
+      do k = 1, marks  ! a vectorised comparison of all marks is faster than bisection
          below = below + merge(1, 0, table%mark(k, bin) < along)
       end do
       start = below*part_size(table, bin)
@@ -619,11 +619,11 @@ contains
       from = max(first, min(first + start + below - n/2, last + 1 - n))
    end subroutine find_window
 
-   !> Choose a record from these: of three candidates, evenly spaced, the nearest in gravity across the heading. The
-   !> response of slow blocks to gravity is not proportional.
+   !> Choose a record: of three evenly spaced candidates, the nearest in gravity across the heading. The response of
+   !> slow blocks to gravity is not proportional.
    pure integer function nearest_record(table, from, n, pull, u)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: from, n   !! from whole_bin or find_window
+      integer, intent(in) :: from, n   !! as returned by whole_bin or find_window
       real(wp), intent(in) :: pull, u  !! gravity across the heading, over g; uniform in (0, 1) [-]
       integer :: candidate, nearer, k
       real(wp) :: separation, min_separation
@@ -641,8 +641,8 @@ contains
       call prefetch_record(table, nearest_record)
    end function nearest_record
 
-   !> Return whether a boulder follows the block of its last record: the next recorded contact begins like the present
-   !> one. A boulder in a hollow of the relief thus stays in it as long as in the laboratory.
+   !> Return whether a boulder follows the block of its last record, because this contact begins like the block's next
+   !> contact. A boulder thus stays in a hollow of the relief as long as the block did in the laboratory.
    pure logical function continues_sequence(table, in)
       type(impact_table_t), intent(in) :: table
       type(approach_t), intent(in) :: in
@@ -669,10 +669,10 @@ contains
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy
 
-   !> Return 1 if a contact is faster than all records at its incidence and spin, else 0; 0 if it copies a record.
+   !> Return 1 if a contact is faster than all records at its incidence and spin, else 0. Also 0 if it copies a record.
    elemental real(wp) function exceeds_table(fastest, key3, copies)
       real(wp), intent(in) :: fastest  !! as in impact_table_t
-      real(wp), intent(in) :: key3     !! from bin_keys
+      real(wp), intent(in) :: key3     !! as returned by bin_keys
       real(wp), intent(in) :: copies   !! 1 or 0
 
       exceeds_table = merge(1.0_wp, 0.0_wp, key3 > fastest)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Local frame of an impact: the plane of the surface normal and the tangential direction of motion. Transforms the
-!> incoming velocity into it, and the velocity after the impact to the next flight.
+!> Local frame of an impact: the plane of the surface normal and the tangential direction of motion. Procedures
+!> transform the incoming velocity to this frame, and the velocity after the impact to that of the next flight.
 module rockfall_local_frame
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, cell_descent
@@ -13,8 +13,8 @@ module rockfall_local_frame
 contains
 
    !> Transform the incoming velocity to the local frame of the impact (Bourrier et al. 2009, eqs 4, 5; theory, chapter
-   !> 5): the plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of motion t. So
-   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. `heading` is that of t in plan; zero if t is undefined.
+   !> 5): the plane of the surface normal n = (-g, 1)/sqrt(1 + |g|**2) and the tangential direction of motion t. Hence
+   !> V_n = v.n <= 0 and V_t = |v - V_n n| >= 0. `heading` is the heading of t in plan, or zero if t is undefined.
    pure subroutine decompose(v, g, steepness, before, omega_r, v_in, heading)
       real(wp), intent(in) :: v(3)         !! [m/s]
       real(wp), intent(in) :: g(2)         !! gradient of the patch [-]
@@ -50,18 +50,17 @@ contains
       normal = min(0.0_wp, normal)
    end subroutine in_local_frame
 
-   !> W before an impact [m/s]: forward rolling relative to the previous heading is backward rolling relative to the
-   !> opposite heading.
+   !> W before an impact [m/s]: its sign changes if the heading has reversed since the last rebound.
    elemental real(wp) function signed_w(omega_r, before1, before2, heading1, heading2) result(w)
       real(wp), intent(in) :: omega_r             !! W with respect to the heading before [m/s]
-      real(wp), intent(in) :: before1, before2    !! heading after the last rebound,
-      real(wp), intent(in) :: heading1, heading2  !! and now, both of any length
+      real(wp), intent(in) :: before1, before2    !! heading after the last rebound, of any length
+      real(wp), intent(in) :: heading1, heading2  !! present heading, of any length
 
       w = omega_r
       if (before1*heading1 + before2*heading2 < 0) w = -omega_r
    end function signed_w
 
-   !> Make V_t non-negative after an impact by reversing the heading, and with it the sign of W.
+   !> Make V_t non-negative after an impact by reversing the heading and the sign of W.
    elemental subroutine face_forward(tangential, heading1, heading2, w)
       real(wp), intent(in) :: tangential             !! V_t [m/s]
       real(wp), intent(inout) :: heading1, heading2  !! heading before the impact [-]
@@ -74,7 +73,7 @@ contains
       w = forward*w
    end subroutine face_forward
 
-   !> Velocity after an impact, given V_t, of either sign, along a heading, and V_n. The height above the patch grows at
+   !> Velocity after an impact from V_t (of either sign) along a heading and V_n. The height above the patch grows at
    !> v.(-g, 1) = V_n sqrt(1 + |g|**2) (theory, chapter 5).
    elemental subroutine launch_velocity(tangential, normal, heading1, heading2, g1, g2, steepness, v1, v2, v3, rate)
       real(wp), intent(in) :: tangential, normal  !! V_t, V_n [m/s]
@@ -102,7 +101,7 @@ contains
       integer, intent(in) :: cell(2)          !! raster cell of the contact
       real(wp), intent(in) :: g(2)            !! gradient of the patch [-]
       real(wp), intent(in) :: steepness       !! sqrt(1 + |g|**2) [-]
-      real(wp), intent(in) :: before(2)       !! heading before [-]; zero after a vertical impact on flat ground
+      real(wp), intent(in) :: before(2)       !! heading before the impact [-]; zero if vertical on flat ground
       type(turning_t), intent(in) :: turning
       real(wp), intent(in) :: v_out(3)        !! V_t, V_n, W [m/s]
       type(flight_t), intent(inout) :: flight

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contact by a table, transferred to the boulder's own ground: local frame, gravity and terrain
-!> (theory, chapter 5).
+!> Contact from an impact table, adapted to the boulder's own ground: local frame, gravity and terrain (theory, chapter
+!> 5).
 module rockfall_table_contact
    use rockfall_kinds, only: wp
    use rockfall_random, only: words_per_block
@@ -16,17 +16,16 @@ module rockfall_table_contact
    implicit none
    private
    public :: table_contact_t, table_contact, record_u, side_u
-   ! Its steps:
+   ! Steps of table_contact:
    public :: update_touch, end_touch, keeps_sequence, resolve_on_plane, find_pull, find_record, apply_record, &
              limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
-   !> Use of the random numbers of a contact: the record; side or heading, if the ground gives none.
+   !> Random numbers of a contact: for the record, and for side or heading if the ground does not determine it.
    integer, parameter :: record_u = 1, side_u = 3
 
-   !> Rise over R_b up to which a boulder whose last contact was truncated is still in it [-]; the laboratory records
-   !> higher rises as flights.
+   !> Rise over R_b up to which a truncated contact continues [-]; the laboratory records higher rises as flights.
    real(wp), parameter :: max_rise = 0.02_wp
-   !> V_n over V_t above which a rolling boulder meets steeper ground as after a flight [-].
+   !> V_n over V_t above which a rolling boulder on steeper ground has a contact as after a flight [-].
    real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
@@ -35,20 +34,20 @@ module rockfall_table_contact
    !> Speed over sqrt(g R_b) below which a boulder does not move [-]; avoids divisions by zero.
    real(wp), parameter :: min_speed = 1.0e-6_wp
 
-   !> Energy fraction lost when a contact is limited [-]: all contacts have losses, so a rocking boulder comes to rest.
+   !> Energy fraction lost when a contact is limited [-]: every contact loses energy, so rocking boulders come to rest.
    real(wp), parameter :: min_loss = 0.02_wp
 
    type :: table_contact_t
       real(wp) :: v_in(3), v_out(3)  !! V_t, V_n, W [m/s]
       logical :: stops = .false.     !! the boulder stops, if the ground permits
       logical :: limited = .false.   !! the energy was limited
-      logical :: fast = .false.      !! faster than all records at its incidence and spin
+      logical :: fast = .false.      !! faster than all records at the same incidence and spin
    end type table_contact_t
 
 contains
 
-   !> Draw a contact, and find the path `roll` to its end. `touch` comes from update_touch, and is updated for the next
-   !> contact.
+   !> Draw a contact, and find the path `roll` to its end. `touch` is that from update_touch, and is updated for the
+   !> next contact.
    pure subroutine table_contact(dem, gravity, table, boulder, inertia, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
       type(terrain_t), intent(in) :: dem
@@ -118,16 +117,16 @@ contains
       roll%above = takeoff_height(touch%lift, boulder%radius, rolls)
    end subroutine table_contact
 
-   !> Keep the state of the previous contact if it still applies: the boulder is still in contact if it has hardly
-   !> risen since. A different ground ends the sequence of records, and uses another part of a table.
+   !> Update the state of the previous contact. The boulder is still in that contact if it has hardly risen since. On a
+   !> different ground the sequence of records ends, and another part of a table applies.
    pure subroutine update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
-      type(impact_table_t), intent(in) :: table  !! table of the ground
+      type(impact_table_t), intent(in) :: table  !! impact table of the ground
       integer, intent(in) :: ground
       real(wp), intent(in) :: ratio        !! R_b/R_m [-]
       type(boulder_t), intent(in) :: boulder
       type(soil_draw_t), intent(in) :: soil
       real(wp), intent(in) :: gravity      !! [m/s2]
-      real(wp), intent(in) :: jump_height  !! maximum since the previous contact [m]
+      real(wp), intent(in) :: jump_height  !! maximum height since the previous contact [m]
       type(touch_t), intent(inout) :: touch
       integer :: stays, rolling  ! 1 or 0
 
@@ -149,7 +148,7 @@ contains
    !> sequence.
    pure subroutine end_touch(off, rolls, touch)
       logical, intent(in) :: off    !! from find_slide
-      logical, intent(in) :: rolls  !! from leave
+      logical, intent(in) :: rolls  !! as returned by compute_departure
       type(touch_t), intent(inout) :: touch
 
       touch%next = touch%next*int(keeps_sequence(merge(1.0_wp, 0.0_wp, off), merge(1.0_wp, 0.0_wp, touch%rolling), &
@@ -159,22 +158,22 @@ contains
 
    !> Return 1 if the next contact follows the recorded sequence, else 0.
    elemental real(wp) function keeps_sequence(off, rolled, rolls)
-      real(wp), intent(in) :: off            !! from find_slide: 1 or 0
-      real(wp), intent(in) :: rolled, rolls  !! stays on the ground, in the laboratory and for this boulder: 1 or 0
+      real(wp), intent(in) :: off            !! as returned by find_slide: 1 or 0
+      real(wp), intent(in) :: rolled, rolls  !! 1 if the block, the boulder stays on the ground, else 0
 
       keeps_sequence = merge(0.0_wp, 1.0_wp, rolled > rolls)
       keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)
    end function keeps_sequence
 
    !> Split a velocity into V_t and V_n, with the unit tangent of its motion on a plane. A boulder still in contact
-   !> keeps its V_n towards the ground.
+   !> keeps the V_n of that contact.
    elemental subroutine resolve_on_plane(v1, v2, v3, g1, g2, steepness, touches, pressed, tangential, normal, t1, t2, &
                                          t3)
       real(wp), intent(in) :: v1, v2, v3           !! [m/s]
       real(wp), intent(in) :: g1, g2, steepness    !! gradient of the plane, sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: touches, pressed     !! still in the previous contact: 1 or 0; V_n of that contact [m/s]
       real(wp), intent(out) :: tangential, normal  !! V_t, V_n [m/s]
-      real(wp), intent(out) :: t1, t2, t3          !! zero if V_t is not above `shortest` [-]
+      real(wp), intent(out) :: t1, t2, t3          !! tangent; zero if V_t is not above `shortest` [-]
       real(wp) :: plan1, plan2, inverse
 
       call in_local_frame(v1, v2, v3, g1, g2, steepness, tangential, normal, plan1, plan2)
@@ -185,7 +184,7 @@ contains
       t3 = g1*t1 + g2*t2
    end subroutine resolve_on_plane
 
-   !> Unit tangent for an impact along the normal of a plane: downslope, or random on a flat plane.
+   !> Unit tangent for an impact along the normal of a plane: downslope, or in a random direction on a flat plane.
    pure function random_tangent(g, u) result(t)
       real(wp), intent(in) :: g(2)  !! gradient of the plane [-]
       real(wp), intent(in) :: u     !! uniform in (0, 1) [-]
@@ -202,7 +201,7 @@ contains
       real(wp), intent(in) :: g1, g2             !! gradient of the plane [-]
       real(wp), intent(in) :: cosine             !! cosine of the slope, 1/sqrt(1 + |g|**2) [-]
       real(wp), intent(in) :: t1, t2, t3         !! unit tangent [-]
-      real(wp), intent(in) :: u                  !! uniform in (0, 1), used if there is no descent to either side [-]
+      real(wp), intent(in) :: u                  !! uniform in (0, 1), used if neither side descends [-]
       real(wp), intent(out) :: along, across     !! components over g; across towards the descent [-]
       real(wp), intent(out) :: side              !! side of the descent: 1 left, -1 right [-]
       real(wp) :: left
@@ -214,13 +213,13 @@ contains
       side = merge(sign(1.0_wp, left), side, across > along_aspect)
    end subroutine find_pull
 
-   !> Find the bin of a contact, and its record if it need not be drawn from the bin.
+   !> Find the bin of a contact, and its record unless it must be drawn from the bin.
    pure subroutine find_record(table, inertia, touch, in, bin, record, fast)
       type(impact_table_t), intent(in) :: table
       real(wp), intent(in) :: inertia               !! as in table_contact [-]
       type(touch_t), intent(in) :: touch
       type(approach_t), intent(inout) :: in         !! v, speed and pull on entry; complete on return
-      integer, intent(out) :: bin, record           !! as from begin_draw
+      integer, intent(out) :: bin, record           !! as returned by begin_draw
       logical, intent(out) :: fast                  !! as in table_contact_t
 
       in%next = touch%next
@@ -234,7 +233,7 @@ contains
       if (bin > 0) fast = exceeds_table(table%fastest(bin), in%key*(in%speed*in%speed), 0.0_wp) > 0
    end subroutine find_record
 
-   !> Apply the record, and keep the state for the next contact.
+   !> Apply the record, and store the state for the next contact.
    pure subroutine apply_record(table, bin, record, in, touch, out)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: bin, record
@@ -249,8 +248,8 @@ contains
       touch%next = out%next
    end subroutine apply_record
 
-   !> Limit the energy to slightly less than before the contact, including the work of gravity along the slope; compute
-   !> the speed of the mean energy, and the length. Gravity works over the length that remains after limiting.
+   !> Limit the energy to slightly less than the energy before the contact plus the work of gravity along the slope;
+   !> compute the speed of the mean energy, and the length. Gravity acts along the length that remains after limiting.
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, pull, reach, radius, total, &
                                      left, per_total, speed, slide)
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
@@ -264,7 +263,7 @@ contains
 
       total = scaled_energy(along, across, normal, w, inertia)
       drawn = mean_speed(speed_in, along, across, normal)
-      work = 2*max(0.0_wp, pull)*max(0.0_wp, reach)  ! divided by the speed
+      work = 2*max(0.0_wp, pull)*max(0.0_wp, reach)  ! work of gravity, divided by the speed
       limit = allowed + work*drawn
       left = merge((1 - min_loss)*limit, total, total > limit)
       per_total = 1/max(total, tiny(total))
@@ -274,30 +273,30 @@ contains
       slide = max(0.0_wp, reach)*speed*radius
    end subroutine limit_energy
 
-   !> Correct the remaining energy for ground that falls more, or less, than a plane, unless the ground falls away
-   !> and the boulder leaves it at once.
+   !> Correct the remaining energy for ground that falls more or less than a plane. No correction if the boulder leaves
+   !> the ground at once because the ground falls away.
    elemental real(wp) function after_fall(left, extra_drop, off)
-      real(wp), intent(in) :: left  !! as from limit_energy [-]
-      real(wp), intent(in) :: extra_drop  !! additional drop over R_b [-]
-      real(wp), intent(in) :: off   !! the ground falls away: 1 or 0
+      real(wp), intent(in) :: left  !! as returned by limit_energy [-]
+      real(wp), intent(in) :: extra_drop  !! drop in addition to that of the plane, over R_b [-]
+      real(wp), intent(in) :: off   !! 1 if the ground falls away, else 0
 
       after_fall = merge(max(0.0_wp, left + 2*extra_drop), left, left > min_speed*min_speed)
       after_fall = merge(left, after_fall, off > 0)
    end function after_fall
 
-   !> Scale the velocity to the remaining energy, and decide whether the boulder rests. If it takes off below the height
-   !> of its landing, in a hollow of the relief, it must climb to the mean ground; if it is too slow for that, it
-   !> lands in its hollow again.
+   !> Scale the velocity to the remaining energy, and decide whether the boulder rests. A boulder that takes off below
+   !> the height of its landing is in a hollow of the relief and must climb to the mean ground; if it is too slow, it
+   !> lands in the hollow again.
    elemental subroutine scale_to_energy(per_total, left, along, across, drawn, w, inertia, cosine, flies, lift, &
                                         velocity_factor, normal, rests)
-      real(wp), intent(in) :: per_total, left         !! as from limit_energy [-]
+      real(wp), intent(in) :: per_total, left         !! as returned by limit_energy [-]
       real(wp), intent(in) :: along, across, drawn, w, inertia  !! as in limit_energy; V_n as drawn [-]
       real(wp), intent(in) :: cosine                  !! as in find_pull [-]
       real(wp), intent(in) :: flies                   !! 1 or 0
       real(wp), intent(inout) :: lift                 !! as in touch_t [-]
       real(wp), intent(out) :: velocity_factor        !! factor on the velocity [-]
       real(wp), intent(out) :: normal                 !! remaining V_n [-]
-      real(wp), intent(out) :: rests                  !! 1 or 0
+      real(wp), intent(out) :: rests                  !! 1 if the boulder rests, else 0
       real(wp) :: energy_fraction, square, climbs
 
       energy_fraction = left*per_total
@@ -315,7 +314,7 @@ contains
    elemental real(wp) function takeoff_height(lift, radius, rolls)
       real(wp), intent(in) :: lift    !! as in touch_t [-]
       real(wp), intent(in) :: radius  !! R_b [m]
-      real(wp), intent(in) :: rolls   !! stays on the ground: 1 or 0
+      real(wp), intent(in) :: rolls   !! 1 if the boulder stays on the ground, else 0
 
       takeoff_height = merge(0.0_wp, max(0.0_wp, lift)*radius, rolls > 0)
    end function takeoff_height
@@ -323,27 +322,27 @@ contains
    !> V_t, V_n, W [m/s] after a contact.
    pure function velocity_after(unit, along, across, normal, w) result(v)
       real(wp), intent(in) :: unit                      !! [m/s]
-      real(wp), intent(in) :: along, across, normal, w  !! remaining [-]
+      real(wp), intent(in) :: along, across, normal, w  !! values after limiting [-]
       real(wp) :: v(3)
 
       v = unit*[sign(sqrt(along*along + across*across), along), normal, merge(-w, w, along < 0)]
    end function velocity_after
 
-   !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground; a rolling boulder
-   !> stays on the ground, and runs against it where the ground is steeper.
+   !> Velocity at the end of a contact. A flying boulder keeps its velocity relative to the ground at the start; a
+   !> rolling boulder stays on the ground, and hits it where it rises.
    elemental subroutine compute_departure(along, across, normal, g1, g2, cosine, t1, t2, t3, end1, end2, rolls, &
                                           pressed, heading1, heading2, v1, v2, v3)
-      real(wp), intent(in) :: along, across, normal  !! after the contact, in its initial frame, across to the left
+      real(wp), intent(in) :: along, across, normal  !! velocity in the frame of the start, across to the left
       real(wp), intent(in) :: g1, g2, cosine         !! ground at the start, as in find_pull [-]
       real(wp), intent(in) :: t1, t2, t3             !! tangent at the start [-]
       real(wp), intent(in) :: end1, end2             !! gradient at the end [-]
-      real(wp), intent(inout) :: rolls               !! stays on the ground: 1 or 0
+      real(wp), intent(inout) :: rolls               !! 1 if the boulder stays on the ground, else 0
       real(wp), intent(inout) :: pressed             !! V_n of a rolling boulder [m/s]
       real(wp), intent(out) :: heading1, heading2    !! heading of any length
       real(wp), intent(out) :: v1, v2, v3            !! [m/s]
       real(wp) :: plan1, plan2, rise, end_steepness, speed, tangential, against, slope1, slope2, runs, up
 
-      ! along the tangent, and across it along normal x tangent
+      ! components along the tangent and along normal x tangent
       plan1 = along*t1 - across*((t2 + g2*t3)*cosine)
       plan2 = along*t2 + across*((t1 + g1*t3)*cosine)
       end_steepness = steepness_of(end1, end2)
@@ -354,7 +353,7 @@ contains
       pressed = merge(normal + against, pressed, rolls > 0)
       heading1 = merge(slope1, plan1, rolls > 0)
       heading2 = merge(slope2, plan2, rolls > 0)
-      speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! falling ground deflects it
+      speed = merge(merge(tangential, speed, runs > 0), speed, rolls > 0)  ! ground that falls away deflects the boulder
       up = merge(pressed, max(0.0_wp, normal), rolls > 0)
       rolls = merge(merge(rolls, 0.0_wp, pressed > -impact_ratio*tangential), rolls, runs > 0)
       up = merge(0.0_wp, up*(1/end_steepness), rolls > 0)

@@ -20,7 +20,7 @@ contains
       if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulder_count
 
-   !> Volume distribution of a scene; if sources give volumes, the distribution for their largest and heaviest boulders.
+   !> Volume distribution of a scene; if sources give volumes, that of the largest and heaviest boulders.
    pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k
@@ -51,11 +51,11 @@ contains
       integer :: fragments
 
       fragments = 1
-      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! fragments, and pieces that broke
+      if (allocated(scene%breakage)) fragments = 2*scene%breakage%max_fragments  ! fragments, and blocks that broke
       max_tree_hits = int(min(int(huge(1), i8), int(fragments, i8)*scene%max_impacts))
    end function max_tree_hits
 
-   !> Height [m] above the ground of a source whose potential energy equals the initial energy of its boulders.
+   !> Height [m] above the ground at which the potential energy of a boulder equals its initial energy.
    pure real(wp) function lift_of(scene, source)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source  !! 1..
@@ -74,7 +74,7 @@ contains
    !> to the maximum energy head of their boulders.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: first, last  !! rows from the north
+      integer, intent(in) :: first, last  !! rows, counted from the north
       real(wp), intent(inout) :: head     !! [m]
       type(error_t), allocatable, intent(out) :: error
       type(patch_t) :: patch

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Runs of many boulders, distributed over threads (only in this file). Boulders are independent, each result has its
-!> own element, and tallies are exact, so neither threads nor chunks change a bit.
+!> own element, and tallies are exact, so results do not depend on threads or chunks.
 module rockfall_ensemble
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_thread_num
@@ -27,9 +27,9 @@ module rockfall_ensemble
    private
    public :: run_boulders, trace_boulder, recorded_boulders
 
-   real(wp), parameter :: quick_batch = 0.02_wp  !! maximum time of a batch [s]; slower boulders go singly
-   !> Largest source that one thread runs alone: `max_alone` boulders in small calls; in larger ones, a size that leaves
-   !> each thread about `turns_per_thread` such sources.
+   real(wp), parameter :: quick_batch = 0.02_wp  !! maximum time of a batch [s]; slower boulders are taken singly
+   !> Maximum size of a source that one thread runs alone: `max_alone` boulders in small calls; in larger calls, a size
+   !> that gives each thread about `turns_per_thread` sources.
    integer, parameter :: max_alone = 256, turns_per_thread = 8
 
    !> Work space of a thread.
@@ -41,7 +41,7 @@ module rockfall_ensemble
    end type worker_t
 
    interface
-      !> Lanes whose instructions the processor supports: narrow_lanes, wide_lanes or masked_lanes.
+      !> Best kind of lanes that the processor supports: narrow_lanes, wide_lanes or masked_lanes.
       integer(c_int) function supported_lanes() bind(c, name="rockfall_supported_lanes")
          import :: c_int
       end function supported_lanes
@@ -49,18 +49,18 @@ module rockfall_ensemble
 
 contains
 
-   !> Run boulders `first`, `first + step` and so on, as many as there are results; add to maps and histogram counts.
-   !> Boulders that left the window of the terrain (see status) are not counted. Each thread adds to private maps, or
-   !> all add to shared maps. After `seconds` no more boulders start: only the first `done` are completed, at least one.
+   !> Run boulders `first`, `first + step` and so on, for all elements of `results`; add them to maps and histogram
+   !> counts. Boulders that left the window of the terrain (see their status) are not counted. Threads add to private or
+   !> to common maps. No boulder starts after `seconds`: the first `done` boulders, at least one, are completed.
    subroutine run_boulders(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, &
                            seconds, done)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: first, step                 !! step: 1 if maps count sources
+      integer(i8), intent(in) :: first, step                 !! first number; step to the next (1 if maps count sources)
       integer, intent(in) :: threads                         !! as for team_size
       type(boulder_result_t), intent(out) :: results(:)
       type(crossings_t), intent(inout) :: crossings(:)       !! crossings of each boulder, if there are lines
       type(maps_t), intent(in) :: maps(:)                    !! a single element, or one for each thread
-      integer(i8), intent(inout) :: histogram_counts(:, :)   !! (bins, quantities)
+      integer(i8), intent(inout) :: histogram_counts(:, :)   !! counts (bins, quantities)
       integer(i8), intent(inout) :: by_ground(:)             !! rebounds on each ground, as in n_grounds
       real(wp), intent(in), optional :: seconds              !! time limit [s]; no effect if maps count sources
       integer(i8), intent(out), optional :: done
@@ -87,8 +87,8 @@ contains
       if (are_shared) call free_locks(maps_of_thread(1))
    end subroutine run_boulders
 
-   !> Run one thread's part of the boulders. A separate procedure, so that its work space is default-initialised, unlike
-   !> private copies.
+   !> Run one thread's share of the boulders. A separate procedure, so that its work space is default-initialised,
+   !> unlike private copies.
    subroutine run_thread(scene, first, step, threads, results, crossings, maps, histogram_counts, by_ground, next, &
                          deadline)
       type(scene_t), intent(in) :: scene
@@ -130,10 +130,10 @@ contains
       !$omp end critical
    end subroutine run_thread
 
-   !> Add the rebounds on all grounds of the scene to the counts for the cells' grounds.
+   !> Add the rebounds on all grounds of a scene to the counts for the grounds of its cells.
    pure subroutine add_by_ground(scene, rebounds, by_ground)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: rebounds(:)      !! on each of the scene's grounds
+      integer(i8), intent(in) :: rebounds(:)      !! rebounds on each ground of the scene
       integer(i8), intent(inout) :: by_ground(:)
       integer :: ground, k
 
@@ -146,7 +146,7 @@ contains
       end do
    end subroutine add_by_ground
 
-   !> Run one thread's part of the boulders, in batches from the shared counter `next`; slow boulders go singly.
+   !> Run one thread's share of the boulders, in batches from the shared counter `next`; slow boulders are taken singly.
    subroutine run_one_by_one(scene, first, step, results, crossings, maps, next, deadline, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step, deadline
@@ -158,7 +158,7 @@ contains
       integer(i8) :: quick
       integer :: k, from, to
 
-      quick = deadline_in(0.0_wp)  ! no time is known before the first boulder
+      quick = deadline_in(0.0_wp)  ! duration of a boulder unknown before the first
       do
          call take_batch(next, size(results), merge(batch, 1, deadline_in(0.0_wp) < quick), deadline, from, to)
          if (from > to) return
@@ -183,9 +183,9 @@ contains
       call add_boulder(scene, maps, result, worker%scratch, worker%totals)
    end subroutine run_boulder
 
-   !> Run one thread's part if maps count sources. All threads process the sources in the same order. Each small source
-   !> that is complete in this call is run by one thread; all threads share the boulders of other sources,
-   !> with a barrier at the end of each source, because the next one marks the same cells.
+   !> Run one thread's share if maps count sources. All threads process the sources in the same order. One thread runs
+   !> each small source that is complete in this call. Threads share the boulders of other sources, with a barrier at
+   !> the end of each source, because the next source marks the same cells.
    subroutine run_by_source(scene, first, threads, results, crossings, maps, worker)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first
@@ -214,7 +214,7 @@ contains
             !$omp end do
             to = source
          else
-            ! group sources to about one batch of boulders
+            ! group small sources to about one batch of boulders
             sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - next + 1)))
             !$omp do schedule(dynamic, sources)
             do s = source, to
@@ -233,8 +233,8 @@ contains
       end do
    end subroutine run_by_source
 
-   !> Last of the consecutive sources from `source` on with at most `max_small` boulders each, all within first..last;
-   !> source - 1 if there are none.
+   !> Last of the consecutive sources from `source` that have at most `max_small` boulders each, all within first..last;
+   !> source - 1 if none.
    pure integer(i8) function last_small_source(release, source, first, last, max_size) result(to)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source, first, last, max_size
@@ -248,12 +248,12 @@ contains
       end do
    end function last_small_source
 
-   !> Trace one boulder and keep its trajectory in `scratch%record`, which has space for `max_vertices`, but counts
-   !> all vertices.
+   !> Trace one boulder and store its trajectory in `scratch%record`, which has space for `max_vertices`; all vertices
+   !> are counted.
    subroutine trace_boulder(scene, number, max_vertices, result, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
-      integer, intent(in) :: max_vertices     !! number of vertices to keep
+      integer, intent(in) :: max_vertices     !! maximum number of vertices to store
       type(boulder_result_t), intent(out) :: result
       type(scratch_t), intent(out) :: scratch
 
@@ -270,8 +270,8 @@ contains
       end if
    end subroutine trace_boulder
 
-   !> Numbers of the boulders in first..last with recorded trajectories: `requested` in total, from each source in
-   !> proportion to its boulders, starting with its first. The choice does not depend on the range.
+   !> Numbers of the boulders in first..last with recorded trajectories: `requested` in the complete run, the first of
+   !> each source, in proportion to the boulders of the source. The choice does not depend on the range.
    pure function recorded_boulders(release, requested, first, last) result(number)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: requested, first, last

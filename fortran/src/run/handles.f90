@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Cases, scenes and runs behind handles, for callers in other languages: a case is read once, and others are derived
-!> from it; an empty scene receives its arrays by name and is built once; its runs advance in chunks and list their
-!> arrays. Requests of callers are checked here.
+!> Cases, scenes and runs behind handles, for callers in other languages. A case is read once, and other cases are
+!> derived from it; an empty scene receives its arrays by name and is built once; runs advance in chunks and list their
+!> arrays. This module checks the requests of callers.
 module rockfall_handles
    use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -33,7 +33,7 @@ module rockfall_handles
    public :: case_handle_t, scene_handle_t, run_handle_t, case_at, scene_at, run_at, new_scene, close_handle
    public :: give, limit, boulders_of
 
-   !> Case behind a handle, or other text in namelist format, used only for its groups.
+   !> Case behind a handle, or other namelist text that only provides groups.
    type :: case_handle_t
       type(namelist_t) :: list
       type(case_t) :: case
@@ -45,7 +45,7 @@ module rockfall_handles
    !> Scene behind a handle.
    type :: scene_handle_t
       type(scene_t) :: scene
-      type(terrain_t) :: dem  !! terrain, as far as the arrays extend
+      type(terrain_t) :: dem  !! terrain covered by the arrays
       type(case_t) :: case
       type(scene_arrays_t), allocatable :: arrays  !! arrays until the scene is built
    contains
@@ -55,20 +55,20 @@ module rockfall_handles
    !> Run behind a handle.
    type :: run_handle_t
       type(run_t) :: run
-      type(scene_handle_t), pointer :: scene => null()  !! scene on which the run was opened, if any
-      type(part_t) :: part    !! arrays in files, when packed or to be unpacked
-      type(table_t) :: table  !! arrays of the run or its part, as last listed
+      type(scene_handle_t), pointer :: scene => null()  !! scene of the run, if any
+      type(part_t) :: part    !! part with arrays as in files, to be written or just read
+      type(table_t) :: table  !! arrays of the run or of its part, as last listed
    contains
       procedure :: begin, begin_joined, begin_continued, advance, list, write_map
    end type run_handle_t
 
 contains
 
-   !> Read the groups of a text. `form` is "case", whose values are checked and complete; "defaults", with each group of
-   !> a case, for any text; or "any", with unknown groups and keys.
+   !> Read the groups of a text. `form` is "case" (values are checked and completed), "defaults" (any text, completed by
+   !> every group of a case), or "any" (unknown groups and keys are allowed).
    subroutine read_values(this, form, text, name, error)
       class(case_handle_t), intent(inout) :: this
-      character(len=*), intent(in) :: form, text, name  !! text; `form`; name for messages
+      character(len=*), intent(in) :: form, text, name  !! text; `form`; name of the text for messages
       type(error_t), allocatable, intent(out) :: error
 
       select case (form)
@@ -98,7 +98,7 @@ contains
       if (.not. allocated(error)) call this%finish(name, error)
    end subroutine change
 
-   !> Check the rules between the keys of a case, and mark the keys with defaults.
+   !> Check the rules between the keys of a case, and mark keys that have defaults.
    subroutine finish(this, name, error)
       class(case_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: name
@@ -145,7 +145,7 @@ contains
       scene%arrays%draw = draw
    end function new_scene
 
-   !> Pass an array to a scene, as in set_array; no effect once the scene is built.
+   !> Pass an array to a scene, as in set_array. No effect once the scene is built.
    subroutine give(this, name, kind, length, at)
       type(scene_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: name, kind
@@ -175,7 +175,7 @@ contains
       end if
    end subroutine build
 
-   !> Return whether all arrays that every scene needs were given.
+   !> Return whether all arrays required by every scene were passed.
    pure logical function is_complete(arrays)
       type(scene_arrays_t), intent(in) :: arrays
 
@@ -183,7 +183,7 @@ contains
                     .and. allocated(arrays%source_y) .and. allocated(arrays%sets_text)
    end function is_complete
 
-   !> Terrain of a scene that has elevations; the scene need not be built.
+   !> Terrain of a scene that has received elevations; the scene need not be built.
    type(terrain_t) function terrain_known(this) result(dem)
       class(scene_handle_t), intent(in) :: this
 
@@ -194,7 +194,7 @@ contains
       end associate
    end function terrain_known
 
-   !> Confine boulders to these columns and rows of the maps: equal for all runs of a scene.
+   !> Confine boulders to these columns and rows of the maps, which must be the same for all runs of a scene.
    subroutine limit(this, first, last)
       type(scene_handle_t), intent(inout) :: this
       integer, intent(in) :: first(2), last(2)
@@ -203,7 +203,7 @@ contains
       call set_window(this%scene%dem, first, last)
    end subroutine limit
 
-   !> Number of boulders of a scene, 0 until it is built.
+   !> Number of boulders of a scene; 0 until it is built.
    pure integer(i8) function boulders_of(this) result(boulders)
       type(scene_handle_t), intent(in) :: this
 
@@ -212,7 +212,7 @@ contains
    end function boulders_of
 
    !> Open a run of n boulders of a scene after the first `before`, with maps of a window (first column and row, numbers
-   !> of columns and rows); by default, the cells that boulders can reach, to which the scene is then confined.
+   !> of columns and rows). The default is the box of cells that boulders can reach; the scene is then confined to it.
    subroutine begin(this, scene, before, n, threads, error, window, max_columns)
       class(run_handle_t), intent(inout) :: this
       type(scene_handle_t), pointer, intent(in) :: scene
@@ -249,7 +249,7 @@ contains
    subroutine begin_joined(this, case, boulders, window, grounds, features, shapes, part_last, group_part, error)
       class(run_handle_t), intent(inout) :: this
       type(case_t), intent(in) :: case
-      integer(i8), intent(in) :: boulders(3)  !! in the complete run, before the part, in the part
+      integer(i8), intent(in) :: boulders(3)  !! number in the complete run, before the part, and in the part
       integer, intent(in) :: window(4), grounds
       logical, intent(in) :: features, shapes
       integer(i4), intent(in) :: part_last(:), group_part(:)  !! as in layout_t
@@ -273,8 +273,8 @@ contains
       call continue_run(scene%case, scene%scene, other%run, this%run, error)
    end subroutine begin_continued
 
-   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's. After
-   !> `seconds` no more boulders start, but at least one is completed.
+   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's. No
+   !> boulder starts after `seconds`, but at least one is completed.
    subroutine advance(this, scene, first, step, n, seconds, done, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_t), intent(in) :: scene
@@ -293,7 +293,7 @@ contains
       call advance_run(this%run, scene, first, step, n, seconds, done, error)
    end subroutine advance
 
-   !> Array k of a run, or of its part, from 1; null past the last. k = 1 lists them again.
+   !> Array k of a run, or of its part, from 1; null past the last. A call with k = 1 renews the list.
    function list(this, k, of_part) result(row)
       class(run_handle_t), intent(inout), target :: this
       integer, intent(in) :: k
@@ -307,12 +307,12 @@ contains
       if (k >= 1 .and. k <= size(this%table%row)) row => this%table%row(k)
    end function list
 
-   !> Write a requested map that has one layer to the cells of the run's maps.
+   !> Compute a requested map that has one layer, on the cells of the run's maps.
    subroutine write_map(this, name, done, per_cluster, values, error)
       class(run_handle_t), intent(in) :: this
       character(len=*), intent(in) :: name
       integer(i8), intent(in) :: done         !! number of completed boulders
-      integer(i8), intent(in) :: per_cluster  !! number of boulders that may all behave alike; 1: independent
+      integer(i8), intent(in) :: per_cluster  !! number of boulders that may behave alike; 1: independent
       real(sp), intent(inout) :: values(:, :)
       type(error_t), allocatable, intent(out) :: error
       type(maps_t) :: maps

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Part of a run as stored in files: rows and sums of the run, tallies of reached cells, and samples in non-empty
-!> bins. A run is packed for writing; a part from a file is unpacked into a run after a check of its values.
+!> Part of a run as stored in files: rows and sums of the run, tallies of reached cells, and samples in non-empty bins.
+!> Writing packs a run into a part; reading checks the values of a part and unpacks it into a run.
 module rockfall_part
    use, intrinsic :: iso_c_binding, only: c_f_pointer
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
@@ -25,21 +25,21 @@ module rockfall_part
 
    !> Arrays of a part that differ from those of its run.
    type :: part_t
-      integer(i8), allocatable :: number(:)            !! boulder of each row, if not all are kept
+      integer(i8), allocatable :: number(:)            !! boulder number of each row, if not all rows are kept
       type(layout_t) :: layout                         !! layout of samples
-      integer(i8), allocatable :: block(:)             !! blocks of the bins of samples
+      integer(i8), allocatable :: block(:)             !! blocks of the sample bins
       type(filled_bins_t) :: groups                    !! groups of samples
       type(reached_cells_t) :: maps
    end type part_t
 
-   !> Lengths of the arrays of a part in a file; -1: not present.
+   !> Lengths of the arrays of a part in a file; -1: absent.
    type :: part_lengths_t
       integer(i8) :: rows = -1, cells = -1, shared = -1, blocks = -1, group_bins = -1, crossings = -1
    end type part_lengths_t
 
 contains
 
-   !> Pack a run whose partial sources are settled.
+   !> Pack a run, after settle_partial_sources, into a part.
    subroutine pack_part(run, part, error)
       type(run_t), intent(inout) :: run
       type(part_t), intent(inout) :: part
@@ -53,7 +53,7 @@ contains
       if (.not. fit) call fail(error, "the maps of a part do not fit in memory")
    end subroutine pack_part
 
-   !> Pack the samples of a run, after putting their counts in order.
+   !> Pack the samples of a run, after sorting their counts.
    subroutine pack_samples(run, part)
       type(run_t), intent(inout) :: run
       type(part_t), intent(out) :: part
@@ -65,7 +65,7 @@ contains
       part%groups = filled_bins(size(run%samples%groups, kind=i8), run%samples%groups)
    end subroutine pack_samples
 
-   !> Table of the arrays of a part as stored in files; more rows may be allocated than used.
+   !> Table of the arrays of a part as stored in files; more rows may be allocated than are used.
    function part_arrays(run, part) result(table)
       type(run_t), intent(in), target :: run
       type(part_t), intent(in), target :: part
@@ -105,7 +105,7 @@ contains
 
    ! ---- from a file --------------------------------------------------------------------------
 
-   !> Allocate a part for the completed boulders of a run, to be read from a file with these lengths.
+   !> Allocate a part for the completed boulders of a run, to be read from a file with arrays of these lengths.
    subroutine make_room(run, part, length, error)
       type(run_t), intent(inout) :: run
       type(part_t), intent(out) :: part
@@ -162,8 +162,8 @@ contains
       end function is_between
    end subroutine make_room
 
-   !> Store a part in an empty run that begins with its boulders, if its values are possible in a run; the cells of
-   !> sources that the part splits must then be joined or restored.
+   !> Store a part in an empty run that begins with the same boulders, if its values are possible. The cells of sources
+   !> split by the part must then be joined or restored.
    subroutine unpack_part(run, part, grid, error)
       type(run_t), intent(inout), target :: run
       type(part_t), intent(in), target :: part
@@ -217,7 +217,7 @@ contains
       if (fault /= "") call fail(error, "is damaged: "//fault)
    end subroutine unpack_samples
 
-   !> Return whether numbers from 0 to n - 1 are in order, each once.
+   !> Return whether numbers from 0 to n - 1 increase strictly.
    pure logical function are_rising(numbers, n)
       integer(i8), intent(in) :: numbers(:), n
 
@@ -251,7 +251,7 @@ contains
           .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
    end function sample_fault
 
-   !> Return whether the known numbers of each column form a heap, as sorted numbers do.
+   !> Return whether the known numbers of each column form a heap; sorted numbers do.
    pure logical function are_heaps(samples)
       type(samples_t), intent(in) :: samples
       integer :: k, line
@@ -267,7 +267,7 @@ contains
       end do
    end function are_heaps
 
-   !> Fault in the first array with values that are impossible in a run; "" if none.
+   !> Describe the first array with values that are impossible in a run; "" if none.
    function array_fault(run, table, grid) result(fault)
       type(run_t), intent(in), target :: run
       type(table_t), intent(in) :: table
@@ -323,7 +323,7 @@ contains
       end function fault_of
    end function array_fault
 
-   !> Check that crossings belong to lines of the case and to boulders with rows, each pair once; sort them.
+   !> Check that crossings belong to lines of the case and boulders with rows, each pair once; sort them.
    function crossing_fault(run) result(fault)
       type(run_t), intent(inout) :: run
       character(len=:), allocatable :: fault
@@ -348,8 +348,8 @@ contains
       end associate
    end function crossing_fault
 
-   !> Check that boulders come from sources in order, and, if each source releases the same number, from the expected
-   !> sources.
+   !> Check that boulders come from sources in order and, if each source releases the same number, from the expected
+   !> source.
    function source_fault(run) result(fault)
       type(run_t), intent(in) :: run
       character(len=:), allocatable :: fault

@@ -54,8 +54,8 @@ contains
    end function real_row
 
    !> Angle below the horizontal [degree] of the line from the apex of the talus to the end of a boulder; NaN without an
-   !> apex. The plan distance is radial, from the source, so that a boulder at the side of the apex does not count as
-   !> far away; 90 if it is not beyond the apex, or not below it.
+   !> apex. The plan distance is the difference of radii from the source, so that a boulder lateral to the apex does not
+   !> count as far away. The angle is 90 unless the end is beyond and below the apex.
    pure real(wp) function shadow_angle(outcome)
       type(boulder_result_t), intent(in) :: outcome
       real(wp) :: fall, distance

@@ -25,9 +25,9 @@ module rockfall_run_loop
    public :: run_observer_t, run_case, scan_terrain, save_rest, first_chunk, chunk_crossings
 
    integer(i8), parameter :: first_chunk = 16     !! boulders in the first call
-   real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call, at whose end threads wait for each other
+   real(wp), parameter :: chunk_seconds = 1.0_wp  !! duration of a call; threads wait for each other at its end
 
-   !> Approximate maximum of line crossings in a call, which keeps all of them in memory, 170 bytes each.
+   !> Approximate maximum number of line crossings in a call; all are in memory, with 170 bytes each.
    integer(i8), parameter :: chunk_crossings = 250000
 
    !> Minimum time between saves of a run, as a multiple of the duration of the last save.
@@ -51,8 +51,8 @@ module rockfall_run_loop
 
 contains
 
-   !> Run the case, or range shard(1) of shard(2) ranges of its boulders, which differ by at most one boulder. The run
-   !> is refused if its results do not fit in memory.
+   !> Run the case, or range shard(1) of shard(2) ranges of its boulders, whose sizes differ by at most one boulder. The
+   !> run is refused if its results do not fit in memory.
    subroutine run_case(case, grid, scene, shard, observer, run, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid  !! grid of the terrain
@@ -117,7 +117,7 @@ contains
       end associate
    end subroutine scan_terrain
 
-   !> Run the remaining boulders, in chunks whose size adapts to their duration.
+   !> Run the remaining boulders, in chunks whose size is adapted to their duration.
    subroutine run_all(case, scene, observer, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> State of a run: rows of its boulders, sums over them, and map tallies. Both programs open it, advance it in chunks in
-!> any order, and read its arrays through the table of `arrays_of`; without a scene it is joined from parts.
+!> any order, and read its arrays through the table of `arrays_of`; a run without a scene is joined from parts.
 module rockfall_run_state
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_error, only: error_t, fail
@@ -39,47 +39,47 @@ module rockfall_run_state
 
    integer(i8), parameter :: no_row = huge(1_i8)           !! row number of an empty row
    integer, parameter :: passing_height = findloc(crossing_fields, "passing_height", dim=1)
-   integer, parameter :: at_once = 256                     !! boulders whose crossings a thread stores together
-   integer, parameter :: ahead = 8                         !! crossings that are prefetched before one is sampled
-   integer, parameter :: n_totals = size(boulder_counts) - 3  !! number of boulder_counts summed over all boulders
+   integer, parameter :: at_once = 256                     !! boulders whose crossings are stored together
+   integer, parameter :: ahead = 8                         !! number of crossings prefetched in advance
+   integer, parameter :: n_totals = size(boulder_counts) - 3  !! number of boulder_counts that are summed
 
    !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
    type :: run_t
-      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders in the run, before the range, in the range
-      integer(i8) :: done = 0                             !! completed boulders of the range, from its first on
-      integer(i8) :: per_source = 0                       !! boulders of each source; 0: different numbers
+      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders in the whole run, before the range, in it
+      integer(i8) :: done = 0                             !! completed boulders of the range, from its start
+      integer(i8) :: per_source = 0                       !! boulders of each source; 0 if they differ
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
-      ! Rows of all boulders of the range, or only of the boulders in `number`, in which case samples cover all.
+      ! Rows of all boulders of the range, or only of the boulders in `number`; in the second case samples cover all.
       integer(i8), allocatable :: number(:)
-      integer, allocatable :: real_columns(:), integer_columns(:)  !! selected row_reals and row_integers
+      integer, allocatable :: real_columns(:), integer_columns(:)  !! columns of row_reals and row_integers in use
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
       integer(i1), allocatable :: status(:)
       integer(i4), allocatable :: integers(:, :)
       integer :: lines = 0
-      integer(i8) :: crossed(1) = 0                       !! crossings in the last chunk, whether kept or in samples
+      integer(i8) :: crossed(1) = 0                       !! number of crossings in the last chunk, kept or sampled
       type(crossing_rows_t) :: crossings                  !! line crossings of the boulders with rows
       ! Sums over the completed boulders:
-      integer(i8) :: count(n_totals) = 0                  !! the last of boulder_counts
+      integer(i8) :: count(n_totals) = 0                  !! last counts of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
       logical :: histograms_requested = .false.
-      integer(i8), allocatable :: by_ground(:)            !! rebounds, if the scene has several grounds
+      integer(i8), allocatable :: by_ground(:)            !! rebounds by ground, if the scene has several grounds
       type(layout_t) :: layout
       type(samples_t) :: samples
-      real(wp), allocatable :: vertex(:, :)               !! (vertices, vertex_fields) of recorded boulders,
-      integer(i8), allocatable :: vertex_boulder(:)       !! where the run loop records them
-      logical :: sampled = .false.                        !! sources are a sample of others
-      logical :: map(n_maps) = .false.                    !! requested, in the order of map_names
+      real(wp), allocatable :: vertex(:, :)               !! vertices (vertices, vertex_fields) of recorded boulders
+      integer(i8), allocatable :: vertex_boulder(:)       !! boulder of each vertex, if the run loop records them
+      logical :: sampled = .false.                        !! the sources are a sample
+      logical :: map(n_maps) = .false.                    !! requested maps, in the order of map_names
       type(map_tallies_t) :: maps                         !! tallies of the cells in a window
       integer :: min_passages = 1                         !! minimum number of passages for a mean or a quantile
-      ! Boulders of the last chunk that left the window of the terrain, and their positions:
+      ! Boulders of the last chunk that left the window of the terrain, and where they left it:
       integer(i8), allocatable :: left(:)
       real(wp), allocatable :: left_at(:, :)              !! (boulders, 2), map coordinates [m]
    end type run_t
 
 contains
 
-   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, none completed. Maps cover
+   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with none completed. Maps cover
    !> a window: first column and row, numbers of columns and rows.
    subroutine open_run(case, scene, before, boulders, window, run, error)
       type(case_t), intent(in) :: case
@@ -138,7 +138,7 @@ contains
    !> Open a run without a scene: a part, or a run to be joined from parts, whose rows may arrive in any order.
    subroutine open_joined_run(case, total, before, boulders, window, grounds, features, shapes, layout, run, error)
       type(case_t), intent(in) :: case
-      integer(i8), intent(in) :: total             !! boulders of the complete run
+      integer(i8), intent(in) :: total             !! number of boulders in the complete run
       integer(i8), intent(in) :: before, boulders  !! number before the part; number in the part
       integer, intent(in) :: window(4)
       integer, intent(in) :: grounds   !! number of grounds; 0: only the impact sets
@@ -163,8 +163,8 @@ contains
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_joined_run
 
-   !> Open a run of a scene that continues another run, whose boulders are its first. Tallies are moved, so the other
-   !> run cannot be continued itself.
+   !> Open a run of a scene that continues another run with the same first boulders. Tallies are moved, so the other run
+   !> cannot continue.
    subroutine continue_run(case, scene, other, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -194,7 +194,7 @@ contains
       if (.not. fit) call report_memory(run, error)
    end subroutine continue_run
 
-   !> Add a part to a run. If not all rows are kept, rows of the part follow those of earlier parts.
+   !> Add a part to a run. If not all rows are kept, its rows are appended to the rows of earlier parts.
    subroutine merge_run(run, part, error)
       type(run_t), intent(inout) :: run
       type(run_t), intent(in) :: part
@@ -258,7 +258,7 @@ contains
    end subroutine close_run
 
    !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps only if
-   !> `stacks` is true. Views of other arrays remain valid.
+   !> `stacks` is true. Views of other arrays stay valid.
    subroutine forget_tallies(run, stacks)
       type(run_t), intent(inout) :: run
       logical, intent(in) :: stacks(3)
@@ -342,7 +342,7 @@ contains
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)
       type(maps_t), allocatable :: maps(:)
-      integer(i8), allocatable :: row(:)  !! row of each boulder; 0: none
+      integer(i8), allocatable :: row(:)  !! row of each boulder; 0 if it has none
       integer(i8) :: k
       integer :: status, thread, threads
       logical :: fit
@@ -381,7 +381,7 @@ contains
       end if
       if (allocated(scene%lines) .and. allocated(run%number)) then
          threads = min(team_size(run%threads), size(scene%lines))
-         ! use the whole team: a smaller team would end its idle threads, and restart them for the next chunk
+         ! use the whole team: a smaller team would end idle threads and restart them for the next chunk
          !$omp parallel do default(none) num_threads(team_size(run%threads)) &
          !$omp& shared(run, scene, results, crossings, n, threads)
          do thread = 1, threads
@@ -422,14 +422,14 @@ contains
       run%integers(row, :) = integers(run%integer_columns)
    end subroutine store_row
 
-   !> Store the crossings by boulders of a chunk that have rows, after those of earlier chunks.
+   !> Append the crossings of a chunk by boulders that have rows to the crossings of earlier chunks.
    subroutine store_crossings(run, scene, first, step, results, crossings, row, fit)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step  !! number of the first boulder; step to the next
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer(i8), intent(in) :: row(:)       !! row of each boulder; 0: none
+      integer(i8), intent(in) :: row(:)       !! row of each boulder; 0 if it has none
       logical, intent(out) :: fit
       integer(i8) :: before(size(crossings) + 1), k
 
@@ -452,7 +452,7 @@ contains
       !$omp end parallel do
    end subroutine store_crossings
 
-   !> Store the crossings of a boulder after a number of rows.
+   !> Store the crossings of a boulder after the first `before` rows.
    pure subroutine store_boulder(rows, scene, number, crossings, before)
       type(crossing_rows_t), intent(inout) :: rows
       type(scene_t), intent(in) :: scene
@@ -474,7 +474,7 @@ contains
             do k = 1, n_reals
                rows%real(k)%of(row) = real(values(k), sp)
             end do
-            ! rounded up, so that a barrier as high as a result's highest crossing stops that boulder
+            ! rounded up, so that a barrier as high as the highest crossing in a result stops that boulder
             rows%real(passing_height)%of(row) = rounded_up(values(passing_height))
             if (rows%may_break) then
                rows%volume(row) = real(at%fragment%volume, sp)
@@ -485,14 +485,14 @@ contains
       end do
    end subroutine store_boulder
 
-   !> Add the boulders of a chunk at the lines of one thread to the samples: line by line, because the samples of one
-   !> line are contiguous in memory.
+   !> Add the boulders of a chunk to the samples of the lines assigned to one thread, line by line, because the samples
+   !> of a line are contiguous in memory.
    subroutine sample_crossings(run, scene, results, crossings, thread, threads)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: results(:)
       type(crossings_t), intent(in) :: crossings(:)
-      integer, intent(in) :: thread, threads   !! number of this thread; number of all
+      integer, intent(in) :: thread, threads   !! number of this thread, and of all threads
       integer, allocatable :: first(:), boulder(:), place(:)
       real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! crossings that are added together
       integer :: source(at_once), line, k, m, n
@@ -528,7 +528,7 @@ contains
    pure subroutine sort_by_line(crossings, first, boulder, place)
       type(crossings_t), intent(in) :: crossings(:)
       integer, intent(out) :: first(:)  !! first crossing of each line, and the end
-      integer, dimension(:), intent(out) :: boulder, place  !! boulder of each crossing; index among its crossings
+      integer, dimension(:), intent(out) :: boulder, place  !! boulder of each crossing; index among its own crossings
       integer :: next(size(first)), j, k
 
       next = 0
@@ -555,7 +555,7 @@ contains
       end do
    end subroutine sort_by_line
 
-   !> Row of a boulder; 0: it is not kept.
+   !> Row of a boulder; 0 if no row is kept.
    pure integer(i8) function row_kept(run, number) result(row)
       type(run_t), intent(in) :: run
       integer(i8), intent(in) :: number
@@ -569,7 +569,7 @@ contains
       end if
    end function row_kept
 
-   !> Number of rows of the boulders before a given one.
+   !> Number of rows of boulders before a given boulder.
    pure integer(i8) function rows_before(run, number) result(rows)
       type(run_t), intent(in) :: run
       integer(i8), intent(in) :: number
@@ -708,7 +708,7 @@ contains
 
    ! ---- partial sources ----------------------------------------------------------------------
 
-   !> For partial sources, count in maps only the completed boulders (sign 1), or revert this (-1), as in map_tallies.
+   !> Make maps count only completed boulders of partial sources (sign 1), or revert this (-1), as in map_tallies.
    subroutine settle_run(run, release, sign)
       type(run_t), intent(inout) :: run
       type(release_t), intent(in) :: release
@@ -717,7 +717,7 @@ contains
       call settle_partial_sources(run%maps, release, run%before + 1, run%before + run%done, sign)
    end subroutine settle_run
 
-   !> Restore the cells of the sources split by the completed boulders; not `good` if they do not match.
+   !> Restore the cells of the sources split by the completed boulders; `good` is false if they do not match.
    subroutine restore_run(run, release, good)
       type(run_t), intent(inout) :: run
       type(release_t), intent(in) :: release

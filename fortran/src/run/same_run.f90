@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Comparison of runs: whether parts belong to the same run, and whether cases are equal in any notation.
+!> Comparison of runs: whether parts belong to the same run, and whether cases are equal in meaning.
 module rockfall_same_run
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t
@@ -14,7 +14,7 @@ module rockfall_same_run
    type :: identity_t
       character(len=:), allocatable :: version        !! version of this software
       type(namelist_t) :: keys                        !! complete keys of the case
-      character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as in files (JSON)
+      character(len=:), allocatable :: read, decoded  !! checksums of inputs by name, as stored in files (JSON)
       integer(i8) :: total = 0, first = 0, last = 0   !! boulders in the run; first and last in the range
       type(grid_t) :: grid                            !! grid of the terrain
       integer :: window(4) = 0                        !! window of the maps: first column and row, columns, rows
@@ -22,7 +22,7 @@ module rockfall_same_run
 
 contains
 
-   !> Return the first difference, "" if none: the other part must belong to the same run and begin this part.
+   !> Describe the first difference between two parts, "" if none: the other must belong to the same run and come first.
    pure function difference(ours, theirs) result(what)
       type(identity_t), intent(in) :: ours, theirs
       character(len=:), allocatable :: what
@@ -61,7 +61,7 @@ contains
       end do
       name = ours
       if (ours(at:min(at, len(ours))) == "}") name = theirs
-      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! end of a list
+      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! a list ends
       begin = max(index(name(:min(at, len(name))), '{"', back=.true.) + 2, &
                   index(name(:min(at, len(name))), ', "', back=.true.) + 3)
       name = name(begin:)
@@ -78,8 +78,8 @@ contains
       if (allocated(error)) keys = namelist_t()
    end function keys_of
 
-   !> First key, as `&group key`, whose values differ between two cases; "" if none. Compares the keys for the
-   !> arrays of a scene file, or all keys that must agree to continue a run. "&case" if either text is not a case.
+   !> First key, as `&group key`, whose values differ between two cases; "" if none. Compares the keys for the arrays of
+   !> a scene file, or all keys that must agree to continue a run. Returns "&case" if either text is not a case.
    pure function differing_key(ours, theirs, of_arrays) result(name)
       type(namelist_t), intent(in) :: ours, theirs
       logical, intent(in) :: of_arrays
@@ -107,7 +107,7 @@ contains
       groups = pack(list%group, list%group%name == name)
    end function groups_of
 
-   !> Return whether groups with the same name have equal values of a key, in any notation.
+   !> Return whether groups with the same name have equal values of a key, whatever their notation.
    pure logical function same_values(ours, theirs, key) result(same)
       type(group_t), intent(in) :: ours(:), theirs(:)
       type(key_t), intent(in) :: key

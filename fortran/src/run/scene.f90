@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Builder of the scene from a case and the arrays that it requires, for both programs.
+!> Builds the scene from a case and the arrays that it requires, for both programs.
 module rockfall_scene
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, i4, i8
@@ -28,14 +28,14 @@ module rockfall_scene
    private
    public :: build_scene_of_case, object_reach
 
-   !> Lines may reach this far from the middle of the terrain [m], and this number of half sides.
+   !> Maximum distance of lines from the middle of the terrain, in m and in half sides of the terrain.
    real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
-      character(len=:), allocatable :: text, file  !! as in read_ground, or row of a table; file; "": none
-      integer :: table = 0                         !! number of its table; 0: none. Neither: the case's impact sets
+      character(len=:), allocatable :: text, file  !! as in read_ground, or row of a ground table; file; "": none
+      integer :: table = 0                         !! number of its impact table. 0 and no text: the case's impact sets
    end type ground_text_t
 
 contains
@@ -133,7 +133,7 @@ contains
       end associate
    end subroutine set_release
 
-   !> Set the number of boulders per source: fixed, in proportion to area, or a part of the total.
+   !> Set the number of boulders per source: fixed, in proportion to area, or a fraction of the total.
    pure subroutine set_numbers(case, arrays, release)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -234,8 +234,8 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines that run from the terrain to impossible places: a decimal comma, or a vertex in another CRS. Lines
-   !> completely off the terrain cause a warning.
+   !> Refuse lines that extend from the terrain to impossible places, due to a decimal comma or a vertex in another CRS.
+   !> Lines completely off the terrain only cause a warning.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid
@@ -273,7 +273,7 @@ contains
                         arrays%tree_factor, case%tree_model, scene%forest)
    end subroutine set_forest
 
-   !> Check that features give volumes if the case does not, and that each distribution has its parameters.
+   !> Check that features give volumes if the case does not, and that the parameters of each distribution are given.
    pure subroutine check_features(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays
@@ -291,7 +291,7 @@ contains
                    //"of the source layer")
    end subroutine check_features
 
-   !> Check the number of boulders: maps count in 32 bits.
+   !> Check the number of boulders: maps use 32-bit counts.
    pure subroutine check_number(case, scene, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -311,7 +311,7 @@ contains
                 //"boulders_total shares a number over all")
    end subroutine check_number
 
-   !> Check that 32 bits, as in maps, suffice to count the fragments of all boulders.
+   !> Check that 32-bit counts, as in maps, suffice for the fragments of all boulders.
    pure subroutine check_fragments(case, scene, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -398,7 +398,7 @@ contains
       if (case%strength_sigma >= 0) ground%table%ground%strength_sigma = case%strength_sigma
    end subroutine set_ground_of
 
-   !> Maximum distance [cells] from a boulder's path at which maps may show hits.
+   !> Maximum distance [cells] between a boulder's path and a cell for which maps show a hit.
    pure integer function object_reach(scene, case)
       type(scene_t), intent(in) :: scene
       type(case_t), intent(in) :: case

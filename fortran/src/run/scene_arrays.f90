@@ -9,7 +9,7 @@ module rockfall_scene_arrays
    private
    public :: scene_arrays_t, scene_array_t, scene_table, scene_array_of, scene_array_text, feature_fields, is_borrowed
 
-   !> Values of a feature, in the units of the keys with the same names.
+   !> Attributes of a feature, in the units of the keys with the same names.
    character(len=*), parameter :: feature_fields(*) = [character(len=11) :: "volume_mean", "volume_std", "volume_min", &
                                                        "volume_max", "density", "drop_height", "velocity_x", &
                                                        "velocity_y", "velocity_z"]
@@ -17,8 +17,8 @@ module rockfall_scene_arrays
    !> Array of a scene, in memory and in scene files.
    type :: scene_array_t
       character(len=16) :: name
-      character(len=2) :: kind         !! i1, i4, f4, f8; "": one of two
-      character(len=23) :: dimensions  !! as in a file: the last varies fastest
+      character(len=2) :: kind         !! i1, i4, f4, f8; "": either of two kinds
+      character(len=23) :: dimensions  !! as in a file, where the last varies fastest
       character(len=6) :: units
       character(len=124) :: long_name
    end type scene_array_t
@@ -68,37 +68,37 @@ module rockfall_scene_arrays
       scene_array_t("tree_dbh", "f8", "tree", "cm", "diameter of the stem at breast height"), &
       scene_array_t("tree_factor", "f8", "tree", "1", "energy that the species absorbs, relative to silver fir")]
 
-   !> Input of a scene except its case, from Python or from a scene file. The caller owns the targets of pointers.
+   !> Inputs of a scene except its case, from Python or from a scene file. The caller owns the targets of pointers.
    type :: scene_arrays_t
       type(grid_t) :: grid                                       !! grid of the complete raster
       integer :: first(2) = 1                                    !! column and row of the first array element
-      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m] in double, or
+      real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m] in double precision, or
       real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
-      integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! 1-based column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! for more than 127 materials
+      integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! index of each cell's column in `sizes`, from 1, or
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! same for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes per cell (nx, ny, 1 or 3) [m]
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
-      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases depend on it
-      real(wp), allocatable :: source_frequency(:)               !! in any unit; weights that distribute boulders_total
+      real(wp), allocatable :: area_ratio(:)                     !! surface over plan area, if releases need it
+      real(wp), allocatable :: source_frequency(:)               !! weights, in any unit, that distribute boulders_total
       real(wp), allocatable :: source_volume(:), source_inertia(:)  !! properties of the boulders, if given [m3], [-]
       real(wp), allocatable :: source_density(:)                 !! density of the boulders, if given [kg/m3]
-      integer(i1), allocatable :: source_shape(:)                !! block shape of the boulders; 0: the case's
-      integer, allocatable :: source_feature(:)                  !! 1-based feature of a layer, if sources come from one
-      integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: the case's
-      real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: the case's
-      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, map coordinates [m]
+      integer(i1), allocatable :: source_shape(:)                !! block shape of the boulders; 0: as in the case
+      integer, allocatable :: source_feature(:)                  !! feature index, from 1, if sources come from a layer
+      integer, allocatable :: feature_distribution(:)            !! volume model (rockfall_boulder); 0: as in the case
+      real(wp), allocatable :: feature_value(:, :)               !! (feature_fields, features); NaN: as in the case
+      real(wp), pointer, contiguous :: tree_x(:) => null(), tree_y(:) => null()  !! stems, in map coordinates [m]
       real(wp), pointer, contiguous :: tree_dbh(:) => null()     !! stem diameters at breast height, > 0 [cm]
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! strength factors of the species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
-      integer :: draw = 0                                        !! index of the draw; 0: the file must have only one
+      integer :: draw = 0                                        !! index of the draw; 0: the file has only one
       character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
       integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
-      integer, allocatable :: ground_table(:)                    !! number of the table of each ground, from 1; 0: none
-      type(table_arrays_t) :: tables                             !! tables of impacts
+      integer, allocatable :: ground_table(:)                    !! impact table of each ground, from 1; 0: none
+      type(table_arrays_t) :: tables                             !! impact tables
       integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! ground of each cell; default: the first
-      integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if tables differ by shape
+      integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if impact tables differ by shape
    contains
       procedure :: set_array
    end type scene_arrays_t
@@ -112,7 +112,7 @@ contains
       row = scene_table(findloc(scene_table%name == name, .true., dim=1))
    end function scene_array_of
 
-   !> Row k of the table as text, "name|kind|dimensions|units|long name"; blank past its end.
+   !> Row k of the table as text, "name|kind|dimensions|units|long name"; blank past the end.
    pure function scene_array_text(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -126,7 +126,7 @@ contains
    end function scene_array_text
 
    !> Set a component, by its name in scene files, to a contiguous array in memory; the kind selects the component for
-   !> elevations and zones. Rasters and trees remain the caller's; other arrays are copied.
+   !> elevations and zones. Rasters and trees stay in the caller's memory; other arrays are copied.
    subroutine set_array(arrays, name, kind, length, at)
       class(scene_arrays_t), intent(inout) :: arrays
       character(len=*), intent(in) :: name, kind  !! kind: i1, i2, i4, f4, f8
@@ -185,7 +185,7 @@ contains
       end select
    end subroutine set_array
 
-   !> Return whether an array with this name remains the caller's.
+   !> Return whether an array with this name stays in the caller's memory.
    pure logical function is_borrowed(name)
       character(len=*), intent(in) :: name
 

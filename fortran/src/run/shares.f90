@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Shares of a number of boulders: by source, in proportion to area or weight, and in equal ranges.
+!> Distribution of boulders: to sources, in proportion to area or weight, and to equal ranges.
 module rockfall_shares
    use rockfall_kinds, only: wp, i8
    implicit none
@@ -20,7 +20,7 @@ contains
       total = 0
       do k = 1, size(ratio)
          total = total + ratio(k)
-         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! excessive numbers are rejected later, not wrapped
+         last(k) = int(min(n*total, 0.5_wp*huge(1_i8)), i8)  ! excessive numbers are rejected later: no wraparound
       end do
    end function last_boulders
 
@@ -44,7 +44,7 @@ contains
       end do
    end function last_boulders_by_weight
 
-   !> Compute n*part/of without overflow: the number of boulders in the first of equal ranges.
+   !> Number of boulders in the first `part` of `parts` equal ranges, n*part/parts without overflow.
    pure integer(i8) function proportional_part(n, part, parts)
       integer(i8), intent(in) :: n, part, parts
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Table of the arrays of a run, with a description (row of the table of variables), dimensions in files, and address.
+!> Table of the arrays of a run: description (row of the table of variables), dimensions in files, and address of each.
 !> Files, views and checks loop over its rows.
 module rockfall_state_table
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_loc
@@ -12,7 +12,7 @@ module rockfall_state_table
    integer, parameter :: max_rank = 4
 
    type :: array_t
-      type(variable_t) :: variable        !! group "work": not in files
+      type(variable_t) :: variable        !! variable; those of group "work" are not in files
       character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
       integer :: rank = 0
       character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first varies fastest
@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and must not be moved. The table of variables gives its kind, or `kind` if
-   !> it lacks the array; likewise the dimensions of a sample.
+   !> Add an array, which must be contiguous and must not be moved. Its kind comes from the table of variables, or from
+   !> `kind` if it is not in the table; the same applies to the dimensions of a sample.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name

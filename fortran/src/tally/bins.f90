@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Logarithmic bins of positive numbers, four per octave, computed from the bits of a number. Counts merge exactly, and
-!> give quantiles. The width of a bin is 14 to 25 % of its value.
+!> Logarithmic bins of positive numbers, four per octave, computed from the bits of a number. Counts can be added
+!> exactly, and give quantiles. The width of a bin is 14 to 25 % of its value.
 module rockfall_bins
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_math, only: fraction_bits, exponent_bias
@@ -10,10 +10,10 @@ module rockfall_bins
    public :: energy, speed, jump_height, passing_height
 
    integer, parameter :: energy = 1, speed = 2, jump_height = 3, passing_height = 4  !! quantities [J], [m/s], [m]
-   !> Range of the bins: octaves from 2**first: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
+   !> First octave as a power of two, and number of octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
    integer, parameter :: first(4) = [6, -2, -4, -4], octaves(4) = [27, 10, 13, 13]
    integer, parameter :: per_octave = 4
-   !> Bits of a double below those of exponent and bin: the 52 fraction bits less log2(per_octave).
+   !> Number of low bits of a double that do not affect its bin: the 52 fraction bits less log2(per_octave).
    integer, parameter :: bits_below = fraction_bits - 2
    !> Number of bins; the first also counts smaller numbers, the last larger ones.
    integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
@@ -32,7 +32,7 @@ contains
       log_bin = min(quarter + 2, n_log_bins(quantity))
    end function log_bin
 
-   !> Lower edge of a bin, in the unit of the quantity; past the last, open-ended bin, the edge of that bin.
+   !> Lower edge of a bin, in the unit of the quantity; past the last, open-ended bin, its own lower edge.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
       integer :: quarter
@@ -48,7 +48,7 @@ contains
    !> of Hyndman and Fan 1996, doi:10.1080/00031305.1996.10473566), assuming a uniform distribution within each bin.
    pure real(wp) function log_bin_quantile(quantity, counts, p) result(x)
       integer, intent(in) :: quantity
-      integer(i4), intent(in) :: counts(:)  !! per bin; at least one number
+      integer(i4), intent(in) :: counts(:)  !! counts of the bins; at least one number
       real(wp), intent(in) :: p             !! probability, 0..1 [-]
 
       x = log_bin_value(quantity, counts, 0.5_wp + p*(sum(int(counts, i8)) - 1))
@@ -57,7 +57,7 @@ contains
    !> Value of a given rank among the counted numbers, in the unit of the quantity; the k-th number has rank k - 1/2.
    pure real(wp) function log_bin_value(quantity, counts, rank) result(x)
       integer, intent(in) :: quantity
-      integer(i4), intent(in) :: counts(:)  !! per bin; at least one number
+      integer(i4), intent(in) :: counts(:)  !! counts of the bins; at least one number
       real(wp), intent(in) :: rank
       integer(i8) :: before
       real(wp) :: low

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> First crossings of lines by the boulders whose rows are kept, with a row for each line that a boulder crossed. Rows
-!> are in single precision, in the order in which boulders arrive, until they are sorted.
+!> First crossings of lines by the boulders whose rows are kept, with one row per line and boulder. Rows are in single
+!> precision and, until sorted, in the order in which boulders arrive.
 module rockfall_crossing_rows
    use rockfall_kinds, only: wp, sp, i1, i4, i8
    use rockfall_variables, only: crossing_fields
@@ -16,23 +16,23 @@ module rockfall_crossing_rows
       real(sp), allocatable :: of(:)
    end type column_t
 
-   !> Columns are longer than the `n` rows in use; columns that the case does not need have no length.
+   !> Columns are longer than the `n` rows in use. Columns that the case does not need have size zero.
    type :: crossing_rows_t
       integer(i8) :: n = 0
       logical :: may_break = .false., may_hit = .false.
       integer(i8), allocatable :: boulder(:)      !! boulder number
       integer(i4), allocatable :: line(:)         !! index of the line, from 0
-      type(column_t) :: real(n_reals)             !! crossing_fields
+      type(column_t) :: real(n_reals)             !! columns of crossing_fields
       real(sp), allocatable :: volume(:)          !! volume of the fragment, if boulders may break [m3]
-      integer(i4), allocatable :: fragments(:)    !! number that crossed, if boulders may break
-      integer(i1), allocatable :: outcome(:)      !! at the barrier on the line, if there are barriers; 0: not hit
+      integer(i4), allocatable :: fragments(:)    !! number of fragments that crossed, if boulders may break
+      integer(i1), allocatable :: outcome(:)      !! outcome at a barrier; 0: not hit; no length without barriers
    end type crossing_rows_t
 
 contains
 
    !> Initialise without any row.
    pure subroutine start_rows(may_break, may_hit, rows)
-      logical, intent(in) :: may_break, may_hit  !! boulders may break; barriers may be hit
+      logical, intent(in) :: may_break, may_hit  !! whether boulders may break, and barriers may be hit
       type(crossing_rows_t), intent(out) :: rows
       integer :: k
 
@@ -44,7 +44,7 @@ contains
       end do
    end subroutine start_rows
 
-   !> Allocate further rows, column by column, so that at most one column is in memory twice.
+   !> Allocate more rows, column by column, so that at most one column is in memory twice.
    pure subroutine make_room(rows, more, fit)
       type(crossing_rows_t), intent(inout) :: rows
       integer(i8), intent(in) :: more
@@ -130,7 +130,7 @@ contains
       rows%n = 0
    end subroutine clear_rows
 
-   !> Sort rows by line, then by boulder; meanwhile two orders and a column are in memory.
+   !> Sort rows by line, then by boulder; this needs memory for two orders and a column.
    subroutine sort_rows(lines, rows, fit)
       integer, intent(in) :: lines  !! number of lines
       type(crossing_rows_t), intent(inout) :: rows
@@ -168,8 +168,8 @@ contains
       end associate
    end subroutine sort_rows
 
-   !> First row out of order (by line, then by boulder); one beyond the last row if none. In sorted rows, it is a
-   !> second crossing of a line by one boulder.
+   !> First row that is not strictly ordered by line, then by boulder; one beyond the last row if none. In sorted rows,
+   !> such a row is a second crossing of a line by the same boulder.
    pure integer(i8) function first_unsorted(rows) result(k)
       type(crossing_rows_t), intent(in) :: rows
 
@@ -203,7 +203,7 @@ contains
       end do
    end subroutine order_by_line
 
-   !> Sort an order by boulder. Numbers ascend over long runs: neighbouring runs are merged until one is left.
+   !> Sort an order by boulder: long ascending runs are merged pairwise until a single run is left.
    pure subroutine order_by_boulder(number, order, merged)
       integer(i8), intent(in) :: number(:)
       integer(i8), intent(inout) :: order(:)
@@ -225,7 +225,7 @@ contains
       end do
    end subroutine order_by_boulder
 
-   !> End of the ascending run that begins at a place of an order.
+   !> End of the ascending run that begins at a given position of an order.
    pure integer(i8) function end_of(number, order, begin) result(k)
       integer(i8), intent(in) :: number(:), order(:), begin
 
@@ -234,7 +234,7 @@ contains
       end do
    end function end_of
 
-   !> Merge the first `n` elements of an order with the others; both parts ascend.
+   !> Merge the first `n` elements of an order with the remaining elements; both parts ascend.
    pure subroutine merge_two(number, order, n, merged)
       integer(i8), intent(in) :: number(:), order(:), n
       integer(i8), intent(out) :: merged(:)

@@ -9,7 +9,7 @@ module rockfall_histogram
    private
    public :: histograms_t, empty_histograms, count_rebound, bins, quantities, bin_width, n_bins
 
-   integer, parameter :: bins = 50, quantities = n_histograms  !! maximum number of bins; quantities
+   integer, parameter :: bins = 50, quantities = n_histograms  !! maximum number of bins; number of quantities
    !> Quantities of histograms: incidence angle [degree]; tangential, normal and rotational fraction of the
    !> incident energy (eqs 8-11); R_t and R_n (eqs 6, 7) [-]. Bins start at zero; the first and last also count smaller
    !> and larger values.
@@ -30,7 +30,7 @@ contains
       real(wp) :: s, c
       integer :: k
 
-      do k = 1, (n_bins(angle) - 1)/2  ! up to 44 degrees; the others by symmetry
+      do k = 1, (n_bins(angle) - 1)/2  ! edges up to 44 degrees; the remaining edges by symmetry
          call sine_cosine(bin_width(angle)*k*degree, s, c)
          this%sine2(k) = s*s
          this%sine2(n_bins(angle) - k) = c*c
@@ -69,7 +69,7 @@ contains
       bin_of = 1 + int(max(0.0_wp, min(n_bins(quantity) - 1.0_wp, value/bin_width(quantity))))
    end function bin_of
 
-   !> Bin of a/b, b >= 0; does not overflow if b is tiny.
+   !> Bin of a/b, b >= 0, without overflow for tiny b.
    pure integer function bin_of_ratio(a, b, quantity)
       real(wp), intent(in) :: a, b  !! [m/s]
       integer, intent(in) :: quantity

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of boulders whose rows are not kept: quantities at each line and at the boulder's end, over all boulders,
-!> by part (features or sources named in statistics), and coarsely by group of sources, for confidence intervals.
+!> Samples of boulders whose rows are not kept: quantities at each line and at the end of each boulder. Samples cover
+!> all boulders, each part (feature or source in statistics) and, coarsely, groups of sources for confidence intervals.
 module rockfall_line_samples
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_math, only: rounded_up
@@ -13,21 +13,21 @@ module rockfall_line_samples
    public :: layout_t, layout_of, add_end, add_crossings, line_quantities, place_along, point_along
    public :: line_quantity, end_quantity, units_of, n_quantities, tails
 
-   !> Quantities at a line (the first `tails` of them may have tails); quantities at the end of a boulder.
+   !> Quantities at a line (only the first `n_tails` may have tails), and quantities at the end of a boulder.
    character(len=20), parameter :: line_quantity(*) = [character(len=20) :: &
       "speed", "jump_height", "passing_height", "energy_translational", "energy_rotational", "energy_total", "omega", &
       "rotational_share", "upper_edge", "normal_height", "normal_upper_edge", "position"]
    character(len=20), parameter :: end_quantity(*) = [character(len=20) :: &
       "plan_distance", "path_length", "travel_time", "speed_max", "jump_height_max", "volume", "impacts"]
    integer, parameter :: n_quantities = size(line_quantity), tails = 6
-   !> Units per m/s, m, J, rad/s or 1: mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
+   !> Units of samples per SI unit. At lines mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
    real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, unity = 1.0_wp
    real(wp), parameter :: units_of(n_quantities, 2) = reshape( &
       [kilo, kilo, kilo, unity, unity, unity, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
-   integer, parameter :: max_parts = 50, ranges = 20  !! more features or sources are combined into this many ranges,
-   integer, parameter :: max_parted = 256             !! or fewer: maximum of parts times places, 0.6 MB each
+   integer, parameter :: max_parts = 50, ranges = 20  !! above this number, sources are combined into ranges
+   integer, parameter :: max_parted = 256             !! or fewer ranges: maximum of parts times places, 0.6 MB each
    integer, parameter :: max_grouped = 2048           !! maximum of groups of sources times places, 10 kB each
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
@@ -44,14 +44,14 @@ module rockfall_line_samples
 
    !> Part and group of each source; a group belongs to one part.
    type :: layout_t
-      integer(i4), allocatable :: part(:), group(:)  !! per source
+      integer(i4), allocatable :: part(:), group(:)  !! part and group of each source
       integer(i4), allocatable :: part_last(:)       !! last feature or source of each part
       integer(i4), allocatable :: group_part(:)      !! part of each group
    end type layout_t
 
 contains
 
-   !> Build the layout: one group per source if places times sources are few; else neighbouring sources are grouped.
+   !> Build the layout: one group per source if memory permits; otherwise neighbouring sources are grouped.
    pure function layout_of(release, places) result(layout)
       type(release_t), intent(in) :: release
       integer, intent(in) :: places  !! number of lines, plus one for the end
@@ -149,8 +149,8 @@ contains
    end subroutine add_quantities
 
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
-   !> the ground is R / cos(slope) vertically above it, and R along the normal; in flight, both are above the point at
-   !> its jump height.
+   !> the ground is R / cos(slope) vertically above it, and R along the normal. In flight, both distances are measured
+   !> from the point at the jump height.
    pure function line_quantities(row, radius) result(q)
       real(wp), intent(in) :: row(:)  !! line_fields
       real(wp), intent(in) :: radius  !! R_b [m]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers.
-!> All are integers or sets, so neither the order nor the partition of the numbers changes a bit.
+!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers. All
+!> are integers or sets, so results do not depend on the order or partition of the numbers.
 module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8, i16
@@ -14,24 +14,25 @@ module rockfall_samples
    public :: filled_bins_t, fill_bins, filled_bins
    public :: n_sample_bins, n_coarse_bins, n_words, base_bits, largest_unit
 
-   !> Bins of integers: width 1 below 512, then 256 per octave, so that no bin is wider than 0.4 % of its numbers; up to
-   !> 2**45, and down to -2**20.
+   !> Bins of integers up to 2**45 and down to -2**20: width 1 below 512, then 256 bins per octave, so that no bin is
+   !> wider than 0.4 % of its values.
    integer, parameter :: octave_bits = 8, per_octave = 2**octave_bits
    integer, parameter :: before_octaves = per_octave*(exponent_bias + octave_bits - 1)
    integer, parameter :: below_zero = 3328, from_zero = 9728
    integer, parameter :: n_sample_bins = below_zero + from_zero
    integer, parameter :: bins_per_coarse = 64, n_coarse_bins = n_sample_bins/bins_per_coarse
    integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
-   !> Words of a sum and of a sum of squares, two digits each to the base 2**62; then the maximum.
+   !> Words of a sum and a sum of squares, with two digits each in base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   !> Largest values stored individually at a line: up to `most_largest`, and `all_largest` over all lines, but at least
-   !> the number that a return level needs from independent boulders (MAX_ABOVE of return_levels.py, two neighbours).
+   !> Number of largest values stored at a line: up to `most_largest`, and `all_largest` over all lines, but at least
+   !> the number needed for a return level from independent boulders (MAX_ABOVE in return_levels.py, plus two
+   !> neighbours).
    integer, parameter :: most_largest = 100000, all_largest = 2000000, fewest_largest = 2002
 
    integer, parameter :: batch = 256  !! numbers added at a time
 
    !> Samples of `quantities` at each of `places` (the ends of boulders, then each line). Counts are in blocks: a block
-   !> has the bins within one coarse bin, and exists once a boulder falls there. Unused memory pages cost nothing.
+   !> contains the bins of one coarse bin, and is created for its first boulder. Unused memory pages cost nothing.
    type :: samples_t
       integer(i4) :: blocks = 0                                         !! number of blocks in use
       integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0 = none (coarse bins, quantities,
@@ -39,13 +40,14 @@ module rockfall_samples
       integer(i4), pointer, contiguous :: counts(:, :) => null()        !! (bins of a block, blocks)
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
-      real(sp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps of `known` (numbers, tails, lines)
+      real(sp), pointer, contiguous :: largest(:, :, :) => null()       !! heaps of `known` largest values (values,
+                                                                        !! tails, lines)
       integer(i4), allocatable :: known(:)                              !! number of values in each heap of a line
-      integer(i8), pointer, contiguous :: ended(:) => null()            !! boulders by status
+      integer(i8), pointer, contiguous :: ended(:) => null()            !! number of boulders by status
       type(c_ptr), private :: block(6) = c_null_ptr  !! memory of at, groups, counts, sums, ended, largest
    end type samples_t
 
-   !> Bins that are not empty, 0-based over all dimensions, in order, and their counts.
+   !> Bins that are not empty, numbered from 0 over all dimensions in ascending order, and their counts.
    type :: filled_bins_t
       integer(i8), allocatable :: bin(:)
       integer(i4), allocatable :: count(:)
@@ -53,13 +55,13 @@ module rockfall_samples
 
 contains
 
-   !> Allocate empty samples, if they fit in memory: quantities by part and coarsely by group, at all places;
-   !> boulders by status; and the largest numbers of each tail at lines. Each of `boulders` has one number at a place.
+   !> Allocate empty samples, if memory suffices: quantities by part and coarsely by group, at all places; boulders by
+   !> status; and the largest values of each tail at lines. Each of `boulders` has one value per place.
    subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: quantities, parts, groups, places, statuses, tails
       integer(i8), intent(in) :: boulders
-      logical, intent(in) :: sampled  !! sources are a sample
+      logical, intent(in) :: sampled  !! whether the sources are a sample
       logical, intent(out) :: fit
       integer(i8) :: n, blocks
       integer :: k
@@ -85,7 +87,7 @@ contains
       call allocate_tails(samples, tails, places - 1, boulders, sampled, fit)
    end subroutine allocate_samples
 
-   !> Allocate tails without a number.
+   !> Allocate empty tails.
    subroutine allocate_tails(samples, tails, lines, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: tails, lines
@@ -104,7 +106,7 @@ contains
       samples%known = spread(0, 1, lines)
    end subroutine allocate_tails
 
-   !> Continue samples with longer tails, for `boulders`, if they fit in memory; other data is moved, to memory for the
+   !> Continue samples with longer tails, for `boulders`, if memory suffices. All other data is moved, to memory for the
    !> maximum number of blocks.
    subroutine continue_samples(from, to, boulders, sampled, fit)
       type(samples_t), intent(inout) :: from
@@ -127,7 +129,7 @@ contains
       call free_block(samples%block)
    end subroutine free_samples
 
-   !> Free data needed only for counting, once all results are computed; counts remain, since results are views of them.
+   !> Free data needed only for counting, once all results are computed. Results are views of the counts, which remain.
    subroutine forget_samples(samples)
       type(samples_t), intent(inout) :: samples
 
@@ -138,8 +140,8 @@ contains
 
    ! ---- blocks -------------------------------------------------------------------------------
 
-   !> Order blocks by bins, quantities, parts and places, independently of the threads, and list their 0-based places
-   !> in this order.
+   !> Sort blocks by bin, quantity, part and place, so that their order does not depend on threads, and list their
+   !> places (from 0) in this order.
    subroutine list_blocks(samples, places)
       type(samples_t), intent(inout), target :: samples
       integer(i8), allocatable, intent(out) :: places(:)
@@ -161,7 +163,7 @@ contains
       end do
       do n = 1, samples%blocks
          if (from(n) == n) cycle
-         moved = samples%counts(:, n)  ! start of a cycle, in which each block replaces another
+         moved = samples%counts(:, n)  ! start of a cycle of blocks that replace each other
          place = n
          do
             next = from(place)
@@ -188,7 +190,7 @@ contains
       end do
    end subroutine find_blocks
 
-   !> Block of a coarse bin, new if the bin has none. Threads add at different places, but share the stock of blocks.
+   !> Find the block of a coarse bin, or assign a new block. Threads add at different places, but share all blocks.
    subroutine find_block(samples, at, block)
       type(samples_t), intent(inout) :: samples
       integer(i4), intent(inout) :: at
@@ -234,7 +236,7 @@ contains
       integer(i8) :: size
 
       size = min(abs(number), largest_unit - 1)
-      ! bits of exponent and fraction that count octaves and their parts; the real represents the number exactly
+      ! the upper bits of exponent and fraction count octaves and their parts; the real is exact
       bin = int(shiftr(transfer(real(size, wp), size), fraction_bits - octave_bits)) - before_octaves
       bin = merge(int(iand(size, per_octave - 1_i8)), bin, size < per_octave)
       bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)
@@ -252,11 +254,11 @@ contains
       if (bin <= below_zero) edge = -edge
    end function sample_edge
 
-   !> Add numbers to the samples of a quantity at a place. Separate loops for each step overlap the waits for memory.
+   !> Add values to the samples of a quantity at a place. Separate loops for each step let memory accesses overlap.
    subroutine add_numbers(samples, numbers, quantity, part, group, place)
       type(samples_t), intent(inout) :: samples
-      integer(i8), intent(in) :: numbers(:)               !! in units
-      integer, intent(in) :: quantity, part(:), group(:)  !! part and group of each number
+      integer(i8), intent(in) :: numbers(:)               !! values in units of the sample
+      integer, intent(in) :: quantity, part(:), group(:)  !! part and group of each value
       integer, intent(in) :: place
       integer(i4) :: block(batch)
       integer :: bin(batch), coarse(batch), first, k, n
@@ -286,11 +288,11 @@ contains
       call add_to_sums(samples%sums(:, quantity, :, place), numbers, part)
    end subroutine add_numbers
 
-   !> Add numbers to the sums of their parts; numbers of a part are mostly consecutive.
+   !> Add values to the sums of their parts; values of a part are mostly consecutive.
    pure subroutine add_to_sums(words, numbers, part)
       integer(i8), intent(inout) :: words(:, :)  !! (words, parts)
       integer(i8), intent(in) :: numbers(:)
-      integer, intent(in) :: part(:)             !! part of each number
+      integer, intent(in) :: part(:)             !! part of each value
       integer(i16) :: total, squares
       integer :: first, last, k
 
@@ -387,11 +389,11 @@ contains
       end associate
    end function sample_sum
 
-   !> Add numbers from boulders to the tails of a line.
+   !> Add values from boulders to the tail samples of a line.
    pure subroutine add_tails(samples, line, numbers)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: line
-      real(sp), intent(in) :: numbers(:, :)  !! >= 0 (boulders, tails)
+      real(sp), intent(in) :: numbers(:, :)  !! values >= 0 (boulders, tails)
       integer :: j, k, most
 
       most = size(samples%largest, 1)
@@ -405,9 +407,9 @@ contains
       end associate
    end subroutine add_tails
 
-   !> Insert a number into a heap of the largest numbers, whose root is the smallest and whose first nodes are known. In
-   !> a full heap, the nodes on the path of smaller children move up by one, and the number rises from its end, without
-   !> unpredictable branches (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
+   !> Insert a value into a heap of the largest values. Its first `known` nodes are in use, and its root is the
+   !> smallest value. In a full heap, the nodes on the path of smaller children move up by one, and the value rises from
+   !> the end of that path, without unpredictable branches (Wegener 1993, doi:10.1016/0304-3975(93)90364-Y).
    pure subroutine add_tail(heap, known, number)
       real(sp), intent(inout) :: heap(:)
       integer, intent(in) :: known
@@ -425,7 +427,7 @@ contains
             next = next + merge(1, 0, heap(next + 1) < heap(next))
             heap(node) = heap(next)
             node = next
-            call prefetch(heap(min(known, 16*node + 1)))  ! the node four levels down, on either path
+            call prefetch(heap(min(known, 16*node + 1)))  ! node four levels down, on either path
          end do
          if (next == known) then
             heap(node) = heap(next)

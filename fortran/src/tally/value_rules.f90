@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values that the variables of a run can have, by variable name in files.
+!> Values that each variable of a run can have, by variable name in files.
 module rockfall_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use rockfall_kinds, only: wp
@@ -12,16 +12,16 @@ module rockfall_value_rules
    private
    public :: value_fault
 
-   !> Range of values; the grid of the terrain, if known, limits positions.
+   !> Range of values; the grid of the terrain, if known, limits coordinates.
    type :: range_t
       real(wp) :: lowest = 0.0_wp, highest = huge(1.0_wp)
       logical :: excludes_lowest = .false.
-      character(len=16) :: place = ""  !! for messages
+      character(len=16) :: place = ""  !! location, for messages
    end type range_t
 
 contains
 
-   !> Fault in the values of a variable without missing values; "" if a run can have them.
+   !> Describe the fault in values of a variable that has no missing values; "" if a run can have them.
    pure function value_fault(name, values, grid) result(fault)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: values(:)
@@ -32,8 +32,8 @@ contains
 
       range = range_of(name, grid)
       do k = 1, size(values)
-         if (name == "shadow_angle" .and. ieee_is_nan(values(k))) cycle  ! no apex
-         if (ieee_is_nan(values(k))) exit  ! first, because comparisons with NaN trap
+         if (name == "shadow_angle" .and. ieee_is_nan(values(k))) cycle  ! NaN: no apex
+         if (ieee_is_nan(values(k))) exit  ! tested first, because comparisons with NaN trap
          if (values(k) < range%lowest .or. values(k) > range%highest) exit
          if (range%excludes_lowest .and. values(k) <= range%lowest) exit
       end do
@@ -50,7 +50,7 @@ contains
       end if
    end function value_fault
 
-   !> Range of a variable; lengths, times, speeds, energies and counts are not negative.
+   !> Range of a variable: lengths, times, speeds, energies and counts are not negative.
    pure type(range_t) function range_of(name, grid) result(range)
       character(len=*), intent(in) :: name
       type(grid_t), intent(in), optional :: grid

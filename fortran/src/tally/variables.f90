@@ -13,27 +13,27 @@ module rockfall_variables
 
    ! Versions of scene and part files:
    integer(i8), parameter :: scene_layout = 3, part_layout = 6
-   integer(i8), parameter :: piece = 2_i8**17    !! values per checksum
+   integer(i8), parameter :: piece = 2_i8**17    !! number of values per checksum
    integer(i8), parameter :: max_packing = 1100  !! maximum compression ratio of zlib
 
    !> Variable of a result.
    type :: variable_t
       !> boulder, count (over all boulders), ground (per ground type), energy (per boulder, on request), feature (per
-      !> boulder, if sources come from a layer), shape (per boulder, if they have several), mass (if sources come from
-      !> a layer or give densities), shadow (per boulder, if an angle was observed), tree (per boulder, if there are
-      !> trees), breakage (per boulder, if they may break), crossing (first crossing of a line), fragment (then, if
-      !> boulders may break), hit (then, if there are barriers), line (derived from a crossing, in no file),
-      !> line_vertex, barrier, map, histogram, vertex (of a trajectory), tally (per cell, in part files), kept and
-      !> sample (if not all rows are kept); or status, outcome and leg: values of the status of a boulder, of the
-      !> outcome at a barrier, and of the motion from a vertex to the next.
+      !> boulder, if sources come from a layer), shape (per boulder, if there are several shapes), mass (per boulder, if
+      !> sources come from a layer or give densities), shadow (per boulder, if an angle was observed), tree (per
+      !> boulder, if there are trees), breakage (per boulder, if boulders may break), crossing (first crossing of a
+      !> line), fragment (with crossings, if boulders may break), hit (with crossings, if there are barriers), line
+      !> (derived from a crossing, not in files), line_vertex, barrier, map, histogram, vertex (of a trajectory), tally
+      !> (per cell, in part files), kept and sample (if not all rows are kept); or status, outcome and leg: values of
+      !> the status of a boulder, of the outcome at a barrier, and of the motion from a vertex to the next.
       character(len=11) :: group
-      character(len=27) :: name       !! in files prefixed by crossing_, trajectory_, tally_, followed by _histogram
+      character(len=27) :: name       !! in files with prefix crossing_, trajectory_, tally_ or suffix _histogram
       character(len=7) :: kind        !! real, integer, word
-      character(len=7) :: units       !! in CF notation; of a histogram: those of its bins
+      character(len=7) :: units       !! CF notation; for a histogram, the unit of its bins
       character(len=80) :: long_name
       character(len=80) :: comment = ""
       character(len=2) :: stored = "" !! type in part files: i1, i4, f4; default f8, or i8 for integers
-      character(len=24) :: axes = ""  !! dimensions of a sample after sample_; the last varies fastest
+      character(len=24) :: axes = ""  !! dimensions of a sample, after sample_; the last varies fastest
    end type variable_t
 
    character(len=*), parameter :: ends = "the first and the last bin include all values beyond"
@@ -51,15 +51,15 @@ module rockfall_variables
    character(len=*), parameter :: speeds = " of the passing boulders' maximum speeds"
    character(len=*), parameter :: jump_heights = " of the passing boulders' maximum jump heights"
    character(len=*), parameter :: passing_heights = " of the passing boulders' maximum passing heights"
-   character(len=3), parameter :: levels(*) = ["q50", "q90", "q95", "q98", "q99"]  !! quantiles in maps
+   character(len=3), parameter :: levels(*) = ["q50", "q90", "q95", "q98", "q99"]  !! quantiles available in maps
    character(len=13), parameter :: of_level(*) = [character(len=13) :: "median", "90 % quantile", "95 % quantile", &
                                                   "98 % quantile", "99 % quantile"]
    character(len=*), parameter :: at_crossing = " at the first crossing"
 
    integer :: k
 
-   !> Within each group, reals and integers have the order of the rows of rockfall_rows; histograms that of
-   !> rockfall_histogram; statuses that of their numbers, from 1.
+   !> Within each group, reals and integers are in the order of rockfall_rows, histograms in that of rockfall_histogram,
+   !> statuses by number, from 1.
    type(variable_t), parameter :: variable_table(*) = [ &
       variable_t("boulder", "volume", "real", "m3", "volume of the boulder"), &
       variable_t("boulder", "start_x", "real", "m", "easting of the release"), &
@@ -297,7 +297,7 @@ module rockfall_variables
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
-   !> Columns of rows, each with its group; every run has the group of the first.
+   !> Columns of rows, each with its group; every run has the columns of the first group.
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
              .or. variable_table%group == "mass" .or. variable_table%group == "shadow" &

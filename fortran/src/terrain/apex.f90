@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Apex of the talus below a source, from which shadow angles are measured (Evans and Hungr 1993, Can. Geotech. J. 30,
-!> 620): where the descent from the source is no longer cliff.
+!> 620): the first point of the descent from the source that is no longer a cliff.
 module rockfall_apex
    use rockfall_kinds, only: wp
    use rockfall_math, only: tangent
@@ -10,22 +10,22 @@ module rockfall_apex
    private
    public :: find_apex, found, not_loaded
 
-   !> How the descent ends: at the apex, in a pit, at unknown terrain, or at the edge of the loaded window.
+   !> Ends of the descent: at the apex, in a pit, at unknown terrain, or at the edge of the loaded window.
    integer, parameter :: found = 0, pit = 1, unknown = 2, not_loaded = 3
 
-   real(wp), parameter :: beyond = 20.0_wp  !! distance below the apex that is no cliff either [m]
+   real(wp), parameter :: beyond = 20.0_wp  !! distance below the apex that must not be a cliff either [m]
    integer, parameter :: sides(2, 4) = reshape([-1, 0, 1, 0, 0, -1, 0, 1], [2, 4])
 
 contains
 
-   !> Follow the steepest descent, in steps of a cell, to the first place from which neither the next step nor the next
-   !> `beyond` metres are as steep as a cliff, by the usual threshold of sources. It ends in a pit where it turns back
-   !> or does not get lower.
+   !> Follow the steepest descent in steps of one cell, to the first point from which neither the next step nor the next
+   !> `beyond` metres exceed the usual slope threshold of sources. The descent ends in a pit where it turns back or does
+   !> not get lower.
    pure subroutine find_apex(dem, start, apex, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(2)  !! source, local coordinates [m]
-      real(wp), intent(out) :: apex(3)  !! or where the descent leaves the terrain [m]
-      integer, intent(out) :: status    !! found, ...
+      real(wp), intent(out) :: apex(3)  !! apex, or point where the descent leaves the terrain [m]
+      integer, intent(out) :: status    !! one of the constants above
       real(wp) :: way(3, 0:ceiling(beyond/dem%cell)), at(3), heading(2), fall
       integer :: k, n
 
@@ -49,13 +49,13 @@ contains
       status = pit
    end subroutine find_apex
 
-   !> Go down by a cell, along the gradient over `beyond`, which does not stop in hollows of the surface; straight on
-   !> where it is level.
+   !> Go down by one cell along the mean gradient over `beyond`, so that hollows do not stop the descent; straight on if
+   !> the ground is level.
    pure subroutine step_down(dem, heading, at, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: heading(2)  !! unit vector; 0 at the source
       real(wp), intent(inout) :: at(3)       !! [m]
-      integer, intent(out) :: status         !! found, ...
+      integer, intent(out) :: status         !! one of the constants above
       real(wp) :: probe(3), descent(2)
       integer :: k
 
@@ -75,11 +75,11 @@ contains
       if (status == found) call find_height(dem, at, status)
    end subroutine step_down
 
-   !> Elevation at a place.
+   !> Elevation at a point.
    pure subroutine find_height(dem, at, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: at(3)  !! [m]
-      integer, intent(out) :: status    !! found, unknown, or not_loaded
+      integer, intent(out) :: status    !! found, unknown or not_loaded
       type(patch_t) :: patch
       real(wp) :: u, w
 

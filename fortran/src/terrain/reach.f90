@@ -8,8 +8,8 @@ module rockfall_reach
    private
    public :: block_side, update_block_minima, reach_box
 
-   integer, parameter :: max_blocks = 1024   !! maximum along a side of the raster: at most 8 MB of minima
-   integer, parameter :: margin = 3           !! cells of a patch, and around the cells of a patch
+   integer, parameter :: max_blocks = 1024   !! maximum number along a side of the raster: 8 MB of minima
+   integer, parameter :: margin = 3           !! a patch and its neighbours extend this far around a cell [cells]
    real(wp), parameter :: slack = 0.01_wp     !! far above the rounding error of the energy head [m]
 
    !> Blocks reached by a flood fill, and the stack of blocks whose neighbours are still to be visited.
@@ -22,7 +22,7 @@ module rockfall_reach
 
 contains
 
-   !> Side length in cells of the blocks, whose minimum elevation is stored.
+   !> Side length, in cells, of the blocks for which minimum elevations are stored.
    pure integer function block_side(nodes)
       integer, intent(in) :: nodes(2)  !! columns, rows of the raster
 
@@ -32,7 +32,7 @@ contains
    !> Update the minima of blocks [m] with the known elevations of rows first to last.
    pure subroutine update_block_minima(dem, first, last, minima)
       type(terrain_t), intent(in) :: dem        !! terrain with all columns of these rows
-      integer, intent(in) :: first, last        !! rows from the north
+      integer, intent(in) :: first, last        !! rows, counted from the north
       real(wp), intent(inout) :: minima(:, :)   !! (columns, rows) of blocks
       real(wp) :: z
       integer :: i, r, k, side
@@ -55,14 +55,14 @@ contains
    end subroutine update_block_minima
 
    !> Rectangle of cells (first column, first row, last column, last row) that contains all cells that boulders from the
-   !> sources can reach or affect, and their neighbours: blocks below the energy head that are connected to a
-   !> block with a source.
+   !> sources can reach or affect, and their neighbours. It covers all blocks below the energy head that are connected
+   !> to a block with a source.
    pure function reach_box(dem, minima, head, x, y, beyond) result(box)
       type(terrain_t), intent(in) :: dem       !! terrain, used only for its geometry
       real(wp), intent(in) :: minima(:, :)     !! minima of all blocks [m]
       real(wp), intent(in) :: head             !! maximum energy head of all sources [m]
       real(wp), intent(in) :: x(:), y(:)       !! sources, local coordinates [m]
-      integer, intent(in) :: beyond            !! number of cells around the reached cells that boulders affect
+      integer, intent(in) :: beyond            !! number of cells around reached cells that boulders affect
       integer :: box(4)
       type(flood_t) :: flood
       integer :: k, block(2), side
@@ -73,7 +73,7 @@ contains
       side = block_side([dem%nx, dem%ny])
       do k = 1, size(x)
          block = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
-         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! a surrounding cell is lower
+         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! a neighbouring cell is lower
       end do
       do while (flood%n > 0)
          block = flood%stack(:, flood%n)

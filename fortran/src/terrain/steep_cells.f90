@@ -11,8 +11,8 @@ module rockfall_steep_cells
 
 contains
 
-   !> Slope threshold [degree] of sources for a cell size, 55 RES**-0.075: the larger the cells, the flatter a face
-   !> appears (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
+   !> Slope threshold [degree] of sources for a cell size, 55 RES**-0.075: faces appear flatter with larger cells
+   !> (practice of Rockyfor3D; Dorren 2016, v5.2 revealed, ecorisQ).
    pure real(wp) function usual_threshold(cell) result(slope)
       real(wp), intent(in) :: cell  !! [m]
 
@@ -24,7 +24,7 @@ contains
    pure subroutine keep_steep_cells(dem, threshold, first, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: threshold      !! [degree]
-      integer, intent(in) :: first           !! row of cells(:, 1), 1 the northernmost
+      integer, intent(in) :: first           !! row of cells(:, 1), counted from 1 in the north
       integer(i2), intent(inout) :: cells(:, :)
       type(patch_t) :: patch
       real(wp) :: min_tangent, missing(2), descent(2)
@@ -49,8 +49,8 @@ contains
    end subroutine keep_steep_cells
 
    !> Ratio of surface to plan area for the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981). If the 3x3 window is
-   !> incomplete, it is that of the patch next to the source, as for the descent of a cell; 1 outside the known terrain,
-   !> where sources are not allowed.
+   !> incomplete, the gradient is that of the patch next to the source, as for the descent of a cell. The ratio is 1
+   !> outside the known terrain, where sources are not allowed.
    pure function surface_ratios(dem, x, y) result(ratio)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x(:), y(:)  !! local coordinates [m]

@@ -19,10 +19,10 @@ module rockfall_surface
    type :: surface_t
       integer :: method = method_b
       real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 treats Rg as a diameter, 1 as a radius [-]
-      !> Sizes of each material [m]: (1, m) mean radius, or (1:3, m) Rg70, Rg20, Rg10.
+      !> Sizes of each material m [m]: (1, m) mean radius, or (1:3, m) Rg70, Rg20, Rg10.
       real(wp), allocatable :: sizes(:, :)
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! for more than 127 materials
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! same for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
       !> Index of the ground type per material or cell, if there are several.
       integer(i1), allocatable :: material_ground(:)
@@ -31,7 +31,8 @@ module rockfall_surface
 
 contains
 
-   !> Rock radius R_m [m] at a raster cell for one rebound; `u` selects method A's obstacle size (theory, chapter 7).
+   !> Rock radius R_m [m] at a raster cell for one rebound; `u` selects an obstacle size of method A (theory, chapter
+   !> 7).
    pure real(wp) function rock_radius(surface, at, u)
       type(surface_t), intent(in) :: surface
       integer, intent(in) :: at(2)  !! column, row from the north

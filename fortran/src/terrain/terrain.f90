@@ -11,10 +11,10 @@ module rockfall_terrain
    public :: fraction_of, height, height_at, node_height, gradient, slope_at, cell_of, nearest_node, cell_descent
    public :: is_within, horn, is_pit, steepness_of, max_elevation
 
-   real(wp), parameter :: max_elevation = 1.0e7_wp  !! maximum absolute elevation; above it: undeclared nodata [m]
+   real(wp), parameter :: max_elevation = 1.0e7_wp  !! maximum absolute elevation; larger: undeclared nodata [m]
 
    !> Distance from a side of a patch within which a point counts as on it [cells]: map coordinates of 1e7 m have a
-   !> resolution of 2e-9 m, so a source at a cell centre may be off by that much.
+   !> resolution of 2e-9 m, so a source at a cell centre may be off by this amount.
    real(wp), parameter :: on_side = 1.0e-6_wp
 
    !> View of the caller's array in native precision. `z(i, r)`: column i from the west, row r from the north, as in
@@ -34,7 +34,7 @@ module rockfall_terrain
    !> 0..1.
    type :: patch_t
       integer :: i = 0, j = 0
-      real(wp) :: z00 = 0.0_wp, a = 0.0_wp, b = 0.0_wp, c = 0.0_wp  !! [m]
+      real(wp) :: z00 = 0.0_wp, a = 0.0_wp, b = 0.0_wp, c = 0.0_wp  !! coefficients [m]
       logical :: known = .false.  !! false if a corner has no data or is outside
    end type patch_t
 
@@ -76,7 +76,7 @@ contains
    !> the raster.
    pure subroutine set_window(dem, first, last)
       type(terrain_t), intent(inout) :: dem
-      integer, intent(in) :: first(2), last(2)  !! column, row from the north
+      integer, intent(in) :: first(2), last(2)  !! column and row, from the north
 
       if (first(1) > 1) dem%lo(1) = max(dem%lo(1), first(1) + 1)
       if (last(1) < dem%nx) dem%hi(1) = min(dem%hi(1), last(1) - 2)
@@ -92,8 +92,8 @@ contains
       in_window = i >= dem%lo(1) .and. j >= dem%lo(2) .and. i <= dem%hi(1) .and. j <= dem%hi(2)
    end function in_window
 
-   !> Find the patch at a point, and the point's position in the patch. Points outside the raster get the nearest patch;
-   !> points on the edge of the known terrain (up to `on_side`) get a known patch.
+   !> Find the patch that contains a point, and the position of the point in it. Points outside the raster get the
+   !> nearest patch; points on the edge of the known terrain (up to `on_side`) get a known patch.
    pure subroutine locate(dem, x, y, patch, u, w)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -103,7 +103,7 @@ contains
 
       i = max(1, min(dem%nx - 1, int(x*dem%per_cell) + 1))
       j = max(1, min(dem%ny - 1, int(y*dem%per_cell) + 1))
-      do k = 0, 3  ! the patch itself, then its neighbours across a side and a corner
+      do k = 0, 3  ! try the patch itself, then its neighbours across a side and a corner
          call read_patch(dem, i + mod(k, 2)*side_step(patch_position(dem, x, i)), j &
                          + k/2*side_step(patch_position(dem, y, j)), patch)
          if (patch%known) exit
@@ -140,7 +140,7 @@ contains
       fraction_of = max(0.0_wp, min(1.0_wp, x*per_cell - (k - 1)))
    end function fraction_of
 
-   !> Return whether a point is inside the hull of the cell centres, or on its edge; ignores nodata.
+   !> Return whether a point is inside the convex hull of the cell centres, or on its edge; ignores nodata.
    pure logical function on_terrain(dem, x, y)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y  !! [m]
@@ -282,12 +282,12 @@ contains
       nearest_node = k + merge(1.0_wp, 0.0_wp, u >= 0.5_wp)
    end function nearest_node
 
-   !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981,
-   !> doi:10.1109/PROC.1981.11918), as the downhill vector -grad z, not normalised; and whether the cell is a pit (none
-   !> of its eight neighbours is lower). If the window is incomplete: descent of the patch, and no pit.
+   !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981, doi:10.1109/PROC.1981.11918),
+   !> as the downhill vector -grad z, not normalised; and whether the cell is a pit (none of its eight neighbours is
+   !> lower). If the window is incomplete, the descent is that of the patch, and the cell is no pit.
    pure subroutine cell_descent(dem, at, patch_gradient, descent, pit)
       type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)              !! from cell_of
+      integer, intent(in) :: at(2)              !! as returned by cell_of
       real(wp), intent(in) :: patch_gradient(2) !! [-]
       real(wp), intent(out) :: descent(2)       !! [-]
       logical, intent(out) :: pit
@@ -314,12 +314,12 @@ contains
    !> Return whether a raster cell has all eight neighbours.
    pure logical function has_neighbours(dem, at)
       type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)  !! from cell_of
+      integer, intent(in) :: at(2)  !! as returned by cell_of
 
       has_neighbours = is_within(real(at(1), wp), real(at(2), wp), real(dem%nx, wp), real(dem%ny, wp)) > 0
    end function has_neighbours
 
-   !> Return 1 if a raster cell is not on the edge of its raster, else 0; a number, so that loops vectorise.
+   !> Return 1 if a raster cell is not on the edge of its raster, else 0 (a number, so that loops vectorise).
    elemental real(wp) function is_within(column, row, nx, ny)
       real(wp), intent(in) :: column, row  !! integers, from 1 [-]
       real(wp), intent(in) :: nx, ny       !! columns and rows of the raster, integers [-]
@@ -333,7 +333,7 @@ contains
    !> Elevations of a raster cell and its eight neighbours [m].
    pure subroutine read_window(dem, at, z)
       type(terrain_t), intent(in) :: dem
-      integer, intent(in) :: at(2)         !! from cell_of
+      integer, intent(in) :: at(2)         !! as returned by cell_of
       real(wp), intent(out) :: z(3, 3)     !! columns west to east, rows north to south
 
       if (associated(dem%z8)) then
@@ -351,7 +351,7 @@ contains
       real(wp), intent(out) :: lowest                     !! [m]
       real(wp) :: per_eight
 
-      per_eight = 0.125_wp*per_cell  ! weights 1, 2, 1 on both sides, two cells apart: 8 cells
+      per_eight = 0.125_wp*per_cell  ! weights 1, 2, 1 on both sides, two cells apart: division by 8 cells
       east = -((ne - nw) + 2*(e - w) + (se - sw))*per_eight
       north = -((nw - sw) + 2*(n - s) + (ne - se))*per_eight
       lowest = min(min(min(nw, n), min(ne, w)), min(min(e, sw), min(s, se)))

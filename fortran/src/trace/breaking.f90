@@ -18,7 +18,7 @@ module rockfall_breaking
 
 contains
 
-   !> Break a block at its release, with the energy of the fall `release_fall`.
+   !> Break a block at its release, with the energy of a fall by `release_fall`.
    pure subroutine break_at_release(scene, result, scratch)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: result
@@ -27,14 +27,14 @@ contains
       call break_boulder(scene, result%boulder%mass*scene%gravity*scene%breakage%release_fall, result, scratch)
    end subroutine break_at_release
 
-   !> Break a boulder after its rebound, with the energy of its normal motion before. A boulder that rests or rolls
-   !> after the rebound does not break.
+   !> Break a boulder after its rebound, according to the energy of its normal motion before it. A boulder that rests or
+   !> rolls after the rebound does not break.
    pure subroutine break_at_impact(scene, landing, v, omega_r, roll, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
       real(wp), intent(in) :: omega_r       !! W after the rebound [m/s]
-      type(roll_t), intent(inout) :: roll   !! roll that ends if the boulder breaks in a contact by a table
+      type(roll_t), intent(inout) :: roll   !! roll, which ends if the boulder breaks in a contact from a table
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch
@@ -68,8 +68,8 @@ contains
       result%breakages = result%breakages + 1
    end subroutine break_boulder
 
-   !> Fragment k of the broken piece in the work space, ready to start. Its path continues that of the piece; its
-   !> counts begin at zero. The speed of its centre and W are the piece's, multiplied by sqrt(kept_energy).
+   !> Fragment k of the broken piece in the work space, ready to start. Its path continues the path of the piece, its
+   !> counts begin at zero, and its speed and W are those of the piece times sqrt(kept_energy).
    pure type(piece_t) function fragment_piece(scene, scratch, k, number) result(piece)
       type(scene_t), intent(in) :: scene
       type(scratch_t), intent(in) :: scratch

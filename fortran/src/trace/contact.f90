@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contact with the ground: find the ground properties; rebound by impact sets, a classical model or a table of
-!> impacts; then fly, roll, or rest.
+!> Contact with the ground: find the ground properties; rebound by impact sets, a classical model or an impact table;
+!> then fly, roll, or rest.
 module rockfall_contact
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
@@ -28,7 +28,7 @@ module rockfall_contact
    private
    public :: handle_impact, find_ground, find_impact_set, close_impact, rest_or_roll
 
-   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m of ground without rocks, smaller than any boulder [m]
+   real(wp), parameter :: rockless_radius = 1.0e-9_wp  !! R_m for ground without rocks, smaller than any boulder [m]
 
 contains
 
@@ -103,7 +103,7 @@ contains
       if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
-   !> Handle a contact by a table: find its end, or where the boulder stops.
+   !> Handle a contact from a table: find its end, or that the boulder stops.
    pure subroutine handle_table_contact(scene, ground_data, number, ground, landing, v, ratio, u, omega_r, level, &
                                         result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene
@@ -138,7 +138,7 @@ contains
       if (level >= with_all) then
          call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v, &
                                                      contact%v_in, contact%v_out, ratio))
-         ! V_n of a rolling boulder is in neither velocity; its next contact restores it
+         ! V_n of a rolling boulder is in neither velocity, because its next contact restores it
          call add_ground_loss(before, squared_length(flight%v), inertia_factor*omega_r*omega_r, result)
       end if
       call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)
@@ -148,14 +148,14 @@ contains
       end if
    end subroutine handle_table_contact
 
-   !> Find the ground of a raster cell, its rocks and obstacles, and whether it absorbs the boulder.
+   !> Find the ground of a raster cell, its rock radius and obstacle height, and whether it absorbs the boulder.
    pure subroutine find_ground(scene, u_obstacle, shape, cell, level, ground, radius, obstacle, status)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: u_obstacle    !! random number for the obstacle, if the ground is drawn [-]
+      real(wp), intent(in) :: u_obstacle    !! random number for the obstacle, if the ground is random [-]
       integer, intent(in) :: shape          !! shape of the boulder, as in boulder_result_t
       integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
-      integer, intent(out) :: ground        !! 0: the scene has only the case's impact sets
+      integer, intent(out) :: ground        !! index of the ground; 0 if the scene has only the case's impact sets
       real(wp), intent(out) :: radius       !! R_m of the rocks; positive if the scene has several grounds [m]
       real(wp), intent(out) :: obstacle     !! obstacle height, if the scene has several grounds [m]
       integer, intent(inout) :: status
@@ -177,9 +177,9 @@ contains
    !> Choose the impact set for a ratio R_b/R_m.
    pure subroutine find_impact_set(scene, ratio, u_ratio, set, outside)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; random number, if the ground is drawn [-]
+      real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; random number, if the ground is random [-]
       integer, intent(out) :: set
-      logical, intent(out) :: outside  !! the ratio is outside the calibrated ratios
+      logical, intent(out) :: outside  !! R_b/R_m is outside the calibrated ratios
 
       call find_nearest_set(ratio, set, outside)
       if (scene%between_ratios) set = interpolated_set(ratio, u_ratio)
@@ -190,7 +190,7 @@ contains
       type(ground_t), intent(in) :: ground
       integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
-      logical, intent(inout) :: outside    !! the ratio is outside the calibrated ratios
+      logical, intent(inout) :: outside    !! R_b/R_m is outside the calibrated ratios
       real(wp), intent(out) :: fast, steep !! 1 or 0
       real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
 
@@ -204,10 +204,10 @@ contains
       end if
    end subroutine check_fit_range
 
-   !> Finish an impact: a boulder that would fly on after its last permitted contact ends here.
+   !> Finish an impact: end a boulder that would fly on after its maximum number of contacts.
    pure subroutine close_impact(scene, speed2, flies, result)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: speed2  !! |v|**2 after the impact
+      real(wp), intent(in) :: speed2  !! |v|**2 after the impact [m2/s2]
       logical, intent(in) :: flies    !! the boulder neither rests nor rolls
       type(boulder_result_t), intent(inout) :: result
 

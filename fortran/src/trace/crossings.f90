@@ -14,24 +14,24 @@ module rockfall_crossings
    public :: crossing_t, crossings_t, crossing, record_crossings, start_crossings, clear_crossings, keep_crossings, &
              outcome_at, find_entry
 
-   !> First crossing of an evaluation line; at a barrier that is hit, the crossing at the hit.
+   !> First crossing of an evaluation line, or the crossing at which a barrier is hit.
    type :: crossing_t
       logical :: crossed = .false.
       integer(i1) :: outcome = 0       !! outcome at the barrier (rockfall_barrier); 0: not hit
-      real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m], since release [s]
+      real(wp) :: x = 0, y = 0, time = 0  !! local coordinates [m]; time since release [s]
       real(wp) :: v(3) = 0, omega = 0  !! [m/s], [rad/s]
       real(wp) :: jump_height = 0      !! height of the lowest point above the surface [m]
       real(wp) :: passing_height = 0   !! vertical height of the sphere's centre above the surface [m]
       integer :: line = 0              !! index of the line
-      integer :: fragments = 0         !! if the boulder may break: number of fragments that crossed, and
-      type(boulder_t) :: fragment = boulder_t()  !! the fragment that the other values belong to
+      integer :: fragments = 0         !! number of fragments that crossed, if boulders may break
+      type(boulder_t) :: fragment = boulder_t()  !! fragment to which the other values belong
    end type crossing_t
 
    !> Crossings of a boulder, stored only for the few lines that it crosses.
    type :: crossings_t
       integer :: n = 0
       type(crossing_t), allocatable :: at(:)  !! the first n are used
-      integer, allocatable :: place(:)        !! index of each line in `at`; 0: none; not allocated once it has ended
+      integer, allocatable :: place(:)        !! index of each line in `at`; 0: none; deallocated when the boulder ends
    end type crossings_t
 
    integer, parameter :: first_room = 4  !! initial capacity [crossings]
@@ -91,7 +91,7 @@ contains
       crossings%at(k)%line = line
    end subroutine record_crossing
 
-   !> Allocate space for the crossings of this number of lines.
+   !> Allocate space for the crossings of a number of lines.
    pure subroutine start_crossings(lines, crossings)
       integer, intent(in) :: lines
       type(crossings_t), intent(out) :: crossings
@@ -128,7 +128,7 @@ contains
       crossings%place(line) = k
    end subroutine find_entry
 
-   !> Keep the crossings of a boulder that has ended.
+   !> Store the crossings of a boulder that has ended.
    pure subroutine keep_crossings(crossings, kept)
       type(crossings_t), intent(in) :: crossings
       type(crossings_t), intent(inout) :: kept

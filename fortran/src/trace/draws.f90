@@ -15,10 +15,10 @@ module rockfall_draws
 
 contains
 
-   !> Shape of a boulder: given by its source, by its volume in a list, or drawn; 0 if the scene has only one shape.
+   !> Shape of a boulder: given by its source or by its volume in a list, or drawn; 0 if the scene has only one shape.
    pure integer function block_shape_of(scene, volumes, source, number) result(shape)
       type(scene_t), intent(in) :: scene
-      type(volume_distribution_t), intent(in) :: volumes  !! volumes of its source
+      type(volume_distribution_t), intent(in) :: volumes  !! volume distribution of its source
       integer, intent(in) :: source
       integer(i8), intent(in) :: number
       integer(i8) :: word(words_per_block)
@@ -35,8 +35,8 @@ contains
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
 
-   !> Properties of the ground for a boulder along its whole path: of two boulders, one has the stronger ground and the
-   !> smaller rocks everywhere.
+   !> Properties of the ground for a boulder along its whole path: if the ground is stronger for one of two boulders at
+   !> one point, it is stronger everywhere.
    pure type(soil_draw_t) function drawn_soil(key, table, radius_sigma, number) result(soil)
       type(random_key_t), intent(in) :: key
       type(normal_table_t), intent(in) :: table

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders that may break: paths of a boulder and its fragments, one after the other, and their joint contribution to
-!> the tallies. Each fragment is a boulder with its own random numbers; tallies count the released
-!> boulder (theory, chapter 3):
+!> Boulders that may break: traces a boulder and its fragments one after the other, and adds their joint contribution to
+!> the tallies. Each fragment is a boulder with its own random numbers; tallies count the released boulder (theory,
+!> chapter 3):
 !>
-!> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it; - a deposit is
-!> counted for each fragment; - the numbers of the boulder's end, and its recorded trajectory, are those of the fragment
-!> that travelled farthest.
+!> - a cell, a line or an object is reached once, with the maxima over the fragments that reached it;
+!> - a deposit is counted for each fragment;
+!> - the end of the boulder, and its recorded trajectory, are those of the fragment that travelled farthest.
 module rockfall_fragments
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_random, only: fragment_number
@@ -28,14 +28,14 @@ module rockfall_fragments
    private
    public :: trace_fragments
 
-   !> Outcomes at a barrier, in ascending order of precedence if several fragments reach it.
+   !> Outcomes at a barrier in ascending order: if several fragments reach the barrier, the highest counts.
    integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
 
    !> Pieces to be traced.
    type :: pending_t
       integer :: n = 0
       type(piece_t), allocatable :: piece(:)
-      integer(i8) :: born = 0        !! number of the last fragment
+      integer(i8) :: born = 0        !! number of the last fragment so far
    end type pending_t
 
    !> Sums and maxima over the pieces traced.
@@ -49,8 +49,8 @@ module rockfall_fragments
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)
       type(crossings_t), allocatable :: crossings
-      real(wp), allocatable :: raised(:, :)  !! (3, lines): maximum jump height, centre and upper edge of fragments [m]
-      real(wp), allocatable :: energy(:)     !! maximum energy of the fragments that crossed, per line [J]
+      real(wp), allocatable :: raised(:, :)  !! (3, lines): maximum lowest point, centre, upper edge of fragments [m]
+      real(wp), allocatable :: energy(:)     !! for each line, maximum energy of the fragments that crossed it [J]
       type(record_t) :: path         !! path of the fragment that travelled farthest
    end type all_pieces_t
 
@@ -102,7 +102,7 @@ contains
       end associate
    end subroutine prepare
 
-   !> Release a boulder, as one block or as its fragments.
+   !> Release a boulder, either as one block or broken into fragments.
    pure subroutine release(scene, number, scratch, all, pending)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -134,7 +134,7 @@ contains
       end if
    end subroutine release
 
-   !> Queue the fragments of the broken piece, and add the energy of breaking.
+   !> Queue the fragments of the broken piece, and add the energy lost in breaking.
    pure subroutine add_fragments(scene, boulder, scratch, all, pending)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: boulder  !! number of the boulder
@@ -278,13 +278,13 @@ contains
       gathered%stop_cell(:, gathered%stops) = cell
    end subroutine add_stop
 
-   !> Add the crossing of a line by a piece; the crossing with the highest energy is kept.
+   !> Add the crossing of a line by a piece; only the crossing with the highest energy is kept.
    pure subroutine add_crossing(result, piece, all, energy, raised)
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(in) :: piece
       type(crossing_t), intent(inout) :: all
-      real(wp), intent(inout) :: energy     !! maximum so far [J]
-      real(wp), intent(inout) :: raised(3)  !! maximum jump height, centre, upper edge so far [m]
+      real(wp), intent(inout) :: energy     !! maximum energy so far [J]
+      real(wp), intent(inout) :: raised(3)  !! maximum lowest point, centre, upper edge so far [m]
       real(wp) :: energy_here
       integer :: fragments
       integer(i1) :: outcome
@@ -305,15 +305,15 @@ contains
       all%fragments = fragments
    end subroutine add_crossing
 
-   !> The more severe of two outcomes at a barrier, for the objects below it.
+   !> More severe of two outcomes at a barrier, for the objects below it.
    pure integer(i1) function more_severe(a, b)
       integer(i1), intent(in) :: a, b
 
       more_severe = rising_outcomes(max(findloc(rising_outcomes, a, dim=1), findloc(rising_outcomes, b, dim=1)))
    end function more_severe
 
-   !> Move the joint contribution of all pieces to the work space, as the contribution of one boulder. Its heights at a
-   !> line are raised to the maximum lowest point, centre and upper edge of the fragments that crossed.
+   !> Move the joint contribution of all pieces to the work space, as if it came from one boulder. At each line, the
+   !> heights are the maxima of lowest point, centre and upper edge over the fragments that crossed.
    pure subroutine hand_over(all, scratch)
       type(all_pieces_t), intent(inout) :: all
       type(scratch_t), intent(inout) :: scratch

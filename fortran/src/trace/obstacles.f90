@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees and barriers: the first obstacle hit by a boulder, and the effect of the hit.
+!> Trees and barriers: the first obstacle that a boulder hits, and the effect of the hit.
 module rockfall_obstacles
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_math, only: squared_length
@@ -26,7 +26,7 @@ module rockfall_obstacles
 
    !> End of a flight in the air.
    type :: obstacle_t
-      integer :: kind = none        !! barrier, tree
+      integer :: kind = none        !! barrier or tree
       integer :: number = 0         !! index of the barrier
       real(wp) :: time = no_hit_time  !! time since the start of the flight [s]
       type(tree_hit_t) :: hit = tree_hit_t()  !! hit of a tree
@@ -57,8 +57,8 @@ contains
                          crossing(scene, gravity, result, flight, obstacle%time, omega_r))
    end subroutine find_obstacle
 
-   !> Record the crossing at which a barrier is hit, instead of earlier crossings at which the boulder passed
-   !> over: the load of a barrier is the hit.
+   !> Record the crossing at which a barrier is hit, replacing crossings at which the boulder passed over: the hit loads
+   !> the barrier.
    pure subroutine record_hit(line, crossings, hit)
       integer, intent(in) :: line  !! index of the line
       type(crossings_t), intent(inout) :: crossings
@@ -70,7 +70,7 @@ contains
       crossings%at(k)%line = line
    end subroutine record_hit
 
-   !> Find the first barrier hit by a flight, if it is hit before `obstacle`.
+   !> Find the first barrier hit by a flight, unless `obstacle` is hit earlier.
    pure subroutine find_barrier(scene, gravity, result, flight, landing, omega_r, crossings, obstacle)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: gravity    !! gravity along the path [m/s2]
@@ -109,7 +109,7 @@ contains
                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function hits_barrier
 
-   !> Record the barriers that a boulder crossed but never hit as passed over.
+   !> Record barriers that a boulder crossed but never hit as passed over.
    pure subroutine record_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -125,7 +125,7 @@ contains
       end do
    end subroutine record_passed_over
 
-   !> Find the first tree hit by a flight, if it is hit before `obstacle`.
+   !> Find the first tree hit by a flight, unless `obstacle` is hit earlier.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
       type(forest_t), intent(in) :: forest
       real(wp), intent(in) :: radius  !! radius of the boulder [m]
@@ -139,7 +139,7 @@ contains
       if (hit%tree > 0 .and. hit%time < obstacle%time) obstacle = obstacle_t(tree, 0, hit%time, hit)
    end subroutine find_tree
 
-   !> Apply the energy loss at an obstacle; the boulder flies on from there with the remaining energy.
+   !> Apply the energy loss at an obstacle; the boulder flies on with the remaining energy.
    pure subroutine hit_obstacle(scene, number, obstacle, landing, v, omega_r, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number
@@ -166,7 +166,7 @@ contains
          heading = rotated(heading, impact%sine, impact%cosine)
       else
          call find_entry(scratch%crossings, scene%barriers(obstacle%number)%line, k)
-         scratch%crossings%at(k)%v = v  ! exact, unlike the mean speed of a roll
+         scratch%crossings%at(k)%v = v  ! exact velocity, unlike the mean speed of a roll
          scratch%crossings%at(k)%omega = omega_r/result%boulder%radius
          loss = min(energy, scene%barriers(obstacle%number)%capacity)
          result%energy%barriers = result%energy%barriers + loss

@@ -15,39 +15,39 @@ module rockfall_outcome
    !> Status codes, in the order of the table of rockfall_variables; 0 while the boulder moves.
    integer, parameter :: stopped = 1, absorbed = 2, left_domain = 3, impact_limit = 4, hit_nodata = 5, &
                          stopped_by_tree = 6, stopped_by_barrier = 7
-   integer, parameter :: broken = -2       !! broke into fragments, which continue; never in results
-   integer, parameter :: left_window = -1  !! reached the edge of the loaded window: traced again; never in results
+   integer, parameter :: broken = -2       !! broken into fragments, which continue; never in results
+   integer, parameter :: left_window = -1  !! at the edge of the loaded window: traced again; never in results
 
    !> Energy balance of a boulder: released = ground + trees + barriers + left + breakage [J].
    type :: energy_balance_t
-      real(wp) :: released = 0.0_wp  !! kinetic energy at the release, plus potential energy from there to the end
-      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! absorbed energy
+      real(wp) :: released = 0.0_wp  !! kinetic energy at release, plus the loss of potential energy on the path
+      real(wp) :: ground = 0.0_wp, trees = 0.0_wp, barriers = 0.0_wp  !! energy absorbed by each
       real(wp) :: left = 0.0_wp      !! kinetic energy at the end
-      real(wp) :: breakage = 0.0_wp  !! kinetic energy lost in breaking, including that of fines
+      real(wp) :: breakage = 0.0_wp  !! kinetic energy lost in breaking, including the energy of fines
    end type energy_balance_t
 
-   !> Result of a boulder (theory, chapter 10). The numbers that each contact changes come first, so that they are
+   !> Result of a boulder (theory, chapter 10). Components that change at each contact come first, so that they are
    !> contiguous in memory.
    type :: boulder_result_t
       type(boulder_t) :: boulder = boulder_t()
       integer :: status = 0
-      integer :: impacts = 0               !! contacts with the slope
-      real(wp) :: path_length = 0.0_wp     !! length along the flights [m]
+      integer :: impacts = 0               !! number of contacts with the ground
+      real(wp) :: path_length = 0.0_wp     !! length of the path [m]
       real(wp) :: time = 0.0_wp            !! [s]
-      real(wp) :: speed_max = 0.0_wp       !! [m/s]; squared until the end
+      real(wp) :: speed_max = 0.0_wp       !! maximum speed [m/s]; squared until the boulder ends
       real(wp) :: jump_height_max = 0.0_wp !! [m]
       integer :: rebounds = 0, redrawn = 0, forced = 0
-      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! rebounds outside the fitted ranges
-      integer :: source = 0                !! 1..
-      integer :: block_shape = 0           !! as in shape_mix_t; 0: the scene has only one
-      type(soil_draw_t) :: soil = soil_draw_t()  !! if a ground has a table
+      integer :: out_of_range = 0, out_of_speed = 0, out_of_angle = 0  !! numbers of rebounds outside the fitted ranges
+      integer :: source = 0                !! index of the source
+      integer :: block_shape = 0           !! shape, as in shape_mix_t; 0: the scene has only one
+      type(soil_draw_t) :: soil = soil_draw_t()  !! if a ground has an impact table
       real(wp) :: start(3) = 0.0_wp, stop(3) = 0.0_wp  !! local coordinates [m]
-      real(wp) :: apex(3) = 0.0_wp         !! of the talus, on request; local coordinates [m]
-      logical :: has_apex = .false.        !! it was found
-      integer :: stop_cell(2) = 0          !! column, row; only valid with a contact
-      integer :: trees_hit = 0             !! repeated hits of a tree count
-      integer :: fragments = 1             !! into which it broke; 1: it did not
-      integer :: breakages = 0, capped = 0 !! total number; number limited by max_fragments
+      real(wp) :: apex(3) = 0.0_wp         !! apex of the talus, on request; local coordinates [m]
+      logical :: has_apex = .false.        !! the apex was found
+      integer :: stop_cell(2) = 0          !! column, row; only valid after a contact
+      integer :: trees_hit = 0             !! number of tree hits, including repeated hits
+      integer :: fragments = 1             !! number of fragments; 1: the boulder did not break
+      integer :: breakages = 0, capped = 0 !! number of breakages; number limited by max_fragments
       real(wp) :: fines = 0.0_wp           !! volume that became fines [m3]
       type(energy_balance_t) :: energy = energy_balance_t()  !! if the scene has trees or barriers, or on request
    end type boulder_result_t
@@ -74,7 +74,7 @@ contains
    pure subroutine add_flight(length, time, speed2, jump_height, result)
       real(wp), intent(in) :: length, time  !! [m], [s]
       real(wp), intent(in) :: speed2        !! |v|**2 at the end of the flight [m2/s2]
-      real(wp), intent(in) :: jump_height   !! maximum [m]
+      real(wp), intent(in) :: jump_height   !! maximum height [m]
       type(boulder_result_t), intent(inout) :: result
 
       result%path_length = result%path_length + length
@@ -83,7 +83,7 @@ contains
       result%jump_height_max = max(result%jump_height_max, jump_height)
    end subroutine add_flight
 
-   !> Count a rebound, and whether it was outside the fitted ranges or limited: without branches, which would be
+   !> Count a rebound, and whether it was limited or outside the fitted ranges. Branchless, because branches would be
    !> mispredicted.
    pure subroutine count_outcome(out, outside, fast, steep, result)
       type(rebound_t), intent(in) :: out
@@ -98,17 +98,17 @@ contains
       result%out_of_angle = result%out_of_angle + merge(1, 0, steep)
    end subroutine count_outcome
 
-   !> Add the kinetic energy that a contact loses to the ground; energies are doubled, and per mass [m2/s2].
+   !> Add the kinetic energy lost to the ground in a contact. Energies are per mass, times two [m2/s2].
    pure subroutine add_ground_loss(before, after, spin, result)
       real(wp), intent(in) :: before  !! energy before the contact
       real(wp), intent(in) :: after   !! energy after the contact, without `spin`
-      real(wp), intent(in) :: spin    !! energy after the contact of a rotation that is not in `after`
+      real(wp), intent(in) :: spin    !! energy after the contact of a rotation not included in `after`
       type(boulder_result_t), intent(inout) :: result
 
       result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)
    end subroutine add_ground_loss
 
-   !> Close the energy balance with the energy left at the end and the energy released on the path.
+   !> Close the energy balance with the energy at the end and the energy released along the path.
    pure subroutine close_energy_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: z        !! elevation at the end [m]

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Path of a boulder to its next contact or obstacle, in the air or along the ground, with everything recorded along
-!> it.
+!> Path of a boulder to its next contact or obstacle, in the air or along the ground, and all that is recorded along it.
 module rockfall_paths
    use rockfall_kinds, only: wp
    use rockfall_math, only: squared_length
@@ -23,7 +22,7 @@ module rockfall_paths
 
 contains
 
-   !> Fly, and record visits of raster cells.
+   !> Fly to the ground, and record visits of raster cells.
    pure subroutine fly_over_cells(scene, flight, omega_r, start_time, landing, scratch, spans)
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
@@ -64,15 +63,15 @@ contains
                           spans(:n), scratch)
    end subroutine fly_to_obstacle
 
-   !> Follow a roll, or the slide of a contact by a table, to its end, where the next flight starts, or to the first
-   !> obstacle. Lines and cells get the mean speed; the end gets the exact speed.
+   !> Follow a roll, or the slide of a contact from a table, to the first obstacle or to its end, where the next flight
+   !> starts. Lines and cells receive the mean speed; the end receives the exact speed.
    pure subroutine follow_roll(scene, level, roll, result, flight, omega_r, landing, v, obstacle, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level                 !! basic, ..., with_all
       type(roll_t), intent(inout) :: roll     !! reset on return
       type(boulder_result_t), intent(inout) :: result
-      type(flight_t), intent(inout) :: flight !! velocity after the rebound; on return the next flight, if any
-      real(wp), intent(inout) :: omega_r      !! W: after the rebound, and at the end [m/s]
+      type(flight_t), intent(inout) :: flight !! velocity after the rebound on entry; the next flight, if any, on return
+      real(wp), intent(inout) :: omega_r      !! W after the rebound on entry, at the end on return [m/s]
       type(landing_t), intent(out) :: landing
       real(wp), intent(out) :: v(3)           !! velocity at the end [m/s]
       type(obstacle_t), intent(out) :: obstacle
@@ -125,7 +124,7 @@ contains
          call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, v))
    end subroutine follow_roll
 
-   !> Record the points between the start and the end of a leg on the ground, and where the boulder waits at its end.
+   !> Record the points of a leg on the ground between its start and end, and the point where the boulder waits.
    pure subroutine record_ground_leg(scene, roll, flight, landing, result, scratch)
       type(scene_t), intent(in) :: scene
       type(roll_t), intent(in) :: roll

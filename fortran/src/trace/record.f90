@@ -7,28 +7,28 @@ module rockfall_record
    public :: record_t, vertex_t, record_vertex, start_ground_leg, end_record, stored_part, store_path
    public :: no_leg, flight_leg, ground_leg, rest_leg
 
-   !> Motion from a vertex to the next: `none` at the end; otherwise in the order of rockfall_variables.
+   !> Motion from a vertex to the next; no_leg at the end; the others in the order of rockfall_variables.
    integer, parameter :: no_leg = 0, flight_leg = 1, ground_leg = 2, rest_leg = 3
 
-   !> Vertex of a trajectory: release, contact, obstacle hit, or end; also where a leg on the ground
-   !> meets the next patch of the terrain, and where the boulder waits.
+   !> Vertex of a trajectory: release, contact, obstacle hit, or end. On the ground also the points where the path
+   !> enters another patch, and where the boulder waits.
    type :: vertex_t
-      real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m], since release [s]
+      real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m]; time since release [s]
       real(wp) :: v(3) = 0                   !! velocity after the vertex [m/s]
       real(wp) :: v_in(3) = 0, v_out(3) = 0  !! V_t, V_n, W before and after; 0 without a rebound [m/s]
       real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
       integer :: leg = flight_leg      !! motion to the next vertex
    end type vertex_t
 
-   !> Vertices of a trajectory, as far as they fit.
+   !> Vertices of a trajectory, as many as fit.
    type :: record_t
       type(vertex_t), allocatable :: vertex(:)  !! allocated by the caller if it needs the trajectory
-      integer :: n = 0                          !! number of vertices, possibly above size(vertex)
+      integer :: n = 0                          !! number of vertices, which may exceed size(vertex)
    end type record_t
 
 contains
 
-   !> Append a vertex to the record, if any; keeps counting when it is full, so that the caller gets the size needed.
+   !> Append a vertex to the record, if one is kept. Counting continues when it is full, to report the size needed.
    pure subroutine record_vertex(record, vertex)
       type(record_t), intent(inout) :: record
       type(vertex_t), intent(in) :: vertex
@@ -38,7 +38,7 @@ contains
       if (record%n <= size(record%vertex)) record%vertex(record%n) = vertex
    end subroutine record_vertex
 
-   !> Set the velocity at the last vertex to that of the leg on the ground that starts there.
+   !> Set the velocity at the last vertex to that of the ground leg that starts there.
    pure subroutine start_ground_leg(record, v, leg)
       type(record_t), intent(inout) :: record
       real(wp), intent(in) :: v(3)  !! [m/s]
@@ -50,7 +50,7 @@ contains
       record%vertex(record%n)%leg = leg
    end subroutine start_ground_leg
 
-   !> Mark the last vertex as not followed by motion.
+   !> Mark the last vertex as the end of motion.
    pure subroutine end_record(record)
       type(record_t), intent(inout) :: record
 
@@ -58,7 +58,7 @@ contains
       if (record%n <= size(record%vertex)) record%vertex(record%n)%leg = no_leg
    end subroutine end_record
 
-   !> Stored vertices, and the number of all vertices.
+   !> Vertices that were stored, with the number of all vertices.
    pure type(record_t) function stored_part(record)
       type(record_t), intent(in) :: record
 
@@ -66,7 +66,7 @@ contains
       if (allocated(record%vertex)) stored_part%vertex = record%vertex(:min(record%n, size(record%vertex)))
    end function stored_part
 
-   !> Start a record with the path so far, which is stored; no effect without a record.
+   !> Start a record with the path so far. No effect without a record.
    pure subroutine store_path(path, record)
       type(record_t), intent(in) :: path
       type(record_t), intent(inout) :: record

@@ -20,28 +20,28 @@ module rockfall_scene_type
    public :: scene_t, n_grounds, goes_in_lanes, has_obstacles, needs_energies, inertia_of, is_slow
    public :: one_by_one, narrow_lanes, wide_lanes, masked_lanes
 
-   !> Execution modes: boulders one at a time; in lanes for any processor; in lanes for AVX2; in lanes for AVX-512.
+   !> Execution modes: boulders one by one, or in lanes for any processor, for AVX2, or for AVX-512.
    integer, parameter :: one_by_one = 0, narrow_lanes = 1, wide_lanes = 2, masked_lanes = 3
 
    !> All input of a boulder's simulation, constant during a run.
    type :: scene_t
-      type(random_key_t) :: key            !! from the seed
+      type(random_key_t) :: key            !! key from the seed
       type(normal_table_t) :: table
 
       type(terrain_t) :: dem
       type(surface_t) :: surface
       type(impact_set_t) :: sets(impact_ratios)
-      logical :: between_ratios = .false.  !! a ratio between two sets selects either set at random
-      logical :: has_tables = .false.      !! a ground has a table of impacts
-      real(wp) :: radius_sigma = 0.0_wp    !! standard deviation of ln R_m from boulder to boulder [-]
+      logical :: between_ratios = .false.  !! if a ratio is between two sets, either set is selected at random
+      logical :: has_tables = .false.      !! at least one ground has an impact table
+      real(wp) :: radius_sigma = 0.0_wp    !! standard deviation of ln R_m between boulders [-]
       logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
-      integer :: turning = past_aspect     !! rule, as in turning_t
-      type(lateral_t), allocatable :: lateral(:)  !! per ratio; only for by_lab
-      type(ground_t), allocatable :: grounds(:)   !! only if `sets` does not apply everywhere; the first n_grounds
-                                               !! belong to cells, the others replace them by shape
+      integer :: turning = past_aspect     !! turning rule, as in turning_t
+      type(lateral_t), allocatable :: lateral(:)  !! lateral deviations for each ratio; only for by_lab
+      type(ground_t), allocatable :: grounds(:)   !! grounds, unless `sets` applies everywhere. The first n_grounds
+                                               !! belong to cells; the others replace them for a shape
       type(shape_mix_t), allocatable :: shapes    !! if boulders have several shapes
       type(volume_distribution_t) :: volumes
-      type(source_boulder_t), allocatable :: of_source(:)  !! given by sources; `volumes` are then factors for these
+      type(source_boulder_t), allocatable :: of_source(:)  !! boulders given by sources; `volumes` then gives factors
       type(feature_t), allocatable :: features(:)          !! if a layer has release attributes
       type(release_t) :: release
       type(line_t), allocatable :: lines(:)        !! evaluation lines, then barriers
@@ -51,13 +51,13 @@ module rockfall_scene_type
       type(breakage_t), allocatable :: breakage    !! if boulders may break
       real(wp) :: gravity = 9.81_wp        !! [m/s2]
       real(wp) :: stop_speed = 0.5_wp      !! speed after a rebound below which a boulder rests or rolls [m/s]
-      real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: boulders roll where steeper [-]
-      real(wp) :: object_width = 0.0_wp    !! width for maps of hits [m]
+      real(wp) :: rest_slope = 1.0e30_wp   !! tangent of the rest angle of `sets`: boulders roll on steeper ground [-]
+      real(wp) :: object_width = 0.0_wp    !! width of objects for maps of hits [m]
       integer :: max_impacts = 100000      !! number of contacts after which a boulder ends
       logical :: histograms_requested = .false.
       logical :: energies_requested = .false.
-      logical :: apexes_requested = .false.  !! of the talus below each source
-      integer :: lanes = masked_lanes      !! maximum mode; limited by the processor and by requested outputs
+      logical :: apexes_requested = .false.  !! find the apex of the talus below each source
+      integer :: lanes = masked_lanes      !! most advanced mode to use; limited by processor and requested outputs
    end type scene_t
 
 contains
@@ -72,7 +72,7 @@ contains
       if (allocated(scene%shapes%ground)) n_grounds = size(scene%shapes%ground, 1)
    end function n_grounds
 
-   !> Return whether boulders may run in lanes: no breakage, and no turning by the laboratory.
+   !> Return whether boulders can run in lanes: not if they may break or turn by the laboratory.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 

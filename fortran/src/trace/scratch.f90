@@ -18,11 +18,11 @@ module rockfall_scratch
    public :: scratch_t, piece_t, gathered_t, basic, with_lines, with_maps, with_all
    public :: clear_scratch, find_all_hits, count_ground
 
-   !> Level of recording, in addition to the boulder's result: nothing; lines and histograms; also visits of raster
-   !> cells; also trajectory vertices, obstacles and the energy balance.
+   !> Level of recording: only the boulder's result; also lines and histograms; also visits of raster cells; also
+   !> trajectory vertices, obstacles and the energy balance.
    integer, parameter :: basic = 0, with_lines = 1, with_maps = 2, with_all = 3
 
-   !> Boulder at its release, or fragment at its origin: start of a path.
+   !> Boulder at its release, or fragment at its origin, from which a path starts.
    type :: piece_t
       integer(i8) :: number = 0            !! number from fragment_number
       type(boulder_result_t) :: result     !! result so far
@@ -31,18 +31,18 @@ module rockfall_scratch
       type(record_t) :: path               !! path so far
    end type piece_t
 
-   !> Additional record of a boulder that may break: visits with energies, from `merge_visits`.
+   !> Additional records of a boulder that may break: visits with energies, from `merge_visits`.
    type :: gathered_t
       type(visits_t) :: hits
       type(visits_t) :: passing            !! visits from merge_passing
-      integer :: stops = 0                 !! fragments that came to rest
-      integer, allocatable :: stop_cell(:, :)  !! column and row for each of these
+      integer :: stops = 0                 !! number of fragments that came to rest
+      integer, allocatable :: stop_cell(:, :)  !! column and row of each of these fragments
    end type gathered_t
 
    !> Work space of a boulder; components not needed by the scene are not allocated.
    type :: scratch_t
       logical :: cells_requested = .false.       !! maps need visits of cells
-      logical :: heights_requested = .false.     !! maps need heights in these cells
+      logical :: heights_requested = .false.     !! maps need heights in the visited cells
       logical :: hits_requested = .false.        !! maps need the objects that the boulder would hit
       logical :: passing_requested = .false.     !! maps need passing heights
       type(visits_t) :: visits
@@ -54,11 +54,11 @@ module rockfall_scratch
       logical :: tree_hits_requested = .false.   !! maps need hits of trees
       type(tree_hits_t) :: tree_hits
       type(record_t) :: record                   !! record of the trajectory
-      type(touch_t) :: touch                     !! state on the ground of a table
-      ! Only where boulders may break:
-      type(piece_t), allocatable :: start        !! piece to be traced,
-      integer :: room = 1                        !! number of fragments that it may become,
-      type(piece_t), allocatable :: broken       !! its last state, if it broke, with its fragments
+      type(touch_t) :: touch                     !! state on ground with an impact table
+      ! Only if boulders may break:
+      type(piece_t), allocatable :: start        !! piece to be traced
+      integer :: room = 1                        !! number of fragments that it may become
+      type(piece_t), allocatable :: broken       !! state of the piece when it broke, and its fragments
       type(split_t) :: split
       type(gathered_t), allocatable :: gathered
    end type scratch_t
@@ -86,7 +86,7 @@ contains
       end if
    end subroutine clear_scratch
 
-   !> Find the objects that a boulder hits on its paths, once each.
+   !> Find the objects hit by a boulder on its paths, each once.
    pure subroutine find_all_hits(scene, radius, paths, hits)
       type(scene_t), intent(in) :: scene
       real(wp), intent(in) :: radius  !! radius of the boulder [m]

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Start and end of a boulder: draw and release it, and finalise its result.
+!> Start and end of a boulder: draws and releases it, and finalises its result.
 module rockfall_start
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: squared_length
@@ -44,7 +44,7 @@ contains
          result%soil = drawn_soil(scene%key, scene%table, scene%radius_sigma, number)
       call set_first_flight(scene, result%source, flight)
       result%start = [flight%x, flight%y, flight%z]
-      result%speed_max = squared_length(flight%v)  ! the square root is taken at the end
+      result%speed_max = squared_length(flight%v)  ! squared until the end of the boulder
       if (.not. flight%patch%known) then
          result%status = left_window
          result%stop = result%start
@@ -57,7 +57,7 @@ contains
       end if
    end subroutine start_boulder
 
-   !> Start the first flight of the piece in the work space, and clear the work space except for the path so far.
+   !> Start the first flight of the piece in the work space, and clear the work space but keep the path so far.
    pure subroutine start_piece(scene, level, result, flight, omega_r, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level  !! basic, ..., with_all
@@ -84,7 +84,7 @@ contains
       energy_head = sum(kinetic_energy(boulder, flight%v, 0.0_wp)) + boulder%mass*gravity*flight%z
    end function energy_head
 
-   !> Start of the first flight: above the source, at rest or with the release velocity.
+   !> First flight: starts above the source, at rest or with the release velocity.
    pure subroutine set_first_flight(scene, source, flight)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: source

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Contribution of a finished boulder to the tallies of a run. A boulder that left the window of the terrain is not
-!> counted: it is traced again.
+!> counted, because it is traced again.
 module rockfall_tallies
    use rockfall_kinds, only: wp, i8
    use rockfall_scene_type, only: scene_t
@@ -47,12 +47,12 @@ contains
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare_scratch
 
-   !> Add a boulder; thread-safe, if each thread has its own totals.
+   !> Add a boulder. Thread-safe if each thread has its own totals.
    subroutine add_boulder(scene, maps, result, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps
       type(boulder_result_t), intent(in) :: result
-      type(scratch_t), intent(inout) :: scratch  !! its visits are joined
+      type(scratch_t), intent(inout) :: scratch  !! on return, visits are joined
       type(totals_t), intent(inout) :: totals
       real(wp) :: mass
       integer :: k
@@ -60,7 +60,7 @@ contains
       if (result%status == left_window) return
       if (scratch%cells_requested) call join_visits(scratch%visits)
       mass = result%boulder%mass
-      if (allocated(scratch%gathered)) mass = 1  ! visits then have energies
+      if (allocated(scratch%gathered)) mass = 1  ! visits already include the mass
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
       if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, mass)

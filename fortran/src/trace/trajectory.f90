@@ -67,12 +67,12 @@ contains
       call trace_at_level(scene, number, result, scratch, spans, basic)
    end subroutine trace_basic
 
-   !> Choose, once per run, the copy of `trace` without the code that the scene does not need. Run-time tests would not
+   !> Choose, once per run, the copy of `trace` without code that the scene does not need. Run-time tests would not
    !> suffice: with unused code present, the compiler does not keep a flight in registers.
    subroutine choose_tracer(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
       logical, intent(in) :: cells_requested
-      procedure(trace_full), pointer, intent(out) :: trace  !! variant that the scene needs
+      procedure(trace_full), pointer, intent(out) :: trace  !! procedure that records what the scene needs
 
       trace => trace_basic
       if (allocated(scene%lines) .or. scene%histograms_requested) trace => trace_lines

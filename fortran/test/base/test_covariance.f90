@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Roots of covariances: their product is the covariance, or the nearest semidefinite one, by LAPACK's eigenvalues as
-!> well; units change nothing; what is no covariance is refused by name.
+!> Roots of covariances: the product is the covariance, or the nearest semidefinite matrix (also by LAPACK's
+!> eigenvalues); units do not matter; invalid covariances are refused with a message.
 program test_covariance
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_positive_inf
    use rockfall_kinds, only: wp
@@ -51,7 +51,7 @@ program test_covariance
 
 contains
 
-   !> A covariance of a rank, with standard deviations of 0.01 to 0.5.
+   !> Covariance of a given rank, with standard deviations of 0.01 to 0.5.
    function of_rank(rank) result(c)
       integer, intent(in) :: rank
       real(wp) :: c(n, n), b(n, rank), deviation(n)
@@ -66,7 +66,7 @@ contains
       c = product_of(b)
    end function of_rank
 
-   !> The same numbers with this many digits.
+   !> Numbers rounded to a number of digits.
    function printed(c, digits) result(short)
       real(wp), intent(in) :: c(n, n)
       integer, intent(in) :: digits
@@ -83,7 +83,7 @@ contains
       end do
    end function printed
 
-   !> Standard deviations times 1, 10, ..., 10**(-decades), over and over.
+   !> Covariance whose standard deviations are multiplied by 1, 10, ..., 10**(-decades) in turn.
    pure function scaled(c, decades) result(other)
       real(wp), intent(in) :: c(n, n)
       integer, intent(in) :: decades
@@ -109,7 +109,7 @@ contains
       end do
    end function correlations
 
-   !> Eigenvalues of correlations by LAPACK, and the nearest semidefinite matrix.
+   !> Eigenvalues of correlations, and the nearest semidefinite matrix, by LAPACK.
    subroutine nearest_by_lapack(r, eigenvalue, nearest)
       real(wp), intent(in) :: r(n, n)
       real(wp), intent(out) :: eigenvalue(n), nearest(n, n)
@@ -125,7 +125,7 @@ contains
       end do
    end subroutine nearest_by_lapack
 
-   !> The root of a covariance that may be singular, or indefinite by rounding.
+   !> Check the root of a covariance that may be singular, or indefinite by rounding.
    subroutine test_root(name, c)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: c(n, n)
@@ -152,7 +152,7 @@ contains
       end do
    end subroutine test_root
 
-   !> Other units of the entries, by powers of two, scale the root, bit for bit.
+   !> Changing units by powers of two scales the root exactly.
    subroutine test_units(c)
       real(wp), intent(in) :: c(n, n)
       real(wp), parameter :: unit(n) = 2.0_wp**[0, -30, 7, 40, -3, 0, 1, -60, 25]
@@ -169,8 +169,7 @@ contains
       end do
    end subroutine test_units
 
-   !> A clearly definite covariance is drawn as given, to the last bit, and has LAPACK's Cholesky factor: a root is
-   !> another one times a rotation.
+   !> A clearly definite covariance is used unchanged, and its root is LAPACK's Cholesky factor.
    subroutine test_definite()
       real(wp), dimension(n, n) :: c, root, drawn, factor
       type(error_t), allocatable :: error
@@ -277,7 +276,7 @@ contains
       c(j, i) = c(i, j)
    end subroutine correlate
 
-   !> Independent entries, but for the correlations of the last three: the smallest eigenvalue is 1 + 2 r, below -0.5.
+   !> Covariance with independent entries except for three: the smallest eigenvalue is 1 + 2 r, below -0.5.
    pure function three(r) result(c)
       real(wp), intent(in) :: r
       real(wp) :: c(n, n)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Elementary functions against the compiler's, in units in the last place.
+!> Elementary functions compared with those of the compiler, in units in the last place.
 program test_math
    use, intrinsic :: iso_fortran_env, only: real128
    use rockfall_kinds, only: wp, sp
@@ -22,7 +22,7 @@ program test_math
 
 contains
 
-   !> How far `got` is from `want`, in units in the last place of `want`.
+   !> Difference of `got` from `want`, in units in the last place of `want`.
    elemental real(wp) function units(got, want)
       real(wp), intent(in) :: got
       real(real128), intent(in) :: want
@@ -69,7 +69,7 @@ contains
       do k = 1, 200000
          call random_number(step)
          x = scale(0.5_wp + 1.5_wp*step, mod(k, 2001) - 1000)
-         if (mod(k, 2) == 0) x = 0.5_wp + 1.5_wp*step  ! where the logarithm changes its sign
+         if (mod(k, 2) == 0) x = 0.5_wp + 1.5_wp*step  ! near 1, where the logarithm changes its sign
          worst = max(worst, units(logarithm(x), log(real(x, real128))))
       end do
       call check("logarithm within 5 units", worst < 5)
@@ -78,7 +78,7 @@ contains
       call check_close("logarithm of the largest", logarithm(huge(x)), log(huge(x)), 3.0e-16_wp)
    end subroutine test_logarithm
 
-   !> The reduction k ln 2 loses up to two units for each unit of x.
+   !> The argument reduction by k ln 2 loses up to two units for each unit of x.
    subroutine test_exponential()
       real(wp) :: x, worst
       integer :: k
@@ -109,7 +109,7 @@ contains
       end do
    end subroutine test_cube_root
 
-   !> Of both signs, subnormal ones, and next to zero and to the largest.
+   !> Test numbers of both signs, subnormal numbers, and numbers next to zero and to the largest.
    subroutine test_rounded_up()
       real(wp), parameter :: special(*) = [0.0_wp, tiny(1.0_wp), -tiny(1.0_wp), 1.0e-45_wp, real(huge(1.0_sp), wp), &
                                            -0.5_wp*huge(1.0_sp)]

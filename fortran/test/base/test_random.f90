@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Random numbers: the published words of Philox, the exact normal quantile, moments, separate streams.
+!> Random numbers: published words of Philox, exact normal quantile, moments, separate streams.
 program test_random
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, philox4x32, random_words, uniform, side_of, &
@@ -23,7 +23,7 @@ program test_random
 
 contains
 
-   !> The vectors of Random123 (tests/kat_vectors) for philox4x32 with 10 rounds.
+   !> Test vectors of Random123 (tests/kat_vectors) for philox4x32 with 10 rounds.
    subroutine test_known_answers()
       integer(i8), parameter :: zero(4) = 0, ones(4) = low32
       integer(i8), parameter :: pi_words(4) = [int(z"243F6A88", i8), int(z"85A308D3", i8), &
@@ -39,7 +39,7 @@ contains
          [int(z"D16CFE09", i8), int(z"94FDCCEB", i8), int(z"5001E420", i8), int(z"24126EA1", i8)]))
    end subroutine test_known_answers
 
-   !> The words of a draw are a block of Philox whose counter no other draw has.
+   !> The words of a draw are a Philox block with a counter that no other draw uses.
    subroutine test_words()
       type(random_key_t) :: key
       integer(i8) :: word(4)
@@ -53,7 +53,7 @@ contains
       call check("words are 32 bits", all(word >= 0 .and. word <= low32))
    end subroutine test_words
 
-   !> Another seed, purpose, boulder, impact or draw gives other words, and no word in common.
+   !> Another seed, purpose, boulder, impact or draw gives other words, with no word in common.
    subroutine test_streams()
       integer, parameter :: n = 10
       integer(i8) :: word(4, n)
@@ -83,7 +83,7 @@ contains
       call check("uniforms lie between 0 and 1", uniform(0_i8) > 0 .and. uniform(low32) < 1)
    end subroutine test_uniform
 
-   !> Algorithm AS 241 promises 1e-16 relative; the judge is the compiler's erfc.
+   !> Algorithm AS 241 has a relative error of 1e-16, tested with the compiler's erfc.
    subroutine test_quantile()
       real(wp) :: p, worst
       integer :: k
@@ -98,7 +98,7 @@ contains
       call check_close("the median", normal_quantile(0.5_wp), 0.0_wp, 1.0e-16_wp)
    end subroutine test_quantile
 
-   !> How far x lies above the quantile of p <= 1/2: Newton's step on erfc.
+   !> Difference of x from the quantile of p <= 1/2, by a Newton step on erfc.
    real(wp) function quantile_error(x, p)
       real(wp), intent(in) :: x, p
       real(wp), parameter :: root_2 = 1.41421356237309505_wp, root_2pi = 2.50662827463100050_wp
@@ -106,7 +106,7 @@ contains
       quantile_error = (0.5_wp*erfc(-x/root_2) - p)*root_2pi*exp(0.5_wp*x*x)
    end function quantile_error
 
-   !> The table promises 1e-10, and that both tails are alike.
+   !> The error of the table is below 1e-10, and both tails are equal.
    subroutine test_normal_is_exact()
       real(wp) :: x, worst
       integer(i8) :: word
@@ -127,7 +127,7 @@ contains
       call check("the tails are alike", symmetric)
    end subroutine test_normal_is_exact
 
-   !> At the edges of all pieces of the table, and at random, a larger word gives no smaller number.
+   !> A larger word never gives a smaller number: at the edges of all pieces of the table, and at random.
    subroutine test_normal_is_monotone()
       integer(i8) :: word
       integer :: octave, eighth, step
@@ -149,8 +149,8 @@ contains
       call check("normal numbers rise with their words", rising)
    end subroutine test_normal_is_monotone
 
-   !> Mean, variance, third and fourth moment of each of three words, and what neighbours have in common,
-   !> within 4 standard errors over 10**6 numbers.
+   !> Mean, variance, third and fourth moments of three words, and correlations of neighbours, are within 4 standard
+   !> errors for 10**6 numbers.
    subroutine test_moments()
       integer, parameter :: boulders = 333333, n = 3*boulders
       type(random_key_t) :: key

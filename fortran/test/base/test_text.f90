@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The names offered in place of a wrong one.
+!> Names suggested for a wrong name.
 program test_text
    use rockfall_text, only: nearest_names
    use check_m, only: check, finish

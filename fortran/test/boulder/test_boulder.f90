@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The boulder: a sphere's radius and mass, the distributions of its volume, and which source it has.
+!> Boulders: radius and mass of a sphere, distributions of volumes, and the source of each boulder.
 program test_boulder
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, random_key, normal_table_t, normal_table
@@ -27,7 +27,7 @@ program test_boulder
 
 contains
 
-   !> `volume` of boulders 1 to n, within the bounds of the distribution.
+   !> Draw the volumes of boulders 1 to n, and check the bounds of the distribution.
    subroutine draw(volumes)
       type(volume_distribution_t), intent(in) :: volumes
       type(boulder_t) :: boulder
@@ -41,7 +41,7 @@ contains
       call check("the bound of the mean", sum(volume)/n < 1.01_wp*mean_volume(volumes))
    end subroutine draw
 
-   !> Mean and std of `volume` within 4 standard errors; that of the std from the fourth moment.
+   !> Check mean and standard deviation of volumes within 4 standard errors (the second from the fourth moment).
    subroutine check_moments(name, mean, std)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: mean, std
@@ -69,11 +69,11 @@ contains
 
    subroutine test_normal()
       call draw(volume_distribution_t(kind=normal_volume, mean=0.8_wp, std=0.15_wp))
-      call check_moments("normal", 0.8_wp, 0.15_wp)  ! 5 deviations above zero
+      call check_moments("normal", 0.8_wp, 0.15_wp)  ! the mean is 5 standard deviations above zero
       call check("no two alike", abs(volume(1) - volume(2)) > 0)
    end subroutine test_normal
 
-   !> The moments of a normal distribution that is cut at zero.
+   !> Check the moments of a normal distribution truncated at zero.
    subroutine test_truncation()
       real(wp), parameter :: mean = 0.5_wp, std = 1.0_wp
       real(wp) :: density, above, shift
@@ -94,7 +94,7 @@ contains
       call check_moments("uniform", 1.0_wp, 1.2_wp/sqrt(12.0_wp))
    end subroutine test_uniform
 
-   !> Mean and std are those of the volume; its logarithm is normal.
+   !> Mean and standard deviation are those of the volume; its logarithm is normal.
    subroutine test_lognormal()
       real(wp) :: variance
 

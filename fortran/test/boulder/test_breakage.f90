@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Breakage: the published rule by hand, volumes that sum to the whole, and fragments within their cone.
+!> Breakage: the published rule computed by hand, conservation of volume, and fragments within their cone.
 program test_breakage
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: pi, degree
@@ -23,18 +23,18 @@ program test_breakage
 
 contains
 
-   !> By hand: 1 m3 of 2700 kg/m3 at 10 m/s has 135 kJ, and 0.0031*135000**0.7562 = 23.492 m2 of new surface.
+   !> Computed by hand: 1 m3 of 2700 kg/m3 at 10 m/s has 135 kJ, and 0.0031*135000**0.7562 = 23.492 m2 of new surface.
    subroutine test_published_rule()
       call check_close("area ratio", area_ratio(135000.0_wp, 1.0_wp), 23.492_wp/29.492_wp, 1.0e-4_wp)
       call check_close("no energy", area_ratio(0.0_wp, 1.0_wp), 0.0_wp, 0.0_wp)
-      ! with all lengths doubled, eight times the volume, S0 is four times larger
+      ! with lengths doubled, the volume is eight times and S0 four times as large
       call check_close("size", area_ratio(135000.0_wp, 8.0_wp), 23.492_wp/47.492_wp, 1.0e-4_wp)
       ! A_r = 0.3: b = 2.00375, q = 0.84625, D = 3 + ln(0.15375)/ln(2.00375)
       call check_close("survives", surviving_fraction(0.3_wp), 0.84625_wp, 1.0e-12_wp)
       call check_close("dimension", fractal_dimension(0.3_wp), 3 + log(0.15375_wp)/log(2.00375_wp), 1.0e-12_wp)
    end subroutine test_published_rule
 
-   !> From the area ratio on where the published D is largest it is held; before, it grows.
+   !> The dimension D increases up to the area ratio of its published maximum, and is constant beyond it.
    subroutine test_dimension_is_held()
       real(wp) :: ratio, largest, published
       integer :: k
@@ -50,7 +50,7 @@ contains
       call check_close("held at the maximum", fractal_dimension(0.99_wp), largest, 1.0e-5_wp)
    end subroutine test_dimension_is_held
 
-   !> The volumes of the first series are q i**(-1/D) V, so that the number above a volume falls as its power -D.
+   !> Volumes of the first series are q i**(-1/D) V, so the number above a volume decreases with the power -D.
    subroutine test_series()
       type(split_t) :: split
       real(wp), parameter :: ratio = 0.3_wp, volume = 5.0_wp
@@ -67,8 +67,8 @@ contains
       call check_close("exponent", slope, -d, 1.0e-9_wp)
    end subroutine test_series
 
-   !> Fragments and fines are the boulder, whatever the volume, the energy and the limits; no fragment is smaller than
-   !> allowed, and the fines are less than would make another fragment.
+   !> Fragments and fines add up to the boulder for any volume, energy and limits. No fragment is smaller than allowed,
+   !> and the fines would not make another fragment.
    subroutine test_mass()
       type(split_t) :: split
       real(wp) :: volume, ratio, least, q
@@ -96,7 +96,7 @@ contains
       end do
    end subroutine test_mass
 
-   !> With little room, the largest fragments are the same, and the rest stays one block.
+   !> With a small maximum number, the largest fragments are unchanged, and the remainder stays one block.
    subroutine test_room()
       type(split_t) :: full, few
       integer :: room
@@ -114,8 +114,8 @@ contains
       call check("no room", few%capped .and. size(few%volume) == 1 .and. .not. few%fines > 0)
    end subroutine test_room
 
-   !> Directions are uniform within the cone: the cosine of the angle to the axis has its mean in the middle, and the
-   !> directions average to the axis. Speeds are kept.
+   !> Directions are uniform within the cone: the mean cosine of the angle to the axis is in the middle, and directions
+   !> average to the axis. Speeds are unchanged.
    subroutine test_cone()
       integer, parameter :: n = 20000
       real(wp), parameter :: half = 25*degree
@@ -143,7 +143,7 @@ contains
       call check("at rest", all(abs(direction_in_cone([0.0_wp, 0.0_wp, 0.0_wp], half, [0.5_wp, 0.5_wp])) <= 0))
    end subroutine test_cone
 
-   !> A direction into the ground is mirrored: its normal part changes sign, the rest and the speed stay.
+   !> A direction into the ground is mirrored: only its normal component changes sign, and the speed is unchanged.
    subroutine test_ground()
       real(wp), parameter :: g(2) = [0.5_wp, -1.0_wp], normal(3) = [-0.5_wp, 1.0_wp, 1.0_wp]/1.5_wp
       real(wp) :: v(3), away(3)
@@ -155,7 +155,7 @@ contains
       call check("already away", all(abs(away_from_ground(away, g) - away) <= 0))
    end subroutine test_ground
 
-   !> Fragments have numbers of their own, the boulder is fragment 0 of itself, and a fragment has its part of the mass.
+   !> Each fragment has a unique number, fragment 0 is the boulder itself, and mass is proportional to volume.
    subroutine test_numbers()
       type(boulder_t) :: boulder, fragment
 

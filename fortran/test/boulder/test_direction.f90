@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Turning after a rebound: the printed classes, past the descent or at most to it, as in the laboratory, upslope,
-!> in pits.
+!> Turn after a rebound: printed classes, past the descent or at most to it, by the laboratory, upslope, in pits.
 program test_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree
@@ -44,7 +43,7 @@ contains
       angle_between = atan2(a(1)*b(2) - a(2)*b(1), dot_product(a, b))
    end function angle_between
 
-   !> A share of n draws within 4 standard errors of its probability.
+   !> Check that the fraction of hits in n draws is within 4 standard errors of its probability.
    subroutine check_share(name, hits, p)
       character(len=*), intent(in) :: name
       integer, intent(in) :: hits
@@ -53,7 +52,7 @@ contains
       call check(name, abs(hits - n*p) < 4*sqrt(n*p*(1 - p)))
    end subroutine check_share
 
-   !> 72 % below 22.5 degrees, 24 % below 45, 4 % below 50; each class uniform.
+   !> 72 % of turns are below 22.5 degrees, 24 % below 45, 4 % below 50; uniform within each class.
    subroutine test_classes()
       real(wp) :: u, turn
       integer :: k, hits(20)
@@ -82,7 +81,7 @@ contains
       call check_close("its end", rebound_turn_angle(1.0_wp), 50*degree, 4*near)
    end subroutine test_classes
 
-   !> Far from the descent the heading turns towards it by the drawn angle, and stays a unit vector.
+   !> Far from the descent, the heading turns towards it by the drawn angle, and stays a unit vector.
    subroutine test_downslope()
       real(wp) :: before(2), after(2), draw(3), apart, turned
       integer :: k
@@ -102,8 +101,8 @@ contains
       end do
    end subroutine test_downslope
 
-   !> Near the descent too the heading turns by the whole angle, to the side of the descent, so that the printed
-   !> classes occur, whatever the side that chance has in store.
+   !> Near the descent, the heading also turns by the whole angle to the side of the descent, whatever the random side,
+   !> so that the printed classes occur.
    subroutine test_past()
       real(wp) :: before(2), after(2), draw(3), apart, turned
       integer :: k, beyond
@@ -124,7 +123,7 @@ contains
       call check("both past and short of it", beyond > 1000 .and. beyond < 9000)
    end subroutine test_past
 
-   !> A heading along the descent, up to rounding, turns to the side that chance has in store.
+   !> A heading along the descent, up to rounding, turns to the random side.
    subroutine test_either_side()
       real(wp) :: draw(3), after(2), apart
       integer :: k
@@ -139,7 +138,7 @@ contains
       end do
    end subroutine test_either_side
 
-   !> Classes of incidence by their bounds, quantiles at 0, 10, ... 90, 95, 99, 100 %, straight between them.
+   !> Incidence classes follow their bounds. Quantiles are at 0, 10, ..., 90, 95, 99, 100 % and linear in between.
    subroutine test_lateral_angle()
       real(wp), parameter :: bound(3) = [10.0_wp, 45.0_wp, 71.0_wp], p(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, &
          0.5_wp, 0.6_wp, 0.7_wp, 0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]
@@ -164,8 +163,8 @@ contains
       call check_close("a grazing one", lateral_angle(this, [3.0_wp, 0.0_wp], 0.5_wp), q(6, 1)*degree, 1.0e-14_wp)
    end subroutine test_lateral_angle
 
-   !> The tangent over the heading turns in the plane of the patch by the angle, to the side of the descent or away
-   !> from it; also where nothing descends.
+   !> The tangent above the heading rotates in the plane of the patch by the angle, towards the descent or away from it;
+   !> also if nothing descends.
    subroutine test_by_lab()
       real(wp) :: before(2), after(2), draw(5), g(2), t(3), u(3), normal(3), side
       integer :: k
@@ -190,7 +189,7 @@ contains
       call check_close("on the flat", angle_between(at_angle(1.0_wp), after), -0.3_wp, 1.0e-14_wp)
    end subroutine test_by_lab
 
-   !> Within the drawn angle of the descent the heading becomes the descent itself.
+   !> If the descent is within the drawn angle, the heading becomes that of the descent.
    subroutine test_not_past()
       real(wp) :: before(2), after(2), aspect(2), draw(3), apart
       integer :: k, met
@@ -213,7 +212,7 @@ contains
       call check("both happen", met > 1000 .and. met < 9000)
    end subroutine test_not_past
 
-   !> Upslope: uniform within 22.5 degrees of the heading before, whatever the class.
+   !> Upslope, turns are uniform within 22.5 degrees of the heading before, whatever the class.
    subroutine test_upslope()
       real(wp) :: before(2), draw(2), turned
       integer :: k, bin, hits(10)
@@ -233,7 +232,7 @@ contains
       end do
    end subroutine test_upslope
 
-   !> In a pit, and where nothing descends, the heading stays.
+   !> In a pit, and if nothing descends, the heading is unchanged.
    subroutine test_unchanged()
       real(wp) :: before(2)
       type(turning_t) :: turning
@@ -250,7 +249,7 @@ contains
       end do
    end subroutine test_unchanged
 
-   !> A mirrored scene has mirrored headings, to the bit.
+   !> A mirrored scene has exactly mirrored headings.
    subroutine test_mirror()
       real(wp) :: before(2), down(2), draw(4), g(2), one(2), other(2)
       type(turning_t) :: turning
@@ -279,7 +278,7 @@ contains
       call check("zero stays zero", all(abs(unit_vector([0.0_wp, 0.0_wp])) <= 0))
    end subroutine test_unit_vector
 
-   !> A quarter of the numbers for each quarter of the circle, and no jump between them.
+   !> Each quarter of the circle gets a quarter of the numbers, with no jump in between.
    subroutine test_any_heading()
       real(wp) :: u, heading(2)
       integer :: k

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flight: parabolas on planes, ridges and saddles against closed forms; and over random ground no
-!> flight goes below it, by a judge that walks the patches in its own way.
+!> Flights: parabolas over planes, ridges and saddles compared with closed forms; over random ground no flight goes
+!> below it, checked by independent code.
 program test_flight
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
@@ -27,7 +27,7 @@ program test_flight
 
 contains
 
-   !> Elevations a x + b y over nodes with a spacing of `cell`.
+   !> Elevations a x + b y at nodes with spacing `cell`.
    pure function plane(a, b, cell) result(z)
       real(wp), intent(in) :: a, b, cell
       real(wp) :: z(nx, ny)
@@ -40,7 +40,7 @@ contains
       end do
    end function plane
 
-   !> A flight from a place `above` the ground.
+   !> Flight from a point `above` the ground.
    type(flight_t) function flight_from(dem, x, y, above, v) result(start)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y, above, v(3)
@@ -63,7 +63,7 @@ contains
       between = low + (high - low)*between
    end function between
 
-   !> From above a plane the contact is a root of one quadratic.
+   !> A flight above a plane lands at a root of a single quadratic.
    subroutine test_plane()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -92,7 +92,7 @@ contains
       end do
    end subroutine test_plane
 
-   !> A vertical fall stays where it is, also on a side or a corner of patches.
+   !> A vertical fall does not move in plan, also on a side or a corner of patches.
    subroutine test_fall()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -121,7 +121,7 @@ contains
                  .and. abs(landing%time) <= 0)
    end subroutine test_fall
 
-   !> From a corner of four patches in 16 directions, starting over each of the four: the same landing.
+   !> Flights from a corner of four patches in 16 directions have the same landing for each of the four start patches.
    subroutine test_starts_on_sides()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -150,8 +150,8 @@ contains
       end do
    end subroutine test_starts_on_sides
 
-   !> A level flight of known drop towards a ridge: just below its crest it meets the near face, just
-   !> above it flies on and comes down behind.
+   !> A level flight of known drop towards a ridge: just below the crest it hits the near face; just above, it lands
+   !> behind the ridge.
    subroutine test_ridge()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -166,7 +166,7 @@ contains
       dem = terrain(0.0_wp, 0.0_wp, 10.0_wp, z8=z)
       do k = 1, 2
          start = flight_from(dem, 185.0_wp, 77.0_wp, 0.0_wp, [20.0_wp, 0.0_wp, 0.0_wp])
-         start%z = 0.5_wp*gravity*0.0625_wp + off(k)  ! at the crest after 0.25 s
+         start%z = 0.5_wp*gravity*0.0625_wp + off(k)  ! reaches the crest after 0.25 s
          start%above = start%z + 4
          call fly(dem, gravity, start, landing)
          if (k == 1) then
@@ -181,8 +181,8 @@ contains
       end do
    end subroutine test_ridge
 
-   !> Along the diagonal of a saddle the ground is a dome, steeper than the parabola. The height above it
-   !> is (a) 0 at one moment, a double root: a contact; (b) a nanometre more: none; (c) less: two roots.
+   !> Along the diagonal of a saddle the ground is a dome, steeper than the parabola. The minimum height above it is (a)
+   !> 0, a double root: a contact; (b) one nanometre: no contact; (c) negative: two roots.
    subroutine test_saddle()
       real(wp), target :: z(2, 2)
       type(terrain_t) :: dem
@@ -190,11 +190,11 @@ contains
       type(flight_t) :: start
       type(landing_t) :: landing
 
-      z = reshape([20.0_wp, 0.0_wp, 0.0_wp, 20.0_wp], [2, 2])  ! 20 (u + w) - 40 u w: 40 u (1 - u) where u = w
+      z = reshape([20.0_wp, 0.0_wp, 0.0_wp, 20.0_wp], [2, 2])  ! 20 (u + w) - 40 u w: 40 u (1 - u) for u = w
       dem = terrain(0.0_wp, 0.0_wp, 1.0_wp, z8=z)
       call read_patch(dem, 1, 1, patch)
       start = flight_t(patch, 0.0_wp, 0.0_wp, 9.0_wp, [1.0_wp, 1.0_wp, 4.0_wp], 9.0_wp, -36.0_wp)
-      call fly(dem, 8.0_wp, start, landing)  ! 9 + 4 t - 4 t**2 meets it at t = 1/2, 9 - 36 t + 36 t**2 = 0
+      call fly(dem, 8.0_wp, start, landing)  ! 9 + 4 t - 4 t**2 touches it at t = 1/2, 9 - 36 t + 36 t**2 = 0
       call check("a double root is a contact", landing%contact)
       call check_close("at its place", landing%time, 0.5_wp, 1.0e-12_wp)
       start%z = 9 + 1.0e-9_wp
@@ -210,8 +210,8 @@ contains
                        1.0e-9_wp)
    end subroutine test_saddle
 
-   !> Hops far below a rounding error of the place still take their time, and end; also along the slope,
-   !> where rounding in the velocity is far more than the rate at which the boulder leaves the ground.
+   !> Hops far shorter than a rounding error of the position still take their time, and end; also along the slope, where
+   !> the rounding error of the velocity far exceeds the rate at which the boulder leaves the ground.
    subroutine test_tiny_hop()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -237,7 +237,7 @@ contains
       end do
    end subroutine test_tiny_hop
 
-   !> Nodata and the outer edge end a flight where they begin.
+   !> Nodata and the outer edge end a flight at their border.
    subroutine test_leaving()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -266,7 +266,7 @@ contains
       call check_close("and the southern at y of its node", landing%y, 0.0_wp, 1.0e-14_wp)
    end subroutine test_leaving
 
-   !> The spans of a flight follow each other, and their quadratics are the height above the ground.
+   !> The spans of a flight are consecutive, and their quadratics give the height above the ground.
    subroutine test_spans()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -297,7 +297,7 @@ contains
       call check("no gap between spans", joined)
    end subroutine test_spans
 
-   !> 10**5 flights over rough ground, from the air, from the ground and from where the last one ended.
+   !> 10**5 flights over rough ground, from the air, from the ground, and from the previous landing.
    subroutine test_never_below_ground()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -360,8 +360,8 @@ contains
       end associate
    end function ground
 
-   !> How far a flight goes below the ground at most [m]: between sides of patches the depth is a
-   !> quadratic, known from three points.
+   !> Maximum depth of a flight below the ground [m]: between sides of patches, depth is a quadratic, determined by
+   !> three points.
    real(wp) function depth(z, cell, start, time)
       real(wp), intent(in) :: z(:, :), cell, time
       type(flight_t), intent(in) :: start
@@ -382,7 +382,7 @@ contains
          depth = max(depth, maxval(d))
          bend = 2*(d(1) - 2*d(2) + d(3))
          if (bend < 0) then
-            s = 0.5_wp - (d(3) - d(1))/(2*bend)  ! where the parabola through them turns
+            s = 0.5_wp - (d(3) - d(1))/(2*bend)  ! vertex of the parabola through these points
             if (s > 0 .and. s < 1) depth = max(depth, below(z, cell, start, t0 + s*(t1 - t0)))
          end if
          where (t1 >= at_side) side = side + int(sign(1.0_wp, start%v(1:2)))
@@ -399,7 +399,7 @@ contains
               - (start%z + start%v(3)*t - 0.5_wp*gravity*t*t)
    end function below
 
-   !> The closed form against Simpson's rule, and where it must not divide by the plan speed.
+   !> The closed form equals Simpson's rule, also where it must not divide by the plan speed.
    subroutine test_arc_length()
       real(wp) :: v(3), time, sum
       integer :: k, n, m
@@ -434,7 +434,7 @@ contains
                        0.0_wp, 0.0_wp)
    end subroutine test_arc_length
 
-   !> The closed form as in a textbook, in 33 digits.
+   !> Closed form as in textbooks, in 33 digits.
    pure real(wp) function exact_arc_length(v, time) result(length)
       real(wp), intent(in) :: v(3), time
       integer, parameter :: qp = selected_real_kind(33)

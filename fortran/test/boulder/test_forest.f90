@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees: the law against numbers worked out with 30 digits, and every hit that there is, no other.
+!> Trees: energies computed with 30 digits, and all hits found, no others.
 program test_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree
@@ -33,16 +33,16 @@ program test_forest
 
 contains
 
-   !> 38.7 DBH**2.31.
+   !> Energies are 38.7 DBH**2.31.
    subroutine test_energy()
       call check_close("10 cm", max_stem_energy(10.0_wp), 7901.52584587107851_wp, 1.0e-14_wp)
       call check_close("30 cm", max_stem_energy(30.0_wp), 99968.0137871888292_wp, 1.0e-14_wp)
       call check_close("80 cm", max_stem_energy(80.0_wp), 963493.601702790811_wp, 1.0e-14_wp)
    end subroutine test_energy
 
-   !> A forest of these stems.
+   !> Forest of given stems.
    pure type(forest_t) function forest(x, y, at, dbh, factor, law) result(this)
-      real(wp), intent(in) :: x(:), y(:), at(2), dbh(:), factor(:)  !! as of build_forest
+      real(wp), intent(in) :: x(:), y(:), at(2), dbh(:), factor(:)  !! as in build_forest
       type(tree_model_t), intent(in) :: law
 
       call build_forest(x, y, at, dbh, factor, law, this)
@@ -56,7 +56,7 @@ contains
       call check("nothing at the side", abs(absorbed_fraction(0.746_wp)) + abs(absorbed_fraction(1.0_wp)) <= 0)
    end subroutine test_share
 
-   !> A flight at some heights above the ground.
+   !> Flight with given heights above the ground.
    pure function flown(time, height) result(spans)
       real(wp), intent(in) :: time, height  !! [s], [m]
       type(span_t) :: spans(2)
@@ -68,14 +68,14 @@ contains
       spans%d2 = 0
    end function flown
 
-   !> One of 10 s, 1 m above it.
+   !> Flight of 10 s, 1 m above the ground.
    pure function level() result(spans)
       type(span_t) :: spans(2)
 
       spans = flown(10.0_wp, 1.0_wp)
    end function level
 
-   !> The hit of a flight from (0, 0) of 10 s at 2 m/s along an axis.
+   !> Hit of a flight from (0, 0) that lasts 10 s at 2 m/s along an axis.
    pure type(tree_hit_t) function hit_of(this, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: radius  !! [m]
@@ -83,7 +83,7 @@ contains
       call find_first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], radius, none, hit_of)
    end function hit_of
 
-   !> One stem of 40 cm, and boulders of 1 m.
+   !> Forest of one stem of 40 cm, and boulders of 1 m.
    pure type(forest_t) function one_stem(x, y) result(this)
       real(wp), intent(in) :: x, y  !! [m]
 
@@ -119,7 +119,7 @@ contains
       call check("nor one that is nearly so", hit%tree == 0)
    end subroutine test_entering
 
-   !> Who starts in a disc, or on its edge as after a hit, does not hit it; who has left it may.
+   !> A flight that starts in a disc, or on its edge as after a hit, does not hit this stem; it may after leaving it.
    subroutine test_start_inside()
       type(tree_hit_t) :: hit, again
       real(wp) :: x, y, angle
@@ -128,7 +128,7 @@ contains
       hit = hit_of(one_stem(0.6_wp, 0.1_wp), 0.5_wp)
       call check("started inside", hit%tree == 0)
       wrong = 0
-      do k = 0, 359  ! from the place of a hit, far from the origin, in all directions
+      do k = 0, 359  ! from the point of a hit, far from the origin, in all directions
          hit = hit_of(one_stem(5.0_wp, 0.3_wp), 0.5_wp)
          x = 2*hit%time
          y = 0
@@ -146,7 +146,7 @@ contains
       call check("but once it was left", again%tree == 1)
    end subroutine test_start_inside
 
-   !> The height counts where the boulder meets the stem.
+   !> The height counts at the point where the boulder touches the stem.
    subroutine test_passing_over()
       type(tree_model_t) :: law
       type(tree_hit_t) :: hit
@@ -154,7 +154,7 @@ contains
 
       law%stem_height = 15
       rising = flown(10.0_wp, 0.0_wp)
-      rising(1)%d1 = 2   ! over the first 3 s, 6 m of path, up to 6 m; then 6 + 3 s: at s = 3, 12 m on, 15 m
+      rising(1)%d1 = 2   ! 6 m of path in the first 3 s, up to 6 m; then 6 + 3 s: at s = 3, 12 m further, 15 m
       rising(2)%d0 = 6
       rising(2)%d1 = 3
       call find_first_hit(forest([12.69_wp], [0.0_wp], origin, [40.0_wp], [1.0_wp], law), rising, 0.0_wp, 0.0_wp, &
@@ -177,7 +177,7 @@ contains
       call check_close("then the one behind it", hit%time, 8.4_wp/2, 1.0e-15_wp)
    end subroutine test_broken
 
-   !> Boulders far larger than a bucket, and a stem thicker than one.
+   !> Boulders and a stem that are larger than a bucket.
    subroutine test_large_discs()
       type(forest_t) :: this
       type(tree_hit_t) :: hit
@@ -197,7 +197,7 @@ contains
       call check("from above, too", hit%tree > 0)
    end subroutine test_large_discs
 
-   !> The grid finds what looking at all stems finds.
+   !> The grid finds the same hits as a search of all stems.
    subroutine test_all_are_found()
       integer, parameter :: n = 600
       type(forest_t) :: this
@@ -213,7 +213,7 @@ contains
          x = 10.0_wp**mod(scene, 4)*x  ! from 1 m to 1 km, also in a row
          y = 10.0_wp**mod(scene/4, 4)*y
          if (scene == 9) y = 3
-         if (scene > 15) x = 5*nint(x/5)  ! on the borders of buckets
+         if (scene > 15) x = 5*nint(x/5)  ! on the edges of buckets
          if (scene > 15) y = 5*nint(y/5)
          this = forest(x, y, [-1.0_wp, 2.0_wp], 5 + 50*x/(1 + maxval(x)), spread(1.0_wp, 1, n), tree_model_t())
          do k = 1, 500
@@ -230,7 +230,7 @@ contains
       call check("few are taken for hits that are none", suspected < hits + hits/10)
    end subroutine test_all_are_found
 
-   !> The first hit by the grid, and by looking at all stems one by one.
+   !> First hit, by the grid and by a search of all stems.
    subroutine compare(this, x, y, v, radius, time, hit)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y, v(2), radius, time  !! [m], [m/s], [m], [s]
@@ -263,7 +263,7 @@ contains
       end if
    end subroutine compare
 
-   !> A scene turned by 90 degrees or mirrored has the same hits, to the bit.
+   !> A scene rotated by 90 degrees or mirrored has exactly the same hits.
    subroutine test_symmetry()
       integer, parameter :: n = 300
       type(forest_t) :: this, turned, mirrored
@@ -298,7 +298,7 @@ contains
       call check("many hits", hits > 500)
    end subroutine test_symmetry
 
-   !> Along a line through a random forest the mean distance between stems is 10000/(stems per hectare (2 R_b + DBH)).
+   !> Along a line through a random forest, the mean distance between stems is 10000/(stems per hectare (2 R_b + DBH)).
    subroutine test_spacing()
       integer, parameter :: n = 200000
       real(wp), parameter :: width = 2000.0_wp, per_hectare = 500.0_wp, radius = 0.6_wp, dbh = 35.0_wp
@@ -336,7 +336,7 @@ contains
       end associate
    end subroutine test_spacing
 
-   !> Never more than the boulder has, nor than the stem can take; what is left flies on.
+   !> A stem absorbs at most the energy of the boulder and at most its capacity; the boulder keeps the rest.
    subroutine test_taken()
       type(tree_impact_t) :: impact
       type(stem_t) :: stem
@@ -371,7 +371,7 @@ contains
       words = random_words(random_key(3_i8), for_tree, int(k, i8), 1_i8, 0_i8)
    end function words
 
-   !> Turns follow the weights of the type of hit; by default any angle up to 76 degrees is as likely as another.
+   !> Turns follow the weights for the type of hit; by default, all angles up to 76 degrees are equally likely.
    subroutine test_turns()
       integer, parameter :: n = 40000
       type(tree_model_t) :: law
@@ -404,7 +404,7 @@ contains
       end do
    end subroutine test_turns
 
-   !> Away from the stem; a hit in the middle turns to either side.
+   !> Boulders turn away from the stem; after a central hit, to either side.
    subroutine test_sides()
       integer, parameter :: n = 10000
       type(tree_impact_t) :: impact

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Evaluation lines: where a path crosses, also at vertices and when it ends on the line; objects: where it touches.
+!> Evaluation lines: crossing points, also at vertices and for paths that end on the line; objects: points of contact.
 program test_line
    use rockfall_kinds, only: wp
    use rockfall_line, only: line_t, line, object_line, first_crossing, first_meeting
@@ -33,7 +33,7 @@ contains
                                                        [3.0_wp, 5.0_wp]) > 1)
    end subroutine test_straight
 
-   !> Of several crossings the first along the path, not the first of the line.
+   !> Of several crossings, the first along the path counts, not the first along the line.
    subroutine test_polyline()
       type(line_t) :: this
 
@@ -45,8 +45,8 @@ contains
       call check("inside its bend", first_crossing(this, [3.0_wp, 5.0_wp], [5.0_wp, 9.0_wp]) > 1)
    end subroutine test_polyline
 
-   !> A path in two pieces that meet on the line crosses it in exactly one of them; one that only
-   !> touches it and goes back crosses it twice or never.
+   !> A path in two pieces that meet on the line crosses it in exactly one of them. A path that only touches the line
+   !> crosses it twice or never.
    subroutine test_end_on_line()
       type(line_t) :: this
       real(wp), parameter :: below(2) = [3.0_wp, 4.0_wp], on(2) = [4.0_wp, 5.0_wp], &
@@ -68,7 +68,7 @@ contains
       crossings = merge(1, 0, first_crossing(this, a, b) <= 1)
    end function crossings
 
-   !> A path through a vertex does not slip between two parts of the line.
+   !> A path through a vertex always crosses the line.
    subroutine test_vertex()
       type(line_t) :: this
 
@@ -97,7 +97,7 @@ contains
                  + crossings(this, [6.0_wp, 5.0_wp], [7.0_wp, 6.0_wp]) == 1)
    end subroutine test_along
 
-   !> Against the solution of two equations.
+   !> Random crossings agree with the solution of two equations.
    subroutine test_random_paths()
       real(wp) :: p(2), q(2), a(2), b(2), det, along, share, got
       integer :: k, met
@@ -122,8 +122,8 @@ contains
       call check("both happen", met > 1000 .and. met < 9000)
    end subroutine test_random_paths
 
-   !> Where a boulder first touches an object: at half a width and a radius from it, nowhere nearer before; of a path
-   !> that comes as near, always.
+   !> A boulder touches an object where its centre is first half a width plus a radius away; a path that comes this near
+   !> always touches.
    subroutine test_objects()
       type(line_t) :: this
       real(wp) :: x(3), y(3), a(2), b(2), width, radius, got, nearest, away
@@ -136,7 +136,7 @@ contains
          call random_number(x)
          call random_number(y)
          if (mod(k, 7) == 0) x(2:) = x(1)
-         if (mod(k, 14) == 0) y(2:) = y(1)  ! a point
+         if (mod(k, 14) == 0) y(2:) = y(1)  ! degenerate to a point
          call random_number(a)
          call random_number(b)
          call random_number(width)
@@ -164,7 +164,7 @@ contains
       call check("all happen", met > 500 .and. inside > 200 .and. met - inside > 300 .and. met < 2900)
    end subroutine test_objects
 
-   !> Distance of a point from a polyline.
+   !> Distance between a point and a polyline.
    pure real(wp) function distance(x, y, point)
       real(wp), intent(in) :: x(:), y(:), point(2)
       real(wp) :: side(2), along

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The index finds every line that a path meets, and few others.
+!> The index finds every line that a path crosses, and few others.
 program test_line_index
    use rockfall_kinds, only: wp
    use rockfall_line, only: line_t, line, object_line, first_meeting
@@ -15,7 +15,7 @@ program test_line_index
 
 contains
 
-   !> Lines listed under a path.
+   !> Return whether a line is listed under a path.
    pure logical function is_listed(index, number, a, b)
       type(line_index_t), intent(in) :: index
       integer, intent(in) :: number
@@ -32,7 +32,7 @@ contains
       end do
    end function is_listed
 
-   !> Polylines and objects of any direction, paths inside and outside of them.
+   !> Polylines and objects of any direction; paths inside and outside the index.
    subroutine test_random_lines()
       integer, parameter :: n = 150
       type(line_t) :: lines(n)
@@ -74,7 +74,7 @@ contains
       call check("and some do not", empty > 500)
    end subroutine test_random_lines
 
-   !> Few of many lines are listed under a short path.
+   !> Of many lines, few are listed under a short path.
    subroutine test_parallel_lines()
       integer, parameter :: n = 1000
       type(line_t) :: lines(n)
@@ -93,7 +93,7 @@ contains
       call check("room for each line in each column", size(index%line) <= 2*n*index%n(1))
    end subroutine test_parallel_lines
 
-   !> Lines without extent along an axis, and a single place.
+   !> Lines without extent along an axis, or at a single point.
    subroutine test_degenerate()
       type(line_index_t) :: index
       real(wp), parameter :: zero(2) = 0.0_wp

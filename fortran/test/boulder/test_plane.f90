@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A boulder that bounces down a plane with one fixed matrix: every contact is known in closed form.
+!> Boulder that bounces down a plane with a fixed matrix, so that every contact is known in closed form.
 program test_plane
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -19,7 +19,7 @@ program test_plane
 
    integer, parameter :: rebounds = 100, nx = 80, ny = 70
    real(wp), parameter :: cell = 5.0_wp, gravity = 9.81_wp, drop = 2.0_wp, small = 1.0e-10_wp
-   !> Keeps energy from growing, and speeds on a slope of 30 degrees almost as they are.
+   !> Keeps energy from growing, and speeds on a slope of 30 degrees almost constant.
    real(wp), parameter :: matrix(3, 3) = reshape([0.675_wp, 0.2_wp, 0.3_wp, 0.05_wp, -0.4_wp, &
                                                   0.05_wp, &
                                                   0.1_wp, -0.1_wp, 0.4_wp], [3, 3])
@@ -35,7 +35,7 @@ program test_plane
 
 contains
 
-   !> A plane of 30 degrees whose descent has a bearing, anticlockwise from east [degrees].
+   !> Plane of 30 degrees; `bearing` is that of the descent, anticlockwise from east [degrees].
    subroutine test_contacts(bearing)
       real(wp), intent(in) :: bearing
       type(scene_t) :: scene
@@ -60,7 +60,7 @@ contains
       call compare(scratch%record%vertex(:scratch%record%n), result, tangent, down)
    end subroutine test_contacts
 
-   !> Rebounds so flat that the rounding of the velocity is more than V_n: each still takes its time.
+   !> Rebounds so flat that rounding of the velocity exceeds V_n still take their time.
    subroutine test_sliding()
       type(scene_t) :: scene
       type(boulder_result_t) :: result
@@ -84,7 +84,7 @@ contains
       end do
    end subroutine test_sliding
 
-   !> Eastward down a plane: over the edge of the raster, into a column without elevation, out of a window.
+   !> Eastward down a plane: over the edge of the raster, into a column without elevations, out of a window.
    subroutine test_departures()
       type(scene_t) :: scene
       type(boulder_result_t) :: result
@@ -108,7 +108,7 @@ contains
       call check_close("at the last column with elevation", result%stop(1), 59*cell, 1.0e-12_wp)
    end subroutine test_departures
 
-   !> Cosine of degrees, exact at right angles.
+   !> Cosine of an angle in degrees, exact at right angles.
    pure real(wp) function cosd_(angle)
       real(wp), intent(in) :: angle
 
@@ -116,7 +116,7 @@ contains
       if (abs(mod(angle, 90.0_wp)) <= 0) cosd_ = anint(cosd_)
    end function cosd_
 
-   !> Release from a place off the middle of the terrain [m].
+   !> Scene with a release at a point off the middle of the terrain [m].
    subroutine make_scene(scene, place, error)
       type(scene_t), intent(out) :: scene
       real(wp), intent(in) :: place(2)
@@ -139,7 +139,7 @@ contains
       call set_matrix(scene, reshape(transpose(matrix), [9]), error)
    end subroutine make_scene
 
-   !> Impact sets that know one matrix, by rows.
+   !> Impact sets with one fixed matrix, given by rows.
    subroutine set_matrix(scene, elements, error)
       type(scene_t), intent(inout) :: scene
       real(wp), intent(in) :: elements(9)
@@ -153,8 +153,8 @@ contains
       end do
    end subroutine set_matrix
 
-   !> The normal velocity is reversed after T = 2 V_n/(g cos), meanwhile g sin T is gained along the slope
-   !> and V_t T + g sin T**2/2 covered.
+   !> The normal velocity is reversed after T = 2 V_n/(g cos); meanwhile, along the slope, the velocity increases by g
+   !> sin T and the distance is V_t T + g sin T**2/2.
    subroutine compare(record, result, tangent, down)
       type(vertex_t), intent(in) :: record(:)
       type(boulder_result_t), intent(in) :: result

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rest and rolling on planes: where friction holds a boulder, the closed form against small time steps, and what is
-!> known of a roll that is cut short or leaves the terrain.
+!> Rest and rolling on planes: where friction holds a boulder, the closed form compared with small time steps, and rolls
+!> that are cut short or leave the terrain.
 program test_rolling
    use rockfall_kinds, only: wp
    use rockfall_math, only: degree, tangent
@@ -27,7 +27,7 @@ program test_rolling
 
 contains
 
-   !> A plane that falls to the south by a slope and to the east by another [degree].
+   !> Set a plane that falls to the south and to the east by given slopes [degree].
    subroutine set_plane(south, east)
       real(wp), intent(in) :: south, east
       integer :: i, r
@@ -64,8 +64,8 @@ contains
       end do
    end subroutine test_rest_angle
 
-   !> Azzoni et al. (1995): the speed and the time at the end of a radius, against small steps of
-   !> (1 + k) dv/dt = g (sin b - mu cos b).
+   !> Azzoni et al. (1995): speed and time after one radius, compared with small steps of (1 + k) dv/dt = g (sin b - mu
+   !> cos b).
    subroutine test_closed_form()
       real(wp), parameter :: slope = 41.0_wp, friction = 0.5_wp, dt = 1.0e-6_wp
       type(roll_t) :: roll
@@ -93,7 +93,7 @@ contains
       call check_close("what does not rotate shares its energy", roll%speed2(1), 0.09_wp/1.4_wp, near)
    end subroutine test_closed_form
 
-   !> Straight down the steepest descent, one radius along the slope, and onto the ground.
+   !> A roll goes down the steepest descent, one radius along the slope, and ends on the ground.
    subroutine test_descent()
       type(roll_t) :: roll
       type(landing_t) :: start
@@ -110,13 +110,13 @@ contains
       end associate
    end subroutine test_descent
 
-   !> Where the ground rises again within a radius, a boulder rests however steep the patch is.
+   !> If the ground rises again within a radius, a boulder rests however steep the patch is.
    subroutine test_hollow()
       type(roll_t) :: roll
       integer :: r
 
       do r = 1, n
-         z(:, r) = 50 + cell*abs(r - 6)  ! 45 degrees on both sides of a row
+         z(:, r) = 50 + cell*abs(r - 6)  ! slopes of 45 degrees on both sides of a row
       end do
       dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
       call find_roll(dem, gravity, 0.5_wp, radius, contact_at(9.3_wp, 12.5_wp), 0.0_wp, 0.0_wp, roll)
@@ -125,7 +125,7 @@ contains
       call check("and rests at the bottom", .not. roll%rolls)
    end subroutine test_hollow
 
-   !> It may roll out of the terrain: to its edge, where it leaves.
+   !> A boulder that rolls off the terrain leaves it at its edge.
    subroutine test_edge()
       type(roll_t) :: roll
       type(landing_t) :: start
@@ -145,7 +145,7 @@ contains
       call check("it rests there where friction holds it", .not. roll%rolls)
    end subroutine test_edge
 
-   !> A roll that is cut ends on its path, with the speed of a constant acceleration.
+   !> A roll that is cut short ends on its path, with the speed of constant acceleration.
    subroutine test_cut()
       type(roll_t) :: roll
       type(landing_t) :: landing
@@ -159,8 +159,8 @@ contains
                        0.75_wp*roll%speed2(1) + 0.25_wp*roll%speed2(2), near)
    end subroutine test_cut
 
-   !> A slide ends on the ground, on its own patch or on another, of other slopes; at the edge of the terrain; and at
-   !> its beginning where the ground falls away.
+   !> A slide ends on the ground: on its own patch or on another with other slopes; at the edge of the terrain; or at
+   !> its start if the ground falls away.
    subroutine test_slide()
       type(roll_t) :: roll
       type(landing_t) :: start, there
@@ -191,7 +191,7 @@ contains
       call check_close("a slide goes no farther", roll%landing%y + 1, 1.0_wp, near)
    end subroutine test_slide
 
-   !> Chords between the points of a slide follow the ground to 1 % of the radius; on a plane, patch borders suffice.
+   !> Chords between the points of a slide deviate by at most 1 % of the radius; on a plane, patch borders suffice.
    subroutine test_ground_points()
       integer, parameter :: samples = 50
       type(roll_t) :: roll
@@ -231,7 +231,7 @@ contains
       end do
    end subroutine test_ground_points
 
-   !> Number of patch borders between two coordinates [m]; one on which the second lies does not count.
+   !> Number of patch borders between two coordinates [m]; a border at the second does not count.
    pure integer function crossed(a, b)
       real(wp), intent(in) :: a, b
 

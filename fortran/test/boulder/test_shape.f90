@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Volumes and moments of inertia of shapes, as textbooks have them; block shapes by share.
+!> Volumes and moments of inertia of shapes as in textbooks; block shapes drawn by fraction.
 program test_shape
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi
@@ -26,7 +26,7 @@ contains
       call check_close("disc", shape_volume(disc, d), pi*0.15_wp, near)
    end subroutine test_volumes
 
-   !> The mean of the three principal moments, over m R**2: at least that of the sphere.
+   !> Mean of the three principal moments, over m R**2; a sphere has the minimum.
    subroutine test_inertia()
       real(wp), parameter :: one(3) = 1.0_wp
       real(wp) :: radius2, u(3)
@@ -49,7 +49,7 @@ contains
       end do
    end subroutine test_inertia
 
-   !> A boulder has the radius of the sphere of its volume.
+   !> The radius of a boulder is that of the sphere of equal volume.
    subroutine test_of_source()
       type(boulder_t) :: boulder
 
@@ -59,7 +59,7 @@ contains
       call check_close("radius", 4*pi/3*boulder%radius**3, 0.66_wp, near)
    end subroutine test_of_source
 
-   !> Shares are parts of (0, 1), in the order of the shapes; one of 0 has none, even where a number is at its end.
+   !> Fractions are intervals of (0, 1), in the order of the shapes; a shape with fraction 0 is never drawn.
    subroutine test_mix()
       real(wp), parameter :: smallest = 0.5_wp*2.0_wp**(-32)  !! uniform number
       type(shape_mix_t) :: mix

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The C interface on an inclined plane: an example, and what it promises. */
+/* The C interface on an inclined plane: an example, and tests of its documented behaviour. */
 #include <math.h>
 #include <rockfall.h>
 #include <stdio.h>
@@ -25,7 +25,7 @@ static void check(const char *name, int is_true)
     failures += !is_true;
 }
 
-/* The bytes of a file; ends the program if it cannot be read. */
+/* Read all bytes of a file; ends the program if it cannot be read. */
 static char *read_file(const char *path, int64_t *length)
 {
     FILE *file = fopen(path, "rb");
@@ -43,7 +43,7 @@ static void give(rockfall_scene *scene, const char *name, const char *type, int6
     rockfall_give(scene, name, type, (int64_t[3]){nx, ny, 1}, values);
 }
 
-/* A scene of the plane, of which `z` holds the elevations, with the impact sets of a file. */
+/* Scene of the plane with elevations `z` and the impact sets of a file. */
 static rockfall_scene *plane(const float *z, const char *sets)
 {
     static const double x = 60.0, y = 380.0, radius = 0.2;
@@ -60,7 +60,7 @@ static rockfall_scene *plane(const float *z, const char *sets)
     return scene;
 }
 
-/* An array of a run by its name in files; NULL if it has none. Its size goes to `n`. */
+/* Array of a run by its name in files; NULL if there is none. Its size is returned in `n`. */
 static const void *array(rockfall_run *run, const char *wanted, int64_t *n)
 {
     char row[ROCKFALL_TEXT], group[64], name[64], file_name[64], type[8];
@@ -77,7 +77,7 @@ static const void *array(rockfall_run *run, const char *wanted, int64_t *n)
     return NULL;
 }
 
-/* Run all boulders in chunks, and copy their stopping places. */
+/* Run all boulders in chunks, and copy their stopping points. */
 static void run_in_chunks(rockfall_scene *scene, int64_t chunk, int threads, double *stop_y)
 {
     rockfall_run *run;

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The parser of namelist text and the typed values: what is read, what is refused, in which words.
+!> Parser of namelist text and typed values: accepted and refused input, and the messages.
 program test_namelist
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -30,7 +30,7 @@ program test_namelist
 
 contains
 
-   !> The first name that equals an earlier one, also where many have the same hash.
+   !> The first name that repeats an earlier one is found, also if many names have the same hash.
    subroutine repeated_names()
       character(len=8) :: names(1000)
       integer :: k
@@ -197,7 +197,7 @@ contains
                  .and. value_count(list%group(1), "title") == 0)
    end subroutine defaults_stay
 
-   !> `text` must be refused with exactly this message.
+   !> Check that `text` is refused with exactly this message.
    subroutine refused(text, message)
       character(len=*), intent(in) :: text, message
       type(namelist_t) :: list
@@ -269,7 +269,7 @@ contains
                    "c.nml: line 1: character code 13 is not text (UTF-8 expected)")
    end subroutine characters_refused
 
-   !> Commas that are decimal or of thousands are refused with the point to write; lists stay lists.
+   !> Decimal and thousands commas are refused, with the number in correct notation; lists are accepted.
    subroutine commas()
       call comma("600,5 620,5", "600,5", "600.5")
       call comma("600,5, 620,25", "600,5", "600.5")
@@ -369,7 +369,7 @@ contains
       call refused_real(repeat("9", 70), repeat("9", 57)//"...: must be a real number")
    end subroutine values_refused
 
-   !> As a real; a number of 70 nines must be read, so it is asked for as an integer, too.
+   !> Check a word as a real number. 70 nines are valid as a real, so that word is read as an integer too.
    subroutine refused_real(word, message)
       character(len=*), intent(in) :: word, message
       type(namelist_t) :: list
@@ -391,7 +391,7 @@ contains
       call check("no text: "//word, allocated(error))
    end subroutine refused_real
 
-   !> A message about a group of several names its line.
+   !> A message about one of several groups with the same name includes its line.
    subroutine repeated_groups()
       type(namelist_t) :: list
       type(error_t), allocatable :: error
@@ -421,7 +421,7 @@ contains
       call said(error, "c.nml: line 1: &line x = 1, 2: must be three")
    end subroutine repeated_groups
 
-   !> A polyline of 10^5 vertices, and the most values: seconds, if time grew faster than length.
+   !> A polyline of 10**5 vertices, and the maximum number of values: takes seconds if time is not linear in length.
    subroutine large_text()
       integer, parameter :: n = 100000
       type(namelist_t) :: list

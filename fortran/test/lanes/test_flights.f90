@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flights of several boulders at a time: on flat ground as the parabola says, on rough ground to the bit what `fly`
-!> gives for each alone.
+!> Several flights at a time: over flat ground they are parabolas, over rough ground bitwise identical to single calls
+!> of `fly`.
 program test_flights
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, terrain, locate, height
@@ -30,7 +30,7 @@ program test_flights
 
 contains
 
-   !> Whole vectors of four.
+   !> Lanes are filled to whole vectors of four.
    subroutine test_filled()
       call check("none", padded(0) == 0)
       call check("one to four", all([padded(1), padded(3), padded(4)] == 4))
@@ -38,7 +38,7 @@ contains
       call check("all", padded(lanes) == lanes)
    end subroutine test_filled
 
-   !> A flight from above the ground.
+   !> Flight from a point above the ground.
    type(flight_t) function flight_at(x, y, above, v) result(flight)
       real(wp), intent(in) :: x, y, above, v(3)
       real(wp) :: u, w
@@ -52,7 +52,7 @@ contains
       flight%rate = launch_rate(dem, flight%patch, u, w, v)
    end function flight_at
 
-   !> Fly all to their ends.
+   !> Run all flights to their ends.
    subroutine fly_all(f)
       type(flights_t), intent(inout) :: f
       type(landings_t) :: l
@@ -97,7 +97,7 @@ contains
       end do
    end subroutine test_parabolas
 
-   !> Also over the edge.
+   !> Flights one by one, also over the edge.
    subroutine test_one_by_one()
       type(flights_t) :: f
       type(landing_t) :: alone
@@ -124,7 +124,7 @@ contains
       call check("some left the terrain", left > 100 .and. left < 50*lanes - 100)
    end subroutine test_one_by_one
 
-   !> Whether two flights ended in the same place, to the bit.
+   !> Return whether two flights ended at exactly the same point.
    logical function same(a, b)
       type(landing_t), intent(in) :: a, b
 
@@ -135,7 +135,7 @@ contains
                                            == [b%u, b%w, b%patch%z00, b%patch%a, b%patch%b, b%patch%c])
    end function same
 
-   !> The next flight from where the last one landed, and from another place on that patch.
+   !> The next flight starts at the last landing, or at another point on the same patch.
    subroutine test_hops()
       type(flights_t) :: f
       type(landings_t) :: first, l

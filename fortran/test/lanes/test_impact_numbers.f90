@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Random numbers of impacts, several at a time: those of rockfall_random to the bit, in all copies.
+!> Random numbers of several impacts at a time: bitwise identical to rockfall_random, in all compiled versions.
 program test_impact_numbers
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: wp, i8

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Boulders in lanes end where they end one by one: results, crossings, maps and histograms to the bit.
+!> Boulders in lanes: results, crossings, maps and histograms are bitwise identical to boulders run one by one.
 program test_lanes
    use rockfall_kinds, only: wp, i1, i4, i8
    use rockfall_error, only: error_t
@@ -22,7 +22,7 @@ program test_lanes
    real(wp), target :: z(n, n)
    integer(i4), target :: passages(n, n)
 
-   !> All that a run gives.
+   !> Complete results of a run.
    type :: run_t
       type(boulder_result_t) :: results(boulders)
       type(crossings_t) :: crossings(boulders)
@@ -38,7 +38,7 @@ program test_lanes
 
 contains
 
-   !> A rough slope of 0.8 that falls to the east, with a row of flat and pitted cells.
+   !> Rough slope of 0.8 that falls to the east, with a row of flat and pitted cells.
    subroutine make_scene(scene)
       type(scene_t), intent(out) :: scene
       type(error_t), allocatable :: error
@@ -73,7 +73,7 @@ contains
       end do
    end subroutine make_scene
 
-   !> Run a scene by one of the ways to carry boulders on.
+   !> Run a scene in one of the execution modes.
    subroutine run_by(scene, lanes, run)
       type(scene_t), intent(inout) :: scene
       integer, intent(in) :: lanes
@@ -134,7 +134,7 @@ contains
                                            == [b%x, b%y, b%time, b%v, b%omega, b%jump_height, b%passing_height])
    end function same_crossing
 
-   !> Also where a slow boulder rolls on, and where it may have few contacts only.
+   !> Results are equal, also if slow boulders roll, and if few contacts are allowed.
    subroutine test_same()
       type(scene_t) :: scene
 
@@ -149,7 +149,7 @@ contains
       call compare(scene, "turned to the aspect")
    end subroutine test_same
 
-   !> Two grounds with impact sets of their own, each on a half of the slope.
+   !> Two grounds with different impact sets, each on half of the slope.
    subroutine test_grounds()
       type(scene_t) :: scene
       integer(i1), allocatable, target :: ground(:, :)
@@ -168,7 +168,7 @@ contains
       call compare(scene, "grounds")
    end subroutine test_grounds
 
-   !> Those that do not break and turn by the printed classes.
+   !> Boulders run in lanes if they do not break and turn by the printed classes.
    subroutine test_which_go()
       type(scene_t) :: scene
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Elevations of several patches and cells at a time: those that plain indexing reads, in all copies.
+!> Elevations of several patches and cells at a time: equal to plain indexing, in all compiled versions.
 program test_patch_corners
    use, intrinsic :: iso_c_binding, only: c_int
    use rockfall_kinds, only: wp, sp, i8

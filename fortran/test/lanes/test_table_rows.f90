@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Bins and rows of tables for several contacts at a time: those that plain loops find, to the bit, in all copies, and
-!> the bins that one contact finds.
+!> Bins and rows of tables for several contacts at a time: bitwise identical to plain loops and to single contacts, in
+!> all compiled versions.
 program test_table_rows
    use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_loc
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf, ieee_negative_inf
@@ -24,7 +24,7 @@ program test_table_rows
    do copy = narrow_lanes, supported_lanes()
       call check_rows()
       call check_bins([5, 3, 12])
-      call check_bins([6, 4, 1])  ! no edges of the last key
+      call check_bins([6, 4, 1])  ! last key without edges
       call check_bins([1, 1, 1])
    end do
    call finish()
@@ -57,15 +57,14 @@ contains
       call check("rows become columns", equal)
    end subroutine check_rows
 
-   !> Row of a contact: any, and some twice.
+   !> Row of a contact: any row, and some rows twice.
    pure integer function row(k)
       integer, intent(in) :: k
 
       row = 1 + mod(7*k*k, 31)
    end function row
 
-   !> Compare the bins of contacts with random keys, with keys that equal an edge, and with infinite ones, by edges of
-   !> which some are infinite.
+   !> Compare the bins of contacts: random keys, keys equal to an edge, infinite keys; some edges are infinite.
    subroutine check_bins(count)
       integer, intent(in) :: count(3)
       integer, parameter :: n = 600, parts = 3
@@ -77,7 +76,7 @@ contains
       call random_number(key)
       call random_number(over)
       key = 1.5_wp*key - 0.2_wp
-      over(1, :) = 0  ! of a boulder that is hardly moving
+      over(1, :) = 0  ! a boulder that hardly moves
       contact = [(n + 1 - k, k=1, n)]
       part = [(1 + mod(k, parts), k=1, n)]
       do m = 1, n/3
@@ -104,7 +103,7 @@ contains
       call check("one contact finds the same", all(bin == [(key_bin(bins, part(m), key(m, :), over(m, :)), m=1, n)]))
    end subroutine check_bins
 
-   !> Bins whose edges differ from part to part, and from bin to bin of the keys before.
+   !> Bins with different edges for each part, and for each bin of the previous keys.
    function made_bins(count, parts) result(bins)
       integer, intent(in) :: count(3), parts
       type(bins_t) :: bins
@@ -131,10 +130,10 @@ contains
       bins%third_edge(max(1, count(3) - 1):count(3) - 1, 1, :, parts) = ieee_value(0.0_wp, ieee_positive_inf)
    end function made_bins
 
-   !> Let the keys of a contact equal an edge: of the first key, then of each next one in the bin of those before.
+   !> Set the keys of a contact to an edge: of the first key, then of each next key in the bin of the previous keys.
    subroutine meet_edges(bins, part, key, over, edge)
       type(bins_t), intent(in) :: bins
-      integer, intent(in) :: part, edge  !! number of the edge of each key, if there are so many
+      integer, intent(in) :: part, edge  !! number of the edge for each key, if it has that many
       real(wp), intent(inout) :: key(3)
       real(wp), intent(in) :: over(2)
       integer :: i, j, bin
@@ -148,7 +147,7 @@ contains
       if (edge < bins%n(3)) key(3) = bins%third_edge(edge, j, i, part)
    end subroutine meet_edges
 
-   !> Bin of a contact, by comparing only the edges that there are.
+   !> Bin of a contact, by comparison with the edges that exist.
    pure integer function plain_bin(bins, part, key, over) result(bin)
       type(bins_t), intent(in) :: bins
       integer, intent(in) :: part

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# The loops over lanes are vector instructions in a program: their roots (flight, landing, frame, law, turn) are
-# packed, of contacts by tables in the wide copies. MASKS: the least in the copy for AVX-512.
+# The loops over lanes must be vector instructions: square roots of flight, landing, local frame, rebound and turn are
+# packed; of contacts from tables only in the wide versions. MASKS: minimum in the AVX-512 version.
+#
 # Usage: vectorised.sh PROGRAM MASKS
 objdump -d --no-show-raw-insn "$1" | awk -v least_masks="$2" '
    /^[0-9a-f]+ <.*>:$/ {
@@ -18,7 +19,7 @@ objdump -d --no-show-raw-insn "$1" | awk -v least_masks="$2" '
       if (found < least) fallen = 1
    }
    END {
-      check("narrow roots", narrow_roots, 10)  # the turn and most of tables stay scalar there, as gfortran 12 links it
+      check("narrow roots", narrow_roots, 10)  # here gfortran 12 leaves the turn and most of tables scalar
       check("wide roots", wide_roots, 20)
       check("masked roots", masked_roots, 20)
       check("masks", masks, least_masks)

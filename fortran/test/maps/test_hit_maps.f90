@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Objects that a boulder hits: cells and energies are those of a fine sampling of its path.
+!> Objects that a boulder hits: cells and energies equal those from a fine sampling of its path.
 program test_hit_maps
    use rockfall_kinds, only: wp, i4
    use rockfall_terrain, only: terrain_t, terrain
@@ -27,8 +27,8 @@ program test_hit_maps
 
 contains
 
-   !> Random flights, also along an axis and beyond the raster. Cells at the edge of what is near are left open by as
-   !> much as the path moves in a step.
+   !> Random flights, also along an axis and beyond the raster. Cells within one sampling step of the edge of the reach
+   !> are not tested.
    subroutine test_sampled()
       type(flight_t) :: flight
       type(visits_t) :: found
@@ -77,7 +77,7 @@ contains
       end do
    end subroutine test_sampled
 
-   !> Bound of the error of a sampled time of entering or leaving a disc [s]: large where the path only grazes it.
+   !> Bound of the error of a sampled time of entering or leaving a disc [s]; large if the path only grazes it.
    elemental real(wp) function grazing(near, distance, speed, time)
       real(wp), intent(in) :: near, distance, speed, time
       real(wp) :: half_chord
@@ -87,7 +87,7 @@ contains
       if (half_chord < 0.1_wp*distance) grazing = grazing + 2*half_chord/max(speed, 1.0e-9_wp)
    end function grazing
 
-   !> A boulder that does not move in plan hits what it is near to.
+   !> A boulder that does not move in plan hits the objects within its reach.
    subroutine test_at_rest()
       type(flight_t) :: flight
       type(visits_t) :: found
@@ -119,8 +119,8 @@ contains
       twice = paths_t(2, [path, path])
       twice%path(2)%time = 0.5_wp
       call find_hits(found, dem, twice, 1.0_wp)
-      call add_hits(maps, found, 1.0_wp)  ! 50 J
-      call add_hits(maps, found, 3.0_wp)  ! 150 J
+      call add_hits(maps, found, 1.0_wp)  ! energy 50 J
+      call add_hits(maps, found, 3.0_wp)  ! energy 150 J
       call check("cells along ten metres", count(hits == 2) == 6 .and. all(hits == 0 .or. hits == 2))
       call check("all move", all(exceeded(:, :, 1) == hits))
       call check("one is heavy", all(2*exceeded(:, :, 2) == hits))

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps: a flight visits the cells under its path, each boulder counts once a cell, and maxima are those
-!> of a fine sampling.
+!> Maps: a flight visits the cells under its path, each boulder counts once per cell, and maxima equal those from a fine
+!> sampling.
 program test_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use rockfall_kinds, only: wp, sp, i4, i8
@@ -56,8 +56,7 @@ contains
       jump_height_max = 0
    end subroutine clear
 
-   !> A flight from a place above the ground, into the maps, by a boulder of mass 3 kg that has
-   !> a spin of 7 m2/s2.
+   !> Add a flight from a point above the ground to the maps, by a boulder of 3 kg with a spin of 7 m2/s2.
    subroutine map_flight(x, y, v, start, landing)
       real(wp), intent(in) :: x, y, v(3)
       type(flight_t), intent(out) :: start
@@ -82,7 +81,7 @@ contains
       call check_without_heights(start, landing, visits)
    end subroutine map_flight
 
-   !> Maps without heights have the same cells, in the same order, and the same speeds and energies.
+   !> Maps without heights have the same cells in the same order, with the same speeds and energies.
    subroutine check_without_heights(start, landing, visits)
       type(flight_t), intent(in) :: start
       type(landing_t), intent(in) :: landing
@@ -102,8 +101,8 @@ contains
       call check("the same cells and speeds without heights", same)
    end subroutine check_without_heights
 
-   !> Every cell of a fine sampling is visited, its maximum values are those of the sampling, and no
-   !> other cell is (but those that the path only cuts by less than a sample).
+   !> Every cell of a fine sampling is visited, with the same maxima. No other cell is visited, except cells that the
+   !> path cuts for less than one sample.
    subroutine test_flights()
       type(flight_t) :: start
       type(landing_t) :: landing
@@ -189,7 +188,7 @@ contains
 
    pure real(wp) function above_ground(start, x, y, t)
       type(flight_t), intent(in) :: start
-      real(wp), intent(in) :: x, y, t  !! in cells, [s]
+      real(wp), intent(in) :: x, y, t  !! position in cells, time [s]
       integer :: i, r
 
       i = min(nx - 1, 1 + int(x))
@@ -201,8 +200,8 @@ contains
       end associate
    end function above_ground
 
-   !> True if a path passes the cell round the node (i - 1, j) within a hundredth of a cell: too short a visit
-   !> for the sampling to see.
+   !> True if a path passes within a hundredth of a cell of the cell of node (i - 1, j): this visit is too short for the
+   !> sampling.
    pure logical function near_corner(start, landing, i, j)
       type(flight_t), intent(in) :: start
       type(landing_t), intent(in) :: landing
@@ -219,7 +218,7 @@ contains
       end do
    end function near_corner
 
-   !> A boulder that comes back to a cell counts once there, with the greater values.
+   !> A boulder that returns to a cell counts once there, with the larger values.
    subroutine test_once()
       type(visits_t) :: visits
 
@@ -239,7 +238,7 @@ contains
       call check_close("maximum height", real(jump_height_max(5, 6), wp), 3.0_wp, 0.0_wp)
    end subroutine test_once
 
-   !> Joined visits are in order of the first ones, with the earliest time that is known.
+   !> Joined visits are in the order of first visits, each with the earliest known time.
    subroutine test_joined()
       type(visits_t) :: visits
       integer :: k
@@ -261,7 +260,7 @@ contains
       call check("joined once is joined", visits%n == 2 .and. visits%timed == 2)
    end subroutine test_joined
 
-   !> A path that is taken back leaves the cell where it starts as it was, however long it is and whatever was before.
+   !> Taking back a path leaves its first cell unchanged, however long the path is and whatever came before.
    subroutine test_taken_back()
       type(visits_t) :: visits
       integer :: before, k
@@ -286,7 +285,7 @@ contains
       end do
    end subroutine test_taken_back
 
-   !> Over boulders: counts and sums add up, maxima stay; a boulder's visits are gone with it.
+   !> Over boulders, counts and sums add up, maxima are kept, and visits are cleared.
    subroutine test_totals()
       type(visits_t) :: visits
       integer(i8) :: b
@@ -307,7 +306,7 @@ contains
       call check_close("the highest of all", real(jump_height_max(20, 20), wp), 1.0_wp, 1.0e-7_wp)
    end subroutine test_totals
 
-   !> A boulder that sees all cells, several times and in any order, still counts once in each.
+   !> A boulder that visits all cells several times, in any order, counts once in each.
    subroutine test_many_cells()
       type(visits_t) :: visits
       integer :: turn, k
@@ -329,7 +328,7 @@ contains
       call check("nowhere an early one", minval(speed_max) > sqrt(2.0_sp*nx*ny))
    end subroutine test_many_cells
 
-   !> Maps that are not asked for are not touched; deposits alone need no visits.
+   !> Maps that are not requested are not changed; deposits alone need no visits.
    subroutine test_what_is_asked()
       type(maps_t) :: some
       type(visits_t) :: visits
@@ -350,7 +349,7 @@ contains
       call check("nor deposits", sum(deposits) == 0)
    end subroutine test_what_is_asked
 
-   !> Boulders are counted by bins in the cells that they pass, whatever stood in memory before.
+   !> Boulders are counted by bins in the cells that they pass, whatever was in memory before.
    subroutine test_bins_of_cells()
       integer(i4), target :: counts(n_log_bins(speed) + n_log_bins(jump_height), 0:3), slot(nx, ny), slots
       type(maps_t) :: some
@@ -391,8 +390,8 @@ contains
                  .and. all(counts(:, 0) == 99))
    end subroutine test_bins_of_cells
 
-   !> Standard deviations of numbers whose squares no integer holds: none of equal ones, and 1e5 J of a - 1e5 J, a,
-   !> a + 1e5 J; not known of one.
+   !> Standard deviations of numbers whose squares overflow integers: 0 for equal numbers, 1e5 J for a - 1e5 J, a, a +
+   !> 1e5 J; undefined for one number.
    subroutine test_spread()
       real(wp), parameter :: a = 5.0e9_wp, d = 1.0e5_wp  !! [J]
       integer(i4), target :: counts(nx, ny, 1), bin_counts(1, 1), slot(1, 1), slots
@@ -422,7 +421,7 @@ contains
       call check("that of one is not known", all(ieee_is_nan(row(3:))))
    end subroutine test_spread
 
-   !> Threads that meet in the same cells lose nothing: what they leave there is what one would.
+   !> Several threads in the same cells give the result of a single thread.
    subroutine test_threads()
       integer, parameter :: boulders = 100
       integer(i4), target :: counts(n_log_bins(speed), nx*ny), slot(nx, ny), slots
@@ -462,7 +461,7 @@ contains
       call check("threads lose nothing", right)
    end subroutine test_threads
 
-   !> A boulder of 2 kg, each faster than those before.
+   !> Boulder of 2 kg that passes all cells, faster than the boulders before it.
    subroutine pass_all_cells(some, b)
       type(maps_t), intent(in) :: some
       integer(i8), intent(in) :: b

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps by source: a source counts once a cell, gathered by one thread or stamped by many, and ranges of
-!> boulders know the sources that they cut.
+!> Maps by source: a source counts once per cell, whether run by one thread or many, and ranges of boulders find the
+!> sources that they split.
 program test_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t
@@ -51,7 +51,7 @@ contains
       end do
    end subroutine pass
 
-   !> Each source is one thread's; many cells, so that the table grows.
+   !> Each source is run by one thread; with many cells, so that the table grows.
    subroutine test_gathered()
       integer(i8) :: s
 
@@ -107,7 +107,7 @@ contains
       end do
    end subroutine count_twice
 
-   !> The source in which a range begins keeps its marks.
+   !> The first source of a range is not overwritten in `last_source`.
    subroutine test_first_partial()
       type(visits_t) :: visits
       type(contributing_t) :: cells
@@ -145,7 +145,7 @@ contains
       call check("no boulder", size(partial_sources(release, 12_i8, 11_i8)) == 0)
    end subroutine test_partial
 
-   !> Without a map of reach probabilities there is nothing to settle.
+   !> Without a map of reach probability, nothing is adjusted.
    subroutine test_settled()
       type(maps_t) :: some
       type(contributing_t) :: cells, nothing

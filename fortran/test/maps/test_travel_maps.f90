@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How boulders came to cells: times are those of a fine sampling, energy lines those of right-angled triangles; and
-!> counts above thresholds of energy.
+!> Arrival of boulders in cells: times equal those from a fine sampling, energy lines those of right-angled triangles;
+!> counts above energy thresholds.
 program test_travel_maps
    use rockfall_kinds, only: wp, sp, i4, i8
    use rockfall_terrain, only: terrain_t, terrain, locate, height
@@ -101,7 +101,7 @@ contains
       call check("times are those of a sampling", far < 1.0e-3_wp)
    end subroutine test_times
 
-   !> Lines to the ground in the middle of cells; none to the first cell, that of the release.
+   !> Energy lines end on the ground at cell centres; none to the first cell, which contains the release.
    subroutine test_lines()
       type(visits_t) :: visits
       real(wp), parameter :: degree = acos(-1.0_wp)/180
@@ -125,7 +125,7 @@ contains
       call check_close("the steepest stays", real(steepest_angle(steep(6, 8)), wp), atan(drop/10)/degree, 2.0e-5_wp)
    end subroutine test_lines
 
-   !> The steepest, the flattest, the first of many boulders, in any order.
+   !> Steepest, flattest and first of many boulders, in any order.
    subroutine test_extremes()
       type(visits_t) :: visits
       real(wp) :: high(9), time(9)
@@ -154,7 +154,7 @@ contains
       tan_of = tan(real(angle, wp)*acos(-1.0_wp)/180)
    end function tan_of
 
-   !> A boulder counts at each threshold below its maximum energy; at none that it only equals.
+   !> A boulder counts at each threshold below its maximum energy, but not at an equal threshold.
    subroutine test_thresholds()
       type(maps_t) :: counts
       type(visits_t) :: visits

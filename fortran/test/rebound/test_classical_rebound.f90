@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Classical rebounds: numbers worked by hand, what each limit must give, and no energy from nowhere.
+!> Classical rebounds: values computed by hand, limiting cases, and no gain of energy.
 program test_classical_rebound
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree, tangent
@@ -13,9 +13,9 @@ program test_classical_rebound
    implicit none
 
    real(wp), parameter :: near = 1.0e-14_wp
-   !> Of 1 m across and as much per volume of its cube that N = 1 in soil of 1000 kg/m3.
+   !> Boulder of 1 m diameter whose mass per volume of its cube gives N = 1 in soil of 1000 kg/m3.
    type(boulder_t), parameter :: boulder = boulder_t(radius=0.5_wp, mass=1200.0_wp)
-   integer(i8), parameter :: middle(rebound_words) = 2_i8**31  !! random words of no deviation
+   integer(i8), parameter :: middle(rebound_words) = 2_i8**31  !! random words without deviation
    type(normal_table_t) :: table
 
    call random_init(.true., .false.)
@@ -35,7 +35,7 @@ program test_classical_rebound
 
 contains
 
-   !> A ground without scatter; R_n or the half speed, R_t.
+   !> Ground without scatter, with given R_n or half speed, and R_t.
    pure type(classical_t) function ground(model, normal, tangential)
       integer, intent(in) :: model
       real(wp), intent(in) :: normal, tangential
@@ -45,7 +45,7 @@ contains
                            0.0_wp, 0.0_wp)
    end function ground
 
-   !> V_t, V_n, W after it, among obstacles of 0.2 m.
+   !> V_t, V_n, W after a rebound, with obstacles of 0.2 m.
    function after(this, v_in, forced) result(v)
       type(classical_t), intent(in) :: this
       real(wp), intent(in) :: v_in(3)
@@ -69,8 +69,7 @@ contains
       call same("constant", after(ground(constant, 0.4_wp, 0.9_wp), v_in, .false.), [9.0_wp, 2.0_wp, 7.2_wp], near)
    end subroutine test_by_hand
 
-   !> Bourrier and Hungr's: the boulder rolls where friction suffices, slides where it does not, and nothing jumps
-   !> between.
+   !> Bourrier and Hungr: the boulder rolls where friction suffices, slides otherwise, and the transition is continuous.
    subroutine test_sticking_and_sliding()
       type(classical_t) :: this
       real(wp) :: limit, v(3), w(3)
@@ -80,7 +79,7 @@ contains
             8.485714285714286_wp], near)
       call same("slides", after(this, [10.0_wp, -5.0_wp, -20.0_wp], .false.), &
                 [4.669872981077807_wp, 2.5_wp, -7.174682452694519_wp], near)
-      limit = 10 - this%friction*1.5_wp*5*3.5_wp/0.9_wp  ! of W
+      limit = 10 - this%friction*1.5_wp*5*3.5_wp/0.9_wp  ! limit for W
       v = after(this, [10.0_wp, -5.0_wp, limit + 1.0e-9_wp], .false.)
       w = after(this, [10.0_wp, -5.0_wp, limit - 1.0e-9_wp], .false.)
       call check("sticking and sliding meet", all(abs(v - w) < 1.0e-8_wp))
@@ -117,8 +116,8 @@ contains
       call check_close("hard ground gives V_n back", v(2), 5.0_wp, 1.0e-8_wp)
    end subroutine test_ends_of_restitution
 
-   !> A boulder that is no sphere keeps the energy of its rotation where W stands for it, rolls on with R omega = V_t,
-   !> and takes more of the energy into its rotation.
+   !> A non-spherical boulder keeps its rotational energy, which W represents, rolls on with R omega = V_t, and
+   !> transfers more energy to rotation.
    subroutine test_inertia()
       real(wp), parameter :: inertia = 0.6_wp, v_in(3) = [10.0_wp, -5.0_wp, 8.0_wp]
       real(wp) :: share, sphere(3)
@@ -138,7 +137,7 @@ contains
       call check_close("of which more is rotation", out%v(1)**2/sphere(1)**2, (1 + inertia_factor)/(1 + inertia), near)
    end subroutine test_inertia
 
-   !> Very fast and very slow, straight down and along the ground.
+   !> Very fast and very slow, vertical and along the ground.
    subroutine test_limits()
       integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
       real(wp), parameter :: speeds(4) = [1.0e-12_wp, 1.0e-3_wp, 1.0e3_wp, 1.0e9_wp]
@@ -165,7 +164,7 @@ contains
       call check_close("the half speed halves it, too", v(2), 2.5_wp, near)
    end subroutine test_limits
 
-   !> Any incoming velocity, any coefficients, any random words.
+   !> No gain of energy for any incoming velocity, coefficients and random words.
    subroutine test_energy()
       integer, parameter :: models(4) = [rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant]
       type(classical_t) :: this
@@ -198,7 +197,7 @@ contains
       end do
    end subroutine test_energy
 
-   !> Drawn numbers are normal, and lie within the ends, which they reach.
+   !> Drawn coefficients are normal, within their limits, and reach them.
    subroutine test_scatter()
       type(scatter_t) :: this
       real(wp) :: mean, square, value, u
@@ -219,7 +218,7 @@ contains
          mean = mean + value
          square = square + (value - 0.38_wp)**2
       end do
-      ! a normal number cut at two standard deviations has 0.879626 of its standard deviation
+      ! a normal distribution truncated at two standard deviations has 0.879626 of its standard deviation
       call check("mean", abs(mean/many - 0.38_wp) < 4*0.0176_wp/sqrt(real(many, wp)))
       call check_close("standard deviation", sqrt(square/many), 0.02_wp*0.8796256610342398_wp, 0.01_wp)
       this = scatter(table, 0.5_wp, 1.0e6_wp, [0.0_wp, 1.0_wp])
@@ -230,8 +229,8 @@ contains
       call check_close("so does no deviation", drawn_coefficient(this, table, 7_i8), 0.5_wp, near)
    end subroutine test_scatter
 
-   !> A sphere thrown straight down upon ground tilted by half of 20 degrees: it leaves at twice the tilt, against its
-   !> way, if nothing is lost; and what would glide along the ground is thrown off it.
+   !> A sphere falling vertically on ground tilted by half of 20 degrees leaves at twice the tilt, backwards, if no
+   !> energy is lost. A motion along the ground is deflected away from it.
    subroutine test_roughness()
       type(classical_t) :: this
       real(wp), parameter :: tilt = 10*degree
@@ -248,8 +247,8 @@ contains
             .false.)) < 0)
    end subroutine test_roughness
 
-   !> A boulder that rolls is thrown its radius far, with the energy that it has; one that is too slow, or hops farther
-   !> by itself, is left alone.
+   !> A rolling boulder hops by its radius, using its own energy; a boulder that is too slow, or hops farther anyway, is
+   !> unchanged.
    subroutine test_hops()
       type(classical_t) :: this
       real(wp), parameter :: pull = 8.0_wp

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The impact model: fixed matrices, sampled means and covariances, admissible rebounds, and covariances
-!> that are refused.
+!> Impact model: fixed matrices, sampled means and covariances, admissible rebounds, and refused covariances.
 program test_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -42,7 +41,7 @@ program test_impact
 
 contains
 
-   !> A covariance of a rank, with standard deviations of 0.01 to 0.02.
+   !> Covariance of a given rank, with standard deviations of 0.01 to 0.02.
    function mixed(rank) result(c)
       integer, intent(in) :: rank
       real(wp) :: c(9, 9), b(9, rank)
@@ -57,7 +56,7 @@ contains
       c = 0.5_wp*(c + transpose(c))
    end function mixed
 
-   !> Standard deviations `spread_`, correlations 0.2.
+   !> Covariance with standard deviations `spread_` and correlations of 0.2.
    pure function related() result(c)
       real(wp) :: c(9, 9)
       integer :: i, j
@@ -69,7 +68,7 @@ contains
       end do
    end function related
 
-   !> The rebound of a boulder at its impact 3.
+   !> Rebound of a boulder at its impact 3.
    function rebound_of(set, boulder, v_in) result(out)
       type(impact_set_t), intent(in) :: set
       integer(i8), intent(in) :: boulder
@@ -81,14 +80,14 @@ contains
       call rebound(set, table, key, boulder, 3_i8, word(:3), v_in, out)
    end function rebound_of
 
-   !> Kinetic energy, twice and per mass, of (V_t, V_n, R_b omega) of a sphere.
+   !> Twice the kinetic energy per mass of a sphere with (V_t, V_n, R_b omega).
    pure real(wp) function energy(v)
       real(wp), intent(in) :: v(3)
 
       energy = v(1)**2 + v(2)**2 + 0.4_wp*v(3)**2
    end function energy
 
-   !> Without scatter V_out = A V_in, A by rows.
+   !> Without scatter, V_out = A V_in, A by rows.
    subroutine test_fixed()
       type(impact_set_t) :: set
       type(error_t), allocatable :: error
@@ -105,8 +104,8 @@ contains
       call check("one draw", out%draws == 1 .and. .not. out%forced)
    end subroutine test_fixed
 
-   !> V_out as it is drawn has the moments of A V_in with A = m + L z, L L^T = C: for the sets that come with the
-   !> program, and for covariances with little or nothing in some directions; from grazing to vertical.
+   !> Drawn V_out have the moments of A V_in with A = m + L z, L L^T = C: for the shipped sets, and for covariances with
+   !> little or no scatter in some directions; from grazing to vertical.
    subroutine test_moments()
       real(wp), parameter :: v_in(3, 3) = reshape([9.0_wp, -1.0_wp, 8.0_wp, 6.0_wp, -4.0_wp, -5.0_wp, &
                                                    0.0_wp, -7.0_wp, 2.0_wp], [3, 3])
@@ -122,7 +121,7 @@ contains
       end do
       call compare_all(lively, mixed(1), v_in)
       call compare_all(lively, mixed(4), v_in)
-      call compare_all(lively, 1.0e-9_wp*nint(1.0e9_wp*mixed(2)), v_in)  ! six digits
+      call compare_all(lively, 1.0e-9_wp*nint(1.0e9_wp*mixed(2)), v_in)  ! rounded to six digits
       call compare_all(lively, 0*mixed(1), v_in)
       faint = mixed(2)
       do i = 1, 9
@@ -131,7 +130,7 @@ contains
       call compare_all(lively, faint, v_in)
    end subroutine test_moments
 
-   !> The same for some velocities.
+   !> Compare moments for several velocities.
    subroutine compare_all(mean, covariance, v_in)
       real(wp), intent(in) :: mean(9), covariance(9, 9), v_in(:, :)
       type(impact_set_t) :: set
@@ -146,7 +145,7 @@ contains
       end do
    end subroutine compare_all
 
-   !> The file of impact sets that comes with the program.
+   !> Text of the shipped file of impact sets.
    function text_of() result(text)
       character(len=:), allocatable :: text
       character(len=1000) :: path
@@ -160,8 +159,8 @@ contains
       close (unit)
    end function text_of
 
-   !> Means, covariances, third and fourth moments of 10**7 draws within 4.5 standard errors of those of a normal
-   !> vector of covariance B B^T, where B z = L z as a matrix times V_in.
+   !> Means, covariances, third and fourth moments of 10**7 draws are within 4.5 standard errors of those of a normal
+   !> vector with covariance B B^T, where B z = L z as a matrix times V_in.
    subroutine compare_moments(set, root, v_in)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: root(9, 9), v_in(3)
@@ -209,7 +208,7 @@ contains
       end do
    end subroutine compare_moments
 
-   !> Normal numbers of the first draws of boulders.
+   !> Draw the normal numbers of the first draws of boulders.
    subroutine draw_all()
       integer(i8) :: k, word(4)
 
@@ -235,7 +234,7 @@ contains
       end do
    end function cholesky
 
-   !> A V_in of the words of each draw, by the root of its covariance as in a textbook, again until it is admissible.
+   !> A V_in from the words of each draw and the textbook root of the covariance, redrawn until it is admissible.
    subroutine test_draws()
       type(impact_set_t) :: set
       type(error_t), allocatable :: error
@@ -269,7 +268,8 @@ contains
       call check("some were drawn again", several > 100)
    end subroutine test_draws
 
-   !> A V_in of a covariance with noise and A V_in + |V_in| e, A and e drawn apart, have the same mean and covariance.
+   !> A V_in with a covariance that includes noise has the mean and covariance of A V_in + |V_in| e, with A and e
+   !> separate.
    subroutine test_noise()
       real(wp), parameter :: definite(3, 3) = 1.0e-2_wp*reshape([2.0_wp, 0.5_wp, -1.0_wp, 0.0_wp, 1.5_wp, 0.4_wp, &
                                                                  0.0_wp, 0.0_wp, 2.2_wp], [3, 3]), &
@@ -278,10 +278,10 @@ contains
       call compare("noise of rank 1", mixed(1), line)
    end subroutine test_noise
 
-   !> The moments within 4 standard errors of their difference.
+   !> Compare moments within 4 standard errors of their difference.
    subroutine compare(name, c, root)
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(9, 9), root(:, :)  !! of the covariance of e
+      real(wp), intent(in) :: c(9, 9), root(:, :)  !! covariance of e
       integer(i8), parameter :: n = 250000
       real(wp), parameter :: v_in(3) = [6.0_wp, -4.0_wp, 5.0_wp]
       real(wp), parameter :: mean(9) = 0.3_wp*[1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
@@ -334,7 +334,7 @@ contains
       end do
    end subroutine moments
 
-   !> Noise of zeros changes no bit.
+   !> Noise of zero changes nothing.
    subroutine test_without_noise()
       type(impact_set_t) :: plain, quiet
       type(error_t), allocatable :: error
@@ -352,7 +352,7 @@ contains
       end do
    end subroutine test_without_noise
 
-   !> Whatever the scatter and the velocity: the boulder leaves the surface and gains no energy.
+   !> For any scatter and velocity, the boulder leaves the surface and gains no energy.
    subroutine test_admissible()
       type(impact_set_t) :: set
       type(error_t), allocatable :: error
@@ -385,8 +385,8 @@ contains
       end associate
    end subroutine test_admissible
 
-   !> After 32 draws: V_n of 1 % of the incoming speed when it was not positive, then down to the incoming
-   !> energy.
+   !> After 32 draws, V_n is 1 % of the incoming speed if it was not positive; then the energy is reduced to the
+   !> incoming energy.
    subroutine test_forced()
       type(impact_set_t) :: set
       type(error_t), allocatable :: error
@@ -418,7 +418,7 @@ contains
       call check("both at once", all(abs(out%v - want) < 1.0e-14_wp) .and. out%forced)
    end subroutine test_forced
 
-   !> Rounded to the nearest integer, kept within 1 to 5; beyond 0.5 to 5.5 no set is calibrated.
+   !> Ratios are rounded to the nearest integer within 1 to 5; beyond 0.5 to 5.5 no set is calibrated.
    subroutine test_ratio_class()
       real(wp), parameter :: ratio(13) = [1.0e-9_wp, 0.49_wp, 0.5_wp, 1.0_wp, 1.49_wp, 1.5_wp, &
                                           2.49_wp, 3.0_wp, &
@@ -433,8 +433,8 @@ contains
          call check("outside of the calibrated range", outside .eqv. (k <= 2 .or. k >= 12))
       end do
    end subroutine test_ratio_class
-   !> The upper of two sets as often as the ratio is beyond the lower; whole ratios and those beyond the sets are
-   !> served by one.
+   !> The probability of the upper of two sets is the fractional part of the ratio; integer ratios and those beyond the
+   !> sets use a single set.
    subroutine test_ratio_between()
       real(wp), parameter :: ratio(8) = [0.2_wp, 1.0_wp, 1.25_wp, 2.5_wp, 3.0_wp, 4.9_wp, 5.0_wp, 70.0_wp]
       integer, parameter :: lower(8) = [1, 1, 1, 2, 3, 4, 5, 5], upper(8) = [0, 0, 250, 500, 0, 900, 0, 0]
@@ -451,7 +451,7 @@ contains
       end do
    end subroutine test_ratio_between
 
-   !> They are how often a uniform number chooses each set.
+   !> Weights are the probabilities with which a uniform number selects each set.
    subroutine test_ratio_weights()
       real(wp), parameter :: ratio(9) = [0.2_wp, 1.0_wp, 1.25_wp, 1.5_wp, 2.5_wp, 3.0_wp, 4.9_wp, 5.0_wp, 70.0_wp]
       real(wp) :: weight(5), often(5)
@@ -472,7 +472,7 @@ contains
       end do
    end subroutine test_ratio_weights
 
-   !> Both ends of a range lie within it; a set that says nothing was fitted on everything.
+   !> Both ends of a range are within it; a set without ranges covers everything.
    subroutine test_beyond_fit()
       real(wp), parameter :: degree = acos(-1.0_wp)/180, near = 1.0e-9_wp
       real(wp), parameter :: speeds(6) = [2.0_wp, 2 - near, 2 + near, 20.0_wp, 20 + near, 20 - near]

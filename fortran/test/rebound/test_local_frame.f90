@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The local frame of an impact: into it and out of it again, turned round by a backward rebound, kept in a pit.
+!> Local frame of an impact: transformation into it and back, reversal by a backward rebound, heading kept in a pit.
 program test_local_frame
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, terrain, locate, height, gradient, cell_of, steepness_of, is_pit
@@ -23,7 +23,7 @@ program test_local_frame
 
 contains
 
-   !> A rebound that reverses V_n alone mirrors the velocity at the plane: v - 2 (v.n) n.
+   !> A rebound that only reverses V_n mirrors the velocity at the plane: v - 2 (v.n) n.
    subroutine test_mirror()
       real(wp) :: r(5), v(3), g(2), steepness, normal(3), v_in(3), heading(2), out(3), rate
       integer :: k
@@ -45,7 +45,7 @@ contains
       end do
    end subroutine test_mirror
 
-   !> A boulder thrown back heads the other way, and what it rolls is seen from there.
+   !> A boulder thrown back reverses its heading, and with it the sign of W.
    subroutine test_backward()
       real(wp) :: heading(2), w
 
@@ -59,7 +59,7 @@ contains
       call check("rolled back", signed_w(3.0_wp, 1.0_wp, 0.0_wp, -0.9_wp, 0.1_wp) < 0)
    end subroutine test_backward
 
-   !> A contact in the middle of the terrain.
+   !> Contact in the middle of the terrain.
    type(landing_t) function contact_at(x, y) result(landing)
       real(wp), intent(in) :: x, y
 
@@ -70,7 +70,7 @@ contains
       landing%z = height(landing%patch, landing%u, landing%w)
    end function contact_at
 
-   !> In a pit a boulder keeps its heading, whatever is drawn.
+   !> In a pit, a boulder keeps its heading, whatever is drawn.
    subroutine test_pit()
       type(landing_t) :: landing
       type(flight_t) :: flight
@@ -92,7 +92,7 @@ contains
       end do
    end subroutine test_pit
 
-   !> On a plane: from the contact, with the speed of the rebound, turned towards the descent.
+   !> On a plane, the next flight starts at the contact with the speed of the rebound, turned towards the descent.
    subroutine test_next_flight()
       type(landing_t) :: landing
       type(flight_t) :: flight

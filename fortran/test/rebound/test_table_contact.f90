@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Times and ways of contacts by a table: those of a block that slows down evenly, those of the laboratory along a
-!> plane, and what no record may break.
+!> Durations and lengths of contacts from a table: uniform deceleration, contacts as in the laboratory along a plane,
+!> and properties that hold for any record.
 program test_table_contact
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree
@@ -19,7 +19,7 @@ program test_table_contact
    real(wp), parameter :: cell = 100.0_wp, gravity = 9.81_wp, near = 1.0e-12_wp
    real(wp), parameter :: lab_radius = 0.4_wp, density = 2700.0_wp, strength = 2.0e6_wp, pi = acos(-1.0_wp)
    real(wp), parameter :: radii(*) = [0.05_wp, 0.2_wp, 0.57_wp, 3.0_wp]
-   real(wp), parameter :: speeds(*) = [1.0e-7_wp, 1.0e-3_wp, 0.02_wp, 0.3_wp, 1.0_wp, 2.5_wp, 30.0_wp]  ! over U
+   real(wp), parameter :: speeds(*) = [1.0e-7_wp, 1.0e-3_wp, 0.02_wp, 0.3_wp, 1.0_wp, 2.5_wp, 30.0_wp]  ! speeds over U
    real(wp), target :: z(n, n)
    type(terrain_t) :: dem
    type(impact_table_t) :: table
@@ -35,7 +35,7 @@ program test_table_contact
 
 contains
 
-   !> A plane that falls to the south.
+   !> Set a plane that falls to the south.
    subroutine set_plane(slope)
       real(wp), intent(in) :: slope  !! [degree]
       integer :: r
@@ -46,10 +46,10 @@ contains
       dem = terrain(0.0_wp, 0.0_wp, cell, z8=z)
    end subroutine set_plane
 
-   !> A table with one bin for each kind of contact; the first record begins with a flight.
+   !> Set a table with one bin for each kind of contact; the first record begins with a flight.
    subroutine set_table(record, by_speed)
-      real(wp), intent(in) :: record(:, :)  !! (record_fields, records), the others for boulders that roll
-      logical, intent(in) :: by_speed       !! the ground yields
+      real(wp), intent(in) :: record(:, :)  !! (record_fields, records): the first for flights, then for rolls
+      logical, intent(in) :: by_speed       !! whether the ground yields
       integer :: k
 
       table = impact_table_t()
@@ -70,7 +70,7 @@ contains
       call index_records(table)
    end subroutine set_table
 
-   !> Contact of a boulder that comes down the fall line of the plane.
+   !> Contact of a boulder that moves down the fall line of the plane.
    subroutine touch_plane(radius, slope, along, normal, w)
       real(wp), intent(in) :: radius            !! [m]
       real(wp), intent(in) :: slope             !! [degree]
@@ -95,8 +95,8 @@ contains
                          roll, contact)
    end subroutine touch_plane
 
-   !> A block slows down evenly from v to c v in a time T, so it goes (1 + c) v T/2. A boulder of any size and speed
-   !> does so too: a way s lasts 2 s over the sum of its speeds. T goes with sqrt(R_b/g), or at equal speed with R_b.
+   !> A block slows down uniformly from v to c v in a time T, over a length (1 + c) v T/2. So does a boulder of any size
+   !> and speed: a length s takes 2 s over the sum of its speeds. T scales with sqrt(R_b/g), or at equal speed with R_b.
    subroutine test_even_deceleration()
       real(wp), parameter :: left(*) = [0.0_wp, 0.25_wp, 0.75_wp], v = 2.0_wp, time = 1.25_wp
       real(wp) :: record(record_fields, 2), unit, expected
@@ -132,8 +132,8 @@ contains
       end do
    end subroutine test_even_deceleration
 
-   !> A boulder that comes like the block of a throw takes as long down the plane as the block did, and goes as far: in
-   !> all of its contacts, which follow one another.
+   !> A boulder that starts like the block of a throw moves down the plane for as long and as far as the block, over all
+   !> of its consecutive contacts.
    subroutine test_sums_on_a_plane()
       real(wp), parameter :: slope = 17.0_wp, time(*) = [1.5_wp, 1.5_wp, 0.75_wp, 1.5_wp, 1.25_wp]
       real(wp), parameter :: speed(*) = [0.25_wp, 0.4375_wp, 0.0625_wp, 0.3125_wp, 0.375_wp, 0.125_wp]
@@ -146,7 +146,8 @@ contains
       record(speed_in, :) = speed(:size(time))
       record(along_out, :) = speed(2:)
       record(duration_out, :) = time
-      record(advance_out, :) = 0.875_wp*speed(:size(time))*time  ! uneven: some slow down late, some are fast between
+      record(advance_out, :) = 0.875_wp*speed(:size(time))*time  ! not uniform: some slow down late, some are fast in
+                                                                 ! between
       record(pull_along, :) = sin(slope*degree)
       record(exit_code, :) = rolls_on
       record(follower, :) = [2, 3, 4, 5, 0]
@@ -167,8 +168,9 @@ contains
       end do
    end subroutine test_sums_on_a_plane
 
-   !> On flat ground a boulder may not gain what the block gained from the relief: it is slower than the block, and goes
-   !> less far in the same time. Down a slope it gains at most that, and the work of gravity over its own way.
+   !> On flat ground a boulder must not gain the energy that the block gained from the relief: it is slower than the
+   !> block, and covers less distance in the same time. Down a slope it gains at most that and the work of gravity on
+   !> its path.
    subroutine test_limited_contacts()
       real(wp), parameter :: record_speed(*) = [0.0625_wp, 1.0_wp, 6.0_wp]
       real(wp) :: record(record_fields, 2), unit, before, after, gain
@@ -213,8 +215,8 @@ contains
       end do
    end subroutine test_limited_contacts
 
-   !> Whatever the record, boulder and slope: a contact lasts its time, of which it moves for a part, to where its path
-   !> ends; what leaves the ground at once takes no time.
+   !> For any record, boulder and slope, a contact takes its duration, part of which the boulder moves to the end of its
+   !> path. A boulder that leaves the ground at once takes no time.
    subroutine test_any_record()
       integer, parameter :: exits(*) = [flies, rolls_on, stops]
       real(wp) :: record(record_fields, 2), x(12), unit, time, speed
@@ -244,7 +246,7 @@ contains
          call set_table(record, mod(k, 2) == 0)
          touch = touch_t()
          touch%rolling = mod(k/2, 2) == 0
-         speed = 10**(10.5_wp*x(12) - 9)  ! over U
+         speed = 10**(10.5_wp*x(12) - 9)  ! speed over U
          associate (radius => radii(1 + mod(k, size(radii))))
             unit = sqrt(gravity*radius)
             time = real(table%record(duration_out, 1), wp)*unit/gravity

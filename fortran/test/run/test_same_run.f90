@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What differs between two runs; of cases their values, not how they are written.
+!> Differences between runs; cases are compared by values, not by notation.
 program test_same_run
    use rockfall_kinds, only: i8
    use rockfall_same_run, only: identity_t, difference, differing_key, keys_of
@@ -83,7 +83,7 @@ contains
       key = differing_key(keys_of(case), keys_of(other), .true.)
    end function held_key
 
-   !> The case with one word for another.
+   !> Case with one word replaced.
    function changed(old, new) result(text)
       character(len=*), intent(in) :: old, new
       character(len=:), allocatable :: text

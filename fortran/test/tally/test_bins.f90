@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Logarithmic bins: every number lies between the edges of its bin, and quantiles of counts are
-!> those of the numbers within a bin.
+!> Logarithmic bins: every number is between the edges of its bin, and quantiles of counts agree with those of the
+!> numbers to within a bin.
 program test_bins
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, i4
@@ -62,7 +62,7 @@ contains
       logical :: close_enough
 
       counts = 0
-      do k = 1, n  ! evenly over 3 to 40 m/s
+      do k = 1, n  ! uniform from 3 to 40 m/s
          x(k) = 3 + 37*(k - 0.5_wp)/n
          counts(log_bin(speed, x(k))) = counts(log_bin(speed, x(k))) + 1
       end do

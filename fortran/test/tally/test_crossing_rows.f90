@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Rows of crossings: appended, sorted by line and boulder from any order of arrival, and told apart.
+!> Rows of crossings: appended, sorted by line and boulder from any order of arrival, and duplicates found.
 program test_crossing_rows
    use rockfall_kinds, only: sp, i8
    use rockfall_crossing_rows, only: crossing_rows_t, start_rows, make_room, append_rows, sort_rows, &
@@ -15,7 +15,7 @@ program test_crossing_rows
    call start_rows(.true., .true., found)
    call sort_rows(lines, found, fit)
    call check("no rows are sorted", fit .and. found%n == 0 .and. first_unsorted(found) == 1)
-   ! every third boulder, then those between, in parts
+   ! every third boulder, then the boulders in between, in parts
    call add_part(1, 3)
    call add_part(3, 3)
    call add_part(2, 3)
@@ -34,7 +34,7 @@ program test_crossing_rows
 
 contains
 
-   !> Add a part with every `step`-th boulder; each crosses some lines, not in their order.
+   !> Add a part with every `step`-th boulder; each crosses some lines, in any order.
    subroutine add_part(first, step)
       integer, intent(in) :: first, step
       integer :: boulder, j
@@ -50,7 +50,7 @@ contains
       call check("a part fits", fit)
    end subroutine add_part
 
-   !> Lines that a boulder crosses.
+   !> Number of lines that a boulder crosses.
    pure integer function count_of(boulder)
       integer, intent(in) :: boulder
 

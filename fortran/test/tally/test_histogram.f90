@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Histograms of rebounds: bins by the definitions of the quantities, every rebound counted once in each.
+!> Histograms of rebounds: bins follow the definitions of the quantities, and every rebound counts once in each.
 program test_histogram
    use rockfall_kinds, only: wp, i8
    use rockfall_histogram, only: histograms_t, empty_histograms, count_rebound, quantities, bin_width, &
@@ -17,7 +17,7 @@ program test_histogram
 
 contains
 
-   !> True if one rebound went into these bins.
+   !> Return whether one rebound was counted in these bins.
    logical function in_bins(v_in, v_out, bin)
       real(wp), intent(in) :: v_in(3), v_out(3)
       integer, intent(in) :: bin(quantities)
@@ -45,7 +45,7 @@ contains
                          [27, 13, 23, 15, 13, 4]))
    end subroutine test_by_hand
 
-   !> 10**5 rebounds, binned here by the definitions with the compiler's arctangent.
+   !> Bins of 10**5 rebounds, computed from the definitions with the compiler's arctangent.
    subroutine test_random()
       type(histograms_t) :: this
       integer(i8) :: want(size(this%count, 1), quantities)
@@ -74,7 +74,7 @@ contains
       call check("in the bins of the definitions", all(this%count == want))
    end subroutine test_random
 
-   !> What lies below and above is in the first and the last bin, also where a ratio has no value.
+   !> Smaller and larger values count in the first and last bin, also if a ratio is undefined.
    subroutine test_ends()
       call check("straight down", in_bins([0.0_wp, -3.0_wp, 0.0_wp], [0.0_wp, 1.5_wp, 0.0_wp], &
                                           [45, 1, 50, 1, 50, 6]))

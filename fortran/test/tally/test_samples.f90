@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples: every number lies in its bin, sums are exact beyond 64 bits, the largest are the largest, and files have the
-!> same blocks, in any order.
+!> Samples: every number is in its bin, sums beyond 64 bits are exact, the largest values are kept, and files have the
+!> same blocks in any order.
 program test_samples
    use rockfall_kinds, only: wp, sp, i8
    use rockfall_samples, only: samples_t, add_numbers, add_tail, add_tails, allocate_samples, free_samples, &
@@ -75,7 +75,7 @@ contains
       integer :: k
 
       call random_number(numbers)
-      numbers(:3) = numbers(3)  ! equal ones
+      numbers(:3) = numbers(3)  ! equal numbers
       heap = 0
       ordered = .true.
       do k = 1, 1000
@@ -93,7 +93,7 @@ contains
                  < 1.0e-4_sp)
    end subroutine test_tail
 
-   !> A line keeps all numbers of few boulders; of many, 100,000 at few lines, and at many what a return level takes.
+   !> A line keeps all numbers of few boulders; of many, 100,000 at few lines, and as needed by a return level at many.
    subroutine test_length_of_tails()
       call check("all of few boulders", length(1, 500_i8, .false.) == 500)
       call check("100,000 at one line", length(1, 10_i8**7, .false.) == 100000)
@@ -115,7 +115,7 @@ contains
       call free_samples(samples)
    end function length
 
-   !> Blocks are those of the numbers, whatever their order; read again and merged, samples are those of all numbers.
+   !> Blocks do not depend on the order of numbers; samples that are read and merged equal those of all numbers.
    subroutine test_blocks()
       type(samples_t) :: samples(3), read
       integer(i8), allocatable :: places(:), others(:)

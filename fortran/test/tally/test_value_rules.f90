@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values that a run can have, and what is said of others.
+!> Values that a run can have, and messages for other values.
 program test_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_positive_inf
    use rockfall_kinds, only: wp

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Minima of blocks pass over nodata, and no comparison with it is a floating-point exception (which the
-!> build with run-time checks would trap).
+!> Minima of blocks skip nodata, and no comparison with nodata raises a floating-point exception (which the build with
+!> run-time checks would trap).
 program test_reach
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_get_flag, ieee_set_flag, ieee_invalid
    use rockfall_kinds, only: wp, sp

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sources from the terrain: slopes against thresholds, surfaces of planes, and which boulder is whose.
+!> Sources from the terrain: slopes compared with thresholds, surfaces of planes, and the source of each boulder.
 program test_sources
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i2, i8
@@ -24,7 +24,7 @@ program test_sources
 
 contains
 
-   !> 55 RES**-0.075 degrees.
+   !> The threshold is 55 RES**-0.075 degrees.
    subroutine test_threshold()
       real(wp), parameter :: cells(5) = [0.25_wp, 1.0_wp, 2.5_wp, 10.0_wp, 50.0_wp]
       integer :: k
@@ -34,7 +34,7 @@ contains
       end do
    end subroutine test_threshold
 
-   !> A plane that falls by `slope` to the east and as much again to the north.
+   !> Plane that falls by `slope` to the east and equally to the north.
    pure function plane(slope) result(z)
       real(wp), intent(in) :: slope
       real(wp) :: z(nx, ny)
@@ -72,7 +72,7 @@ contains
                  merge(inner(:, 3:4), 0_i2, spread([1, 2, 3, 4, 5, 6, 7, 8], 2, 2) /= 4)) .and. all(cells(1, :2) == 1))
    end subroutine test_planes
 
-   !> A cell without elevation, and those beside it, are none.
+   !> Cells without elevation, and their neighbours, are not sources.
    subroutine test_windows()
       real(wp), target :: z(nx, ny)
       integer(i2) :: cells(nx, ny), expected(nx, ny)
@@ -87,7 +87,7 @@ contains
       call check("windows with nodata", all(cells == expected))
    end subroutine test_windows
 
-   !> sqrt(1 + tan**2) everywhere on a plane, at its corners too.
+   !> The ratio is sqrt(1 + tan**2) everywhere on a plane, also at its corners.
    subroutine test_surfaces()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -124,7 +124,7 @@ contains
       call check("far too many are not wrapped", all(last_boulders(ratio, 10_i8**15*9000) > 0))
    end subroutine test_totals
 
-   !> One, none, three boulders and one.
+   !> Sources with one, no, three and one boulders.
    subroutine test_unequal()
       type(release_t) :: release
       integer(i8), parameter :: owner(5) = [1_i8, 3_i8, 3_i8, 3_i8, 4_i8]

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees from stems per hectare: their numbers have the distributions that they should, and depend on nothing but the
-!> seed and the cell.
+!> Trees from stems per hectare: numbers follow their distributions, and depend only on the seed and the cell.
 program test_stand
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key
@@ -18,7 +17,7 @@ program test_stand
 
 contains
 
-   !> Mean and variance of a Poisson number are alike; standard errors of both over n cells.
+   !> Mean and variance of a Poisson number are equal; standard errors of both over n cells.
    subroutine test_poisson(expected)
       real(wp), intent(in) :: expected  !! [-]
       integer, parameter :: n = 40000
@@ -33,7 +32,7 @@ contains
       call check("its variance", abs(variance - expected) < 4*sqrt((expected + 2*expected**2)/n))
    end subroutine test_poisson
 
-   !> As many as are expected, and one more in the fraction of cells.
+   !> The number of stems is the integer part, and one more in a fraction of the cells.
    subroutine test_even()
       integer, parameter :: n = 40000
       integer, allocatable :: number(:)
@@ -48,7 +47,7 @@ contains
       call check("nor by chance", stems_in_cell(random_key(7_i8), 1_i8, 0.0_wp, .false.) == 0)
    end subroutine test_even
 
-   !> All four numbers are uniform, and not alike in neighbours.
+   !> All four numbers are uniform, and differ between neighbouring cells.
    subroutine test_places()
       integer, parameter :: n = 20000
       real(wp), allocatable :: u(:, :), v(:, :)

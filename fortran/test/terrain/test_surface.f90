@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the slope is made of: methods A and B from one value, from zones and from rasters.
+!> Surface: methods A and B, from one value, from zones and from rasters.
 program test_surface
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, sp, i2
@@ -40,7 +40,7 @@ contains
       end do
    end subroutine test_uniform
 
-   !> Cells by column and row from the north; the zone is the column of the table.
+   !> Cells are given by column and row from the north; the zone is the column of the table.
    subroutine test_zones()
       type(surface_t) :: surface
       integer(i2), target :: zone(3, 2)
@@ -89,7 +89,7 @@ contains
       call check("by method A too", rock_radius(surface, [1, 1], 0.5_wp) > huge(1.0_wp))
    end subroutine test_absorbing
 
-   !> 0.7, 0.2, 0.1 of the draws within 4 standard errors.
+   !> Fractions of the draws are within 4 standard errors of 0.7, 0.2 and 0.1.
    subroutine test_shares()
       type(surface_t) :: surface
       real(wp), parameter :: p(3) = [0.7_wp, 0.2_wp, 0.1_wp]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Terrain: planes and saddles give their height and gradient back, cells their aspect; edges and nodata
-!> are known before they are read.
+!> Terrain: planes and saddles give the exact height and gradient, cells give their aspect; edges and nodata are
+!> detected before they are read.
 program test_terrain
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp
@@ -41,7 +41,7 @@ contains
       end do
    end function surface
 
-   !> A point of the terrain, drawn.
+   !> Random point of the terrain.
    subroutine draw_place(x, y)
       real(wp), intent(out) :: x, y
 
@@ -90,7 +90,7 @@ contains
       end do
    end subroutine test_plane
 
-   !> x y is bilinear over every patch: its height and gradient are exact everywhere.
+   !> x y is bilinear over every patch, so height and gradient are exact everywhere.
    subroutine test_saddle()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -112,7 +112,7 @@ contains
       end do
    end subroutine test_saddle
 
-   !> The same elevations in single and in double precision are the same terrain, bit for bit.
+   !> The same elevations in single and in double precision give bitwise identical terrain.
    subroutine test_precisions()
       real(sp), target :: z4(nx, ny)
       real(wp), target :: z8(nx, ny)
@@ -142,7 +142,7 @@ contains
       call check("single and double precision agree", same)
    end subroutine test_precisions
 
-   !> The cell of a place is that of the nearest node.
+   !> The cell of a point is that of the nearest node.
    subroutine test_cells()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -163,7 +163,7 @@ contains
       call check("the cell of a place", nearest)
    end subroutine test_cells
 
-   !> Horn's differences, against their weights written out; on a plane they are its gradient.
+   !> Horn's differences equal the explicit weights; on a plane they are the gradient.
    subroutine test_horn()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -184,7 +184,7 @@ contains
       call check_close("northward descent by Horn", down(2), -north_, 1.0e-13_wp)
    end subroutine test_horn
 
-   !> A pit has no lower neighbour among all eight; level ground is one.
+   !> A pit has no lower neighbour among all eight; a cell of level ground is a pit.
    subroutine test_pit()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
@@ -252,7 +252,7 @@ contains
       integer :: i, j
 
       z = surface(0.0_wp, 0.75_wp, -0.5_wp, 0.0_wp)
-      z(4, 3) = ieee_value(0.0_wp, ieee_quiet_nan)  ! node (4, 3) from the south too
+      z(4, 3) = ieee_value(0.0_wp, ieee_quiet_nan)  ! node (4, 3), also counted from the south
       dem = terrain(west, north, cell, z8=z)
       do i = 1, nx - 1
          do j = 1, ny - 1

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contacts on planes: rocks that absorb, the ground of a cell, rest or roll, and the limit of contacts.
+!> Contacts on planes: absorbing rocks, the ground of a cell, rest or roll, and the maximum number of contacts.
 program test_contact
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use rockfall_kinds, only: wp, i1, i8
@@ -33,9 +33,9 @@ program test_contact
 
 contains
 
-   !> Rocks of 0.2 m in the west, a river in the east; with two grounds, one has none.
+   !> Rocks of 0.2 m in the west, a river in the east; with two grounds, one has no rocks.
    subroutine test_ground()
-      real(wp), parameter :: u = 0.5_wp  ! any: the rocks have one size
+      real(wp), parameter :: u = 0.5_wp  ! any value: the rocks have one size
       real(wp) :: radius, obstacle
       integer :: number, status
 
@@ -103,7 +103,7 @@ contains
       call check("slow", is_slow(scene, 3.99_wp) .and. .not. is_slow(scene, 4.0_wp))
    end subroutine test_limit
 
-   !> A boulder rests on a plane of 0.5 where the rest angle is steeper than that.
+   !> A boulder rests on a plane of 0.5 if the rest angle is steeper.
    subroutine test_rest()
       type(boulder_result_t) :: result
       type(landing_t) :: landing

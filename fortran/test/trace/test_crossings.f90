@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Crossings of lines over a plane that falls to the east: place, time, velocity and heights of a parabola, the first
-!> crossing only, none beyond an obstacle.
+!> Crossings of lines over a plane that falls to the east: position, time, velocity and heights of a parabola; only the
+!> first crossing, and none beyond an obstacle.
 program test_crossings
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain, locate, height
@@ -37,7 +37,7 @@ program test_crossings
 
 contains
 
-   !> A flight from a place east of the western edge, above the ground.
+   !> Flight that starts above the ground at a distance from the western edge.
    type(flight_t) function eastward(x, v, above) result(flight)
       real(wp), intent(in) :: x, v(3), above
       real(wp) :: u, w
@@ -51,7 +51,7 @@ contains
       flight%rate = launch_rate(scene%dem, flight%patch, u, w, v)
    end function eastward
 
-   !> Ten metres on at 8 m/s the boulder is 1.25 s in the air.
+   !> After ten metres at 8 m/s, the boulder has been in the air for 1.25 s.
    subroutine test_state()
       type(crossings_t) :: crossings
       real(wp), parameter :: t = 1.25_wp
@@ -75,7 +75,7 @@ contains
       end associate
    end subroutine test_state
 
-   !> A second flight over the same line changes nothing, unless it is that of the next boulder.
+   !> A second flight over the same line changes nothing, unless it is by the next boulder.
    subroutine test_first_only()
       type(crossings_t) :: crossings
 
@@ -91,7 +91,7 @@ contains
       result%time = 3
    end subroutine test_first_only
 
-   !> What lies beyond an obstacle is not crossed.
+   !> Lines beyond an obstacle are not crossed.
    subroutine test_until()
       type(crossings_t) :: crossings
 

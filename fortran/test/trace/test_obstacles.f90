@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Barriers and trees on a flight over flat ground: which is met first, what it takes, and how the boulder flies on.
+!> Barriers and trees on a flight over flat ground: which is hit first, what it absorbs, and how the boulder flies on.
 program test_obstacles
    use rockfall_kinds, only: wp, i1, i8
    use rockfall_random, only: random_key
@@ -45,7 +45,7 @@ program test_obstacles
 
 contains
 
-   !> A level shot eastward at 20 m/s from 2 m above the ground, up to the first obstacle.
+   !> Level shot eastward at 20 m/s from 2 m above the ground, up to the first obstacle.
    subroutine shoot(above)
       real(wp), intent(in) :: above
       type(span_t) :: spans(2*n)
@@ -68,14 +68,14 @@ contains
       v(3) = v(3) - gravity*landing%time
    end subroutine shoot
 
-   !> Kinetic energy of the boulder that flies on.
+   !> Kinetic energy of the boulder after the hit.
    real(wp) function energy_of(v)
       real(wp), intent(in) :: v(3)
 
       energy_of = sum(kinetic_energy(result%boulder, v, w/radius))
    end function energy_of
 
-   !> After half a second at the barrier; of 212 kJ it takes 100.
+   !> The boulder reaches the barrier after half a second; the barrier absorbs 100 of 212 kJ.
    subroutine test_break_through()
       real(wp) :: before
 
@@ -105,7 +105,7 @@ contains
       scene%barriers%capacity = 1.0e5_wp
    end subroutine test_stop
 
-   !> After half a second it has fallen 1.23 m: from 5 m it passes over the edge at 3 m.
+   !> In half a second the boulder falls by 1.23 m: from 5 m it passes over the edge at 3 m.
    subroutine test_pass_over()
       call shoot(5.0_wp)
       call check("no obstacle", obstacle%kind == none)
@@ -114,7 +114,7 @@ contains
       call check("passed over", outcome_at(scratch%crossings, 1) == int(passed_over, i1))
    end subroutine test_pass_over
 
-   !> A stem of 40 cm in the way, 5 m on: hit in the middle when the boulder touches it, and broken.
+   !> A stem of 40 cm in the path, 5 m away: hit centrally when the boulder touches it, and broken.
    subroutine test_tree()
       real(wp), parameter :: dbh = 40.0_wp
       real(wp) :: before, taken
@@ -132,7 +132,7 @@ contains
       call check("broken where the boulder flies on", size(scratch%felled) == merge(1, 0, taken < before))
    end subroutine test_tree
 
-   !> Of a tree and a barrier the nearer.
+   !> Of a tree and a barrier, the nearer is hit.
    subroutine test_nearer_first()
       call shoot(2.0_wp)
       call check("the tree in front of the barrier", obstacle%hit%tree == 1)
