@@ -7,6 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
+import xarray as xr
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
@@ -24,6 +25,7 @@ from rockfall.result.crossings import at_lines
 from rockfall.result.trajectories import vertices_of
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
+from rockfall_lab import tables
 from rockfall_lab.blocks.case import BlockCase, block_case_of
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.contact_records import open_contacts, save_contacts
@@ -278,6 +280,35 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     assert main(["lab", "table", "few.nc", "-o", "few-table.nc"]) == 0
     assert main(["lab", "remake", "few-table.nc", "--quiet"]) == 0
     assert "the same in every bit" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name == "hard-platy-11" else pytest.mark.all)
+        for name in shipped_tables()
+        if name != "rocky-slope"
+    ],
+)
+def test_a_shipped_table_of_a_plane_has_the_ground_and_parts_of_its_cases(name):
+    """So `rockfall lab remake`, which would take minutes, does not differ in these."""
+    table = open_table(shipped_tables()[name])
+    cases = [block_case_of(text, name) for text in cases_of(table.attrs)]
+    files = [
+        xr.Dataset(
+            attrs={
+                "lab_case": case.text(), "radius": case.block["radius"],
+                "density": case.block["density"], "gravity": case.throw["gravity"],
+                "yield_pressure": case.ground["yield_pressure"],
+                "rest_angle": case.ground["rest_angle"],
+            }
+        )
+        for case in cases
+    ]  # fmt: skip
+    parts, columns, rows = tables._grid(tables._parts(files))
+    assert table.ground == tables._ground(parts[0].data)
+    assert np.array_equal(table.size, columns)
+    assert np.array_equal(table.relief, rows)
 
 
 def reached_bins(table, kind):
