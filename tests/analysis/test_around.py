@@ -12,6 +12,7 @@ from rockfall.language import LANGUAGES, speaking
 from rockfall.quantities import percent
 from rockfall.studies.hazard import read_study
 from rockfall.tables import dossier
+from rockfall.terrain.polyline import sides
 
 Z = scenes.rough()
 PLACE = {"dem": Z, "transform": scenes.grid(Z)}
@@ -95,3 +96,72 @@ def test_a_scenario_that_misses_the_net_goes_around_it(tmp_path):
         met.append((rockfall.crossings(result)["line"] == "net").any())
     assert any(met) and any(n > 0 for n, here in zip(expected, met, strict=True) if not here)
     assert hazard["line_around"].values.tolist() == expected
+
+
+SIDE = 300.0  # [m] of the square terrain that is turned
+NETS = {  # ends in plan, and whether the net is above a road from (100, 150) to (200, 150)
+    "above": (((100, 240), (150, 240)), True),
+    "above, beside an end": (((210, 175), (290, 160)), True),
+    "below": (((100, 60), (200, 60)), False),
+    "below, beyond both ends": (((0, 60), (300, 60)), False),
+    "below, beside an end": (((210, 140), (290, 125)), False),
+    "below, rising towards the level of the road": (((60, 40), (290, 145)), False),
+    "across": (((110, 200), (190, 90)), True),
+}
+
+
+def turned(points, turns, mirrored):
+    """Points of the square, turned by quarters against the clock after mirroring west and east."""
+    z = np.array([complex(*point) for point in points]) - SIDE * (1 + 1j) / 2
+    z = (-z.conj() if mirrored else z) * 1j**turns + SIDE * (1 + 1j) / 2
+    return {"x": z.real.tolist(), "y": z.imag.tolist()}
+
+
+@pytest.mark.parametrize(
+    ("turns", "mirrored", "capacity"),
+    [(0, False, 1e5)]
+    + [pytest.param(*how, marks=pytest.mark.all) for how in ((0, True, 1.0), (1, False, 1e5),
+                                                             (2, True, 1e5), (3, True, 1.0))],
+)  # fmt: skip
+def test_a_net_is_above_a_line_on_the_side_that_boulders_come_from(
+    tmp_path, turns, mirrored, capacity
+):
+    """Nets that stop all, or nothing; `past` counts without knowledge of the terrain."""
+    z = np.rot90(scenes.rough(60, 60)[:, :: -1 if mirrored else 1], turns)
+    starts = turned([(x, 280.0) for x in range(20, 290, 10)], turns, mirrored)
+    road = {"name": "road"} | turned([(100, 150), (200, 150)], turns, mirrored)
+    made = {"release": starts | {"drop_height": 5.0}, "case": {"boulders": 15}, "line": [road]}
+    case, found = scenes.make_case(tmp_path, *scenes.sets(2.0), **made), {}
+    for name, (ends, _) in NETS.items():
+        net = SHORT | turned(ends, turns, mirrored) | {"capacity": capacity}
+        result = rockfall.run(case.replace(barrier=[net]), dem=z, transform=scenes.grid(z))
+        counts = rockfall.crossings(result)["line"].value_counts()
+        assert counts["net"] > 9 and counts["road"] > 20
+        found[name] = barriers_above(result, 0) == [1]
+        texts = [*around_ends(result, {"road": None})]
+        assert len(texts) == found[name]
+        if texts:
+            assert texts[0].startswith(f"road: {past(result)} of ")
+    assert found == {name: above for name, (_, above) in NETS.items()}
+
+
+def test_a_net_on_one_side_of_a_valley_is_above_its_road(tmp_path):
+    z = np.tile(1000 + 0.8 * abs(np.arange(60) * 5.0 - 147.5), (60, 1))
+    road = {"name": "road", "x": [147.5, 147.5], "y": [20.0, 280.0]}
+    release = {"x": [30.0] * 5 + [270.0] * 5, "y": [50.0, 100.0, 150.0, 200.0, 250.0] * 2}
+    made = {"release": release, "case": {"boulders": 40}, "line": [road]}
+    case = scenes.make_case(tmp_path, *scenes.sets(2.0), **made)
+    for west in (90.0, 205.0):
+        net = SHORT | {"x": [west, west], "y": [0.0, 300.0], "capacity": 1e5, "height": 9.0}
+        result = rockfall.run(case.replace(barrier=[net]), dem=z, transform=scenes.grid(z))
+        assert barriers_above(result, 0) == [1] and past(result) > 100
+
+
+def test_sides_of_a_bent_line():
+    line = np.array([0, 10, 10, 10 + 5j, 5j])  # east, north, then back west; a vertex twice
+    left = np.array([5 + 1j, 9 + 2j, 1 + 4.9j, -50 + 0.1j, -9 + 4.9j])
+    right = np.array([5 - 1j, 11 - 1j, 11 + 7j, 5 + 6j, 12 + 3j, -50 - 1j, -9 + 9j])
+    assert (sides(left, line) == 1).all() and (sides(right, line) == -1).all()
+    assert (sides(left, line[::-1]) == -1).all() and (sides(right, line[::-1]) == 1).all()
+    acute = np.array([0, 10, 9 + 3j])  # turns back to the left
+    assert sides(np.array([12 - 1j, 12 + 1j, 9 + 1j]), acute).tolist() == [-1, -1, 1]

@@ -3,6 +3,8 @@
 
 import numpy as np
 
+TIE = 1e-9  # relative difference of equal distances
+
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] of points from a polyline, and along it to the nearest place, or NaN."""
@@ -17,6 +19,23 @@ def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
         along[nearer], apart[nearer] = before + here[nearer], off[nearer]
         before += length
     return np.where(np.isnan(along), np.nan, apart), along
+
+
+def sides(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Sides of points: 1 to the left of the nearest segment, -1 to its right, 0 on it. The first
+    and the last segment continue straight beyond their ends."""
+    offset, distance = np.zeros(points.shape), np.full(points.shape, np.inf)
+    steps = [*zip(vertices[:-1], np.diff(vertices), strict=True)]
+    steps = [(start, step) for start, step in steps if step]
+    for k, (start, step) in enumerate(steps):
+        apart = (points - start) * np.conj(step) / abs(step)  # along, and to the left
+        ends = 0.0 if k else -np.inf, np.inf if k == len(steps) - 1 else abs(step)
+        here = abs(apart - np.clip(apart.real, *ends))
+        # At a bend both segments are equally near: the point is on the side of the one it is farther off.
+        is_tie = abs(here - distance) <= TIE * here
+        nearer = np.where(is_tie, abs(apart.imag) > abs(offset), here < distance)
+        offset, distance = np.where(nearer, apart.imag, offset), np.minimum(here, distance)
+    return np.sign(offset)
 
 
 def lengths(vertices: np.ndarray) -> np.ndarray:

@@ -200,9 +200,9 @@ def _lines() -> Iterator[tuple[str, Variable]]:
     yield from _by_period("line_", ("line",), "that reaches the line or barrier")
     what = "of these boulders, those that pass the barrier, if any"
     yield "line_behind", Variable(dims, PART, what)
-    what = "of these boulders, those that hit none of its barriers before"
+    what = "of these boulders, those that hit none of the barriers above before"
     yield "line_around", Variable(dims, PART, what)
-    what = "names of the barriers that boulders hit before the line, one per text line"
+    what = "names of the barriers above the line, one per text line"
     yield "line_barriers", Variable(("line",), "", what)
     what = "of these boulders, those that would pass a barrier of this class and height"
     yield "line_class_behind", Variable((*dims, "ead_class", "exceeded_height"), PART, what)

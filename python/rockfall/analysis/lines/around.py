@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.result.crossings import line_names, line_values
+from rockfall.result.crossings import (
+    boulders_at,
+    line_names,
+    line_values,
+    places_at,
+    values_at,
+)
+from rockfall.terrain.polyline import lengths, sides
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,20 +35,36 @@ def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.nd
 
 
 def barriers_above(result: xr.Dataset, line: int) -> list[int]:
-    """Indices of the barriers, without lying logs, that a boulder meets without having met the
-    line before."""
+    """Indices of the barriers above a line, without lying logs: boulders meet them, without having
+    met the line before, on a side of the line from which more than `MAX_AROUND` of its boulders
+    come. Beyond its ends, a line continues straight."""
     nets = {net["name"] for net in case_of(result).barrier if "diameter" not in net}
-    there = line_values(result, "time", line)
-    return [
-        k
-        for k, name in enumerate(line_names(result))
-        if name in nets and k != line and _meets_first(line_values(result, "time", k), there)
-    ]
+    there, vertices = line_values(result, "time", line), _vertices(result, line)
+    uphill = _uphill(result, line, vertices)
+    above = []
+    for k, name in enumerate(line_names(result)):
+        if name in nets and k != line:
+            first = ~(there < line_values(result, "time", k))[boulders_at(result, k)]
+            met = places_at(result, k)[:, first]
+            if np.isin(sides(met[0] + 1j * met[1], vertices), uphill).any():
+                above.append(k)
+    return above
 
 
-def _meets_first(here: np.ndarray, there: np.ndarray) -> bool:
-    """Return True for a boulder that arrives here at a time and did not arrive there before."""
-    return bool((np.isfinite(here) & ~(there < here)).any())
+def _vertices(result: xr.Dataset, line: int) -> np.ndarray:
+    """Vertices of a line, x + iy [m]."""
+    own = result["line_vertex_line"].values == line
+    x, y = (result[f"line_vertex_{axis}"].values[own] for axis in "xy")
+    return x + 1j * y
+
+
+def _uphill(result: xr.Dataset, line: int, vertices: np.ndarray) -> list[int]:
+    """Sides of a line, as of `sides`, from which more than `MAX_AROUND` of its boulders come."""
+    step, at = np.diff(vertices), values_at(result, "distance", line)
+    step = step[np.clip(np.searchsorted(lengths(vertices), at) - 1, 0, step.size - 1)]
+    x, y = (values_at(result, f"velocity_{axis}", line) for axis in "xy")
+    came = -np.sign((np.conj(step) * (x + 1j * y)).imag)
+    return [side for side in (1, -1) if (came == side).sum() > MAX_AROUND * came.size]
 
 
 def around_by_line(
