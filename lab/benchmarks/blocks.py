@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The laboratory of blocks: checks of its physics, cost of a contact, six field impacts.
+"""Block laboratory: checks of its physics, cost of a contact, six field impacts.
 
     python -m lab.benchmarks.blocks [--impacts 6000] [--throws 300] [--field CSV] [--only WORD]
 
-`gain`: the maximum energy after an impact on flat ground, relative to that before, of N impacts at
-2 to 30 m/s, shared among the grounds. `step`: the change of means with half the time step, and with
-half the longest edge of the facets, in units of |V_in|. `cost`: CPU time of a contact, and how
-contacts end, for each ground and shape. `planes`: blocks on planes of meadow with more and less
-relief. `field`: translational energy after / before of six impacts of a block of 780 kg on an
-alpine meadow (Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg,
-radius_m, incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin
-was not measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact has gained
-more than 1e-4, or half the step changes a mean by more than 0.002.
+`gain`: maximum ratio of the energy after an impact on flat ground to the energy before, for N
+impacts at 2 to 30 m/s, divided among the grounds. `step`: change of means with half the time step,
+and with half the longest facet edge, in units of |V_in|. `cost`: CPU time per contact, and ends of
+contacts, for each ground and shape. `planes`: blocks on planes of meadow with more and less relief.
+`field`: translational energy after / before of six impacts of a block of 780 kg on an alpine meadow
+(Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg, radius_m,
+incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin was not
+measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact gains more than 1e-4,
+or half the step changes a mean by more than 0.002.
 """
 
 import argparse
@@ -27,14 +27,12 @@ from rockfall_lab.blocks.case import BlockCase, grounds
 from rockfall_lab.blocks.contacts import run_throws
 
 GAIN, CHANGE = 1e-4, 2e-3
-GRAVITY = (
-    0.1  # [m/s2] where an impact alone is looked at: what a block falls in it adds next to nothing
-)
+GRAVITY = 0.1  # [m/s2] for single impacts: almost no energy is gained by the fall
 MEANS = "vt_out", "vn_out", "w_out", "energy_out"
 
 
 def impact_case(name: str, impacts: int) -> BlockCase:
-    """Single impacts on flat ground."""
+    """Case of single impacts on flat ground."""
     return BlockCase(
         lab={"ground": name, "throws": impacts, "contacts": 1},
         ground={"relief": 0},
@@ -48,7 +46,7 @@ def gain(arguments: argparse.Namespace) -> bool:
     for ground in grounds():
         case = impact_case(ground, each)
         data = run_throws(case)
-        # energy from what the block fell is not gained
+        # the energy of the block's fall is not a gain
         fall = -2 * GRAVITY * case.block["radius"] * data["rise"] / data["speed"] ** 2
         most = float((data["energy_out"] - fall.clip(min=0)).max())
         sound &= most <= 1 + GAIN
@@ -120,7 +118,7 @@ def planes(arguments: argparse.Namespace) -> bool:
 
 
 def _first_beyond(sequence: np.ndarray, way: np.ndarray, at: float) -> np.ndarray:
-    """Index of the first contact of each throw beyond a distance down the plane [m]."""
+    """Index of each throw's first contact beyond a distance down the plane [m]."""
     beyond = np.flatnonzero(way > at)
     return beyond[np.unique(sequence[beyond], return_index=True)[1]]
 
@@ -143,7 +141,7 @@ def field(arguments: argparse.Namespace) -> bool:
 
 
 def energy_left(row: Row, throws: int, strength: float, spin: tuple, relief: float) -> float:
-    """Translational energy after / before, the mean over attitudes and blocks."""
+    """Translational energy after / before, averaged over attitudes and blocks."""
     radius, speed = (
         row.number(name, 0.01, 100) for name in ("radius_m", "incoming_total_speed_mps")
     )

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Effect of angular rocks (clumps of spheres) and angular boulders in the laboratory of rocks:
+"""Effect of angular rocks (clumps of spheres) and angular boulders in the rock laboratory:
 
     python -m lab.benchmarks.clumps [--ratios 1 2 4] [--throws 200]
 
-Throws of throws.nml of rocky-slope with each shape of boulder on spheres and on clumps. Prints, for
-contacts from a flight at 5 to 30 degrees, means over |V_in|: V_t and V_n after the contact, the
-fraction of energy in rotation, turns below 22.5 degrees; the energy after the contact; the fraction
-of throws that stop within their contacts; the solid fraction and CPU time of a contact. Standard
-errors are between layers.
+Repeats the throws of rocky-slope's throws.nml with each boulder shape on spheres and on clumps.
+Prints, for contacts after flights at 5 to 30 degrees, means relative to |V_in|: V_t and V_n after
+the contact, the fraction of rotational energy, and turns below 22.5 degrees. Also prints the energy
+after the contact, the fraction of throws that stop, the solid fraction, and the CPU time per
+contact. Standard errors are between layers.
 """
 
 import argparse
@@ -25,13 +25,13 @@ VARIANTS = [
     ("spheres", "sphere"), ("clumps", "sphere"), ("spheres", "compact"),
     ("clumps", "compact"), ("clumps", "elongated"), ("clumps", "platy"),
 ]  # fmt: skip
-ANGLES = 5.0, 30.0  # of the incidence [degree]
-STOPS = 2  # exit of a record
-ON_LAYER = 10  # throws
+ANGLES = 5.0, 30.0  # range of incidence angles [degree]
+STOPS = 2  # exit code of a record
+ON_LAYER = 10  # throws per layer
 
 
 def variant(ratio: float, rocks: str, shape: str, throws: int) -> LabCase:
-    """Case of one shape of rocks and boulders."""
+    """Case with a given shape of rocks and boulders."""
     case = read_lab_case(CASE)
     relief = [relief_at(case, ratio)]
     return case.replace(

@@ -4,8 +4,8 @@
     python -m lab.benchmarks.drops [--table talus rocky-slope] [--slopes 33 35] [--radius 0.6]
         [--ratio 5.6] [--boulders 500]
 
-They have no other speed, so all land in the same way, and boulders from low heights draw from the
-few slow records of one bin of the table.
+Boulders have no initial speed, so all land in the same way, and boulders from low heights draw from
+the few slow records in one bin of the table.
 """
 
 import argparse
@@ -17,8 +17,8 @@ from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
 from rockfall.result.crossings import at_lines
 
-DROPS = 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0  # [m]
-CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0  # [m]; cells above the release
+DROPS = 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0  # drop heights [m]
+CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0  # [m]; cells above the release; [m]
 
 
 def passing(table: str, slope: float, drop: float, given: argparse.Namespace) -> float:

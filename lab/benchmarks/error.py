@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost and effect of the choices of the laboratory: error against run time.
+"""Cost and effect of laboratory settings: error against run time.
 
     python -m lab.benchmarks.error [LAB.nml] [--layers 12] [--ratio 2] [--only WORD]
 
-Runs a laboratory case at one ratio, and again with single changes and the same seed. Printed: a1
-and a4 with standard errors, the neutral slope of the set and that by resampling the impacts, the
-solid fraction, and CPU milliseconds of an impact with its part of the layer. Where layers and shots
-stay the same, also the median and 90 % quantile of |V_out - V_out,base| / |V_in| at the peak.
+Runs a laboratory case at one ratio, and again with single changes and the same seed. Prints a1 and
+a4 with standard errors, the neutral slopes by the set and by resampled impacts, the solid fraction,
+and CPU milliseconds per impact, including its share of the layer. If layers and shots are
+unchanged, also prints the median and 90 % quantile of |V_out - V_out,base| / |V_in| at the peak.
 """
 
 import argparse
@@ -28,7 +28,7 @@ BASE = "base"
 
 
 def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
-    """Name and change of each; times x if so in the name, else the value."""
+    """Name and change of each variant: a factor if the name contains "times", else a value."""
 
     def times(group: str, key: str, factor: float) -> dict[str, dict[str, Any]]:
         return {group: {key: getattr(case, group)[key] * factor}}

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that fall onto a plane from some height: fraction that passes 60 m down it, of blocks in
-the laboratory, of boulders by the shipped table, and by a table of faster, steeper throws:
+"""Fraction of boulders that pass 60 m down a plane after a fall onto it: blocks in the laboratory,
+and boulders by the shipped table and by a table of faster, steeper throws:
 
     python -m lab.benchmarks.falls [talus] [--slope 28] [--radius 0.6] [--blocks 200]
         [--drops 2 5 10 20 50 100] [--throws 2000] [--write]
 
 In brackets: rebounds per boulder beyond the fastest record at their incidence and spin. --throws 0
-leaves out the faster table; --write puts fractions by the shipped table, with those of the blocks,
-into the table of evidence.
+omits the faster table; --write stores the fractions by the shipped table and of the blocks in the
+table of evidence.
 """
 
 import argparse
@@ -27,14 +27,14 @@ from rockfall_lab.blocks.case import BlockCase, grounds
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
-DROPS = 2.0, 5.0, 10.0, 20.0, 50.0, 100.0  # [m]
-MARK, CELL, COLUMNS, ABOVE, BELOW = 60.0, 2.5, 60, 8, 60  # down the plane [m]; [m], cells
+DROPS = 2.0, 5.0, 10.0, 20.0, 50.0, 100.0  # drop heights [m]
+MARK, CELL, COLUMNS, ABOVE, BELOW = 60.0, 2.5, 60, 8, 60  # [m] down the plane; [m], cells
 GRAVITY, DENSITY, BOULDERS, CONTACTS = 9.81, 2700.0, 600, 100
 FASTER = {"speed": [1.0, 14.0, 60.0], "angle": [3.0, 45.0, 90.0]}  # [m/s], [degree]
 
 
 def fallen(case: BlockCase, slope: float, drop: float) -> float:
-    """Fraction of blocks of the laboratory that pass."""
+    """Fraction of laboratory blocks that pass."""
     speed = np.sqrt(2 * GRAVITY * drop)
     throw = {
         "slope": [slope] * 2, "speed": [speed] * 3, "angle": [90 - slope] * 3, "spin": [0.0] * 3,
@@ -49,7 +49,7 @@ def fallen(case: BlockCase, slope: float, drop: float) -> float:
 def drawn(
     table: str, folder: Path, radius: float, slope: float, drop: float
 ) -> tuple[float, float]:
-    """Fraction of boulders that pass by a table, and rebounds per boulder beyond its speeds."""
+    """Fraction of boulders that pass by a table, and rebounds per boulder beyond its records."""
     along = MARK * np.cos(np.radians(slope))
     rows = ABOVE + int(along / CELL) + BELOW
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--throws", type=int, default=2000)
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
-    warnings.simplefilter("ignore", UserWarning)  # drops of 100 m
+    warnings.simplefilter("ignore", UserWarning)  # warnings about drops of 100 m
     case = BlockCase(lab={"ground": given.ground, "seed": 77}).at_radius(given.radius)
     print(machine())
     print(f"{given.ground}, {given.slope:g} degrees, R_b = {given.radius:g} m")

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Throws that a plane of tables keeps, and what passes by them between its parts:
+"""Throws kept in a plane of tables, and passing fractions between its parts:
 
     python -m lab.benchmarks.kept FOLDER [--tables 2]
 
-FOLDER keeps contacts, those of parts as `tools/ship_tables.py --contacts FOLDER` does, slopes of
-parts and choices; what is missing is made, in some two hours of one core. Prints the fraction of
-boulders that passes 200 m of a plane, by tables thrown there, by the parts that are shipped, and by
-parts whose throws are chosen: of balanced ones, the first by which a part has the slope of all
-parts together, a smooth surface over strength and relief (docs/archive/field_protocol.md, "Throws
-that are kept").
+FOLDER stores contacts (of parts, as `tools/ship_tables.py --contacts FOLDER`), slopes of parts, and
+choices; missing files are computed, in about two hours on one core. Prints the fraction of boulders
+that passes 200 m of a plane, by tables simulated there, by the shipped parts, and by parts with
+chosen throws: the first balanced set of throws that gives a part its slope on a smooth surface over
+strength and relief (docs/archive/field_protocol.md, "Throws that are kept").
 """
 
 import argparse
@@ -36,20 +35,20 @@ from rockfall_lab import tables
 from rockfall_lab.blocks.case import BlockCase, restitution_of
 from tools.ship_tables import KEPT, PLANES, RADIUS, contacts_of, part_case
 
-LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # [m] down the plane, [m/s]
+LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # [m] down the plane, [m/s], number
 CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0  # [m]; cells, rows above the release; [m]
-ABOVE_RELIEF, STEP, NEAR = 6.0, 1.5, 0.15  # of slopes: first, to the next; of choices [degree]
-NO_REST = 60.0  # rest angle: boulders rest only where blocks did [degree]
-STARTS = 12  # of a choice
-SOFT = 24.0  # strength over rho_b g R_b: softer parts, into which boulders sink, keep their slope
-CLASSES = 6, 4  # of slope and of speed, in which throws are balanced
-EXTREME = 5.0  # standard deviations: what lies beyond counts as that much
-STOPS, ALL = 2, 10**9  # an exit; records
-REST = {"ploughed": 27.0, "hard": 29.0}  # [degree]
+ABOVE_RELIEF, STEP, NEAR = 6.0, 1.5, 0.15  # slopes: first, step; tolerance [degree]
+NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
+STARTS = 12  # random starts of a choice
+SOFT = 24.0  # strength / (rho_b g R_b): boulders sink into softer parts, which keep their slope
+CLASSES = 6, 4  # numbers of classes of slope and of speed in which throws are balanced
+EXTREME = 5.0  # standard deviations at which sums are clipped
+STOPS, ALL = 2, 10**9  # exit code of a record; number of records
+REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
 LIKE = {"ploughed": "meadow", "hard": "compact"}  # shipped grounds of these models
-THROWS, PATCHES, FIRST, NEXT = 400, 32, 94101, 100  # of a table thrown at a place; seeds
-LOW, HIGH, WRONG = 0.2, 0.9, 0.1  # of what passes
-PLACES = (  # plane, strength over rho_b g R_b, relief, slopes [degree]
+THROWS, PATCHES, FIRST, NEXT = 400, 32, 94101, 100  # a table at a place; its seeds
+LOW, HIGH, WRONG = 0.2, 0.9, 0.1  # passing fractions
+PLACES = (  # plane, strength / (rho_b g R_b), relief [degree], slopes [degree]
     ("ploughed-compact", 17.0, 10.25, (17.2, 19.2)),
     ("ploughed-compact", 34.0, 8.0, (14.1, 16.1)),
     ("ploughed-compact", 34.0, 15.25, (20.9, 22.9)),
@@ -64,12 +63,12 @@ PLACES = (  # plane, strength over rho_b g R_b, relief, slopes [degree]
     ("hard-compact", 750.0, 11.5, (16.2, 18.2)),
 )
 
-Part = tuple[float, float]  # strength over rho_b g R_b, relief [degree]
+Part = tuple[float, float]  # strength / (rho_b g R_b), relief [degree]
 
 
 def balanced_throws(data: xr.Dataset, kept: int, start: int) -> np.ndarray:
-    """Numbers of the throws of a part, of about `kept` contacts, that stand for all: from a random
-    start, throws are exchanged as long as that brings sums over them nearer to those of all."""
+    """Numbers of throws of a part that represent all its throws, with about `kept` contacts. From a
+    random start, throws are exchanged as long as their sums approach the sums of all throws."""
     contacts = tables._dimensionless(data)
     throws, own = np.unique(contacts.sequence, return_inverse=True)
     sums = np.hstack([one for kind in KINDS for one in _sums(contacts, kind, own)])
@@ -90,9 +89,9 @@ def balanced_throws(data: xr.Dataset, kept: int, start: int) -> np.ndarray:
 
 
 def _sums(contacts: Any, kind: str, own: np.ndarray) -> Iterator[np.ndarray]:
-    """Sums over each throw, numbered `own`, of what its contacts of a kind have beyond the mean of
-    their bin, and of their number: of all, by incidence and speed, by slope and speed, by bin. Each
-    is zero in the mean, over its deviation; each way of counting has the same weight."""
+    """Sums over each throw, numbered `own`, of the deviations of its contacts from the means of
+    their bins, and of their numbers: in total, by incidence and speed, by slope and speed, and by
+    bin. All are standardised, and each way of counting has the same weight."""
     sizes = tables._bins_for(kind, int(tables._of_kind(contacts, kind).sum()))
     groups, _ = tables._sort_into_bins(contacts, kind, sizes)
     rows, bins = np.concatenate(groups), np.repeat(range(len(groups)), [*map(len, groups)])
@@ -118,7 +117,7 @@ def _sums(contacts: Any, kind: str, own: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _beyond_map(record: np.ndarray, kind: str) -> np.ndarray:
-    """What leaves contacts of a bin beyond its map, how they end, last and move, less the mean."""
+    """Deviations of a bin's contacts from its map, exits, durations, lengths, minus the means."""
     value = {name: record[:, k].astype(float) for k, name in enumerate(FIELDS)}
     scale = value["speed_in"] if kind == "flight" else np.ones(len(record))
     height = value["height_in"] * (kind != "flight")
@@ -135,8 +134,8 @@ def _beyond_map(record: np.ndarray, kind: str) -> np.ndarray:
 
 
 def numbered(data: xr.Dataset, kept: int, chosen: Sequence[int]) -> xr.Dataset:
-    """Contacts with throws in such an order that `table_of`, which keeps some `kept` contacts of
-    evenly spaced throws, keeps those of the chosen ones."""
+    """Contacts with throws reordered such that `table_of`, which keeps about `kept` contacts of
+    evenly spaced throws, keeps the contacts of the chosen throws."""
     throws, own = np.unique(data["sequence"].values, return_inverse=True)
     number = int(kept / (len(own) / len(throws)))
     kept_places = (np.arange(number) * len(throws)) // number
@@ -149,8 +148,8 @@ def numbered(data: xr.Dataset, kept: int, chosen: Sequence[int]) -> xr.Dataset:
 
 
 def passing(keys: dict[str, dict[str, Any]], slope: float, folder: Path) -> float:
-    """The fraction of boulders of R_b = RADIUS that passes LINE on a plane [degree], by keys of a
-    case in a folder."""
+    """Fraction of boulders with R_b = RADIUS that passes LINE on a plane [degree], by case keys in
+    a folder."""
     angle = np.radians(slope)
     rows = int((LINE * np.cos(angle) + BEYOND) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -169,14 +168,14 @@ def passing(keys: dict[str, dict[str, Any]], slope: float, folder: Path) -> floa
         output={"maps": None, "rebounds": False, "trajectories": 0},
     )  # fmt: skip
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of few boulders, on steep planes, by an unknown table
+        warnings.simplefilter("ignore")  # about few boulders, steep planes, an unknown table
         result = rockfall.run(case, **plane(slope, rows, COLUMNS, CELL))
     return float(at_lines(result)["line_speed"].isel(line=0).notnull().mean())
 
 
 def half_slope(table: ImpactTable, guess: float) -> float:
-    """The slope [degree] on which half of the boulders pass, by a table: between neighbours within
-    STEP/2, by the logarithm of the odds."""
+    """Slope [degree] on which half of the boulders pass, by a table: interpolated between
+    neighbours within STEP/2, by the logarithm of the odds."""
     keys = {"impact": {"table": "own.nc", "rest_angle": NO_REST}}
     odds: dict[float, float] = {}
     with tempfile.TemporaryDirectory() as name:
@@ -201,8 +200,8 @@ def half_slope(table: ImpactTable, guess: float) -> float:
 
 
 def smoothed(slopes: dict[Part, float]) -> dict[Part, float]:
-    """Slopes of parts on a surface that is fitted to them, quadratic in ln N and relief, but for
-    parts softer than SOFT."""
+    """Smoothed slopes of parts: a surface quadratic in ln N and relief is fitted, except for parts
+    softer than SOFT."""
     firm = [part for part in slopes if part[0] >= SOFT]
     x, s = np.array([(log(part[0]), part[1]) for part in firm]).T
     terms = np.stack([np.ones_like(x), x, s, x * x, x * s, s * s], axis=1)
@@ -211,8 +210,8 @@ def smoothed(slopes: dict[Part, float]) -> dict[Part, float]:
 
 
 def chosen_throws(data: xr.Dataset, slope: float) -> tuple[list[int], float]:
-    """Throws of a part, of about KEPT contacts, by which half of the boulders pass on a slope, and
-    the slope that they have [degree]: within NEAR, or the nearest of STARTS."""
+    """Throws of a part with about KEPT contacts for which half of the boulders pass on a given
+    slope, and their own slope [degree], within NEAR; otherwise the nearest of STARTS."""
     tried: list[tuple[list[int], float]] = []
     while len(tried) < STARTS and not (tried and abs(tried[-1][1] - slope) <= NEAR):
         throws = balanced_throws(data, KEPT, 1 + len(tried)).tolist()
@@ -222,7 +221,7 @@ def chosen_throws(data: xr.Dataset, slope: float) -> tuple[list[int], float]:
 
 
 class Folder:
-    """What is kept of parts of planes."""
+    """Stored results for parts of planes."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -239,7 +238,7 @@ class Folder:
         return json.loads(path.read_text())
 
     def targets(self, name: str) -> dict[Part, float]:
-        """Slopes on which half are to pass, of all parts of a plane."""
+        """Slopes on which half of the boulders should pass, for all parts of a plane."""
 
         def slope(part: Part) -> float:
             table = tables.table_of([self.contacts(name, part)], ALL)
@@ -256,7 +255,7 @@ class Folder:
 
 
 def place_case(name: str, strength: float, relief: float, seed: int) -> BlockCase:
-    """Case of the laboratory at a place between the parts of a plane."""
+    """Laboratory case for a place between the parts of a plane."""
     pressure = float(f"{strength * USUAL_WEIGHT * RADIUS:.6g}")
     restitution = restitution_of(pressure, USUAL_DENSITY)
     ground = {"yield_pressure": pressure, "restitution": restitution, "relief": relief}
@@ -273,7 +272,7 @@ def around(name: str, strength: float, relief: float) -> list[Part]:
 
 
 def at_place(k: int, kept: Folder, n_tables: int, targets: dict[Part, float]) -> np.ndarray:
-    """What passes at place k, (slope, table): by tables thrown there, as shipped, as chosen."""
+    """Passing fractions at place k, (slope, table): tables simulated there, shipped, chosen."""
     name, strength, relief, slopes = PLACES[k]
     model, shape = name.split("-")
     thrown = [
@@ -322,7 +321,7 @@ def main() -> None:
 
 
 def judge(found: np.ndarray) -> None:
-    """Print errors of what passes, (place, slope, table), as shipped and as chosen."""
+    """Print errors of the passing fractions, (place, slope, table), as shipped and as chosen."""
     thrown, reference = found[..., :-2], found[..., :-2].mean(axis=-1)
     error = np.sqrt(thrown.var(axis=-1, ddof=1).mean() / thrown.shape[-1])
     counts = (reference >= LOW) & (reference <= HIGH)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A table of impacts compared with its blocks, on planes:
+"""An impact table compared with its blocks, on planes:
 
     python -m lab.benchmarks.law [--ground meadow] [--shape compact] [--relief 14]
         [--blocks 300] [--seed 77]
 
 Throws blocks of R_b = 0.4 m at 5 m/s, 30 degrees from the plane, without spin, down planes in the
-laboratory, for up to 600 contacts, and as many boulders in the program by a table of 2,000 other
-throws. Prints the fraction that passes 25 to 200 m along the slope and the mean speed there, and
-the Wasserstein distance of the run-outs, cut off at 300 m.
+laboratory, for up to 600 contacts, and the same number of boulders in the program, by a table of
+2,000 other throws. Prints the fraction that passes 25 to 200 m along the slope and the mean speed
+there, and the Wasserstein distance of the run-outs, truncated at 300 m.
 """
 
 import argparse
@@ -26,16 +26,16 @@ from rockfall_lab.blocks.case import BlockCase
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
-RADIUS, SPEED, ANGLE = 0.4, 5.0, 30.0  # [m], [m/s], [degree] from the plane
-MARKS = 25.0, 50.0, 100.0, 200.0  # along the slope [m]
-FAR = 300.0  # [m]
-SLOPES = 12, 15, 20, 25, 30, 38  # [degree]
+RADIUS, SPEED, ANGLE = 0.4, 5.0, 30.0  # [m], [m/s], angle to the plane [degree]
+MARKS = 25.0, 50.0, 100.0, 200.0  # distances along the slope [m]
+FAR = 300.0  # maximum run-out [m]
+SLOPES = 12, 15, 20, 25, 30, 38  # slopes [degree]
 CELL, COLUMNS, ABOVE = 2.5, 80, 8  # [m]; cells, and rows above the release
 
 
 def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Run-outs (blocks,) and speeds at the marks (blocks, marks) [m], [m/s], NaN: not reached.
-    Within a contact the square of the speed is linear in the distance."""
+    Within a contact, the squared speed is linear in the distance."""
     throw = {"slope": [slope] * 2, "speed": [SPEED] * 3, "angle": [ANGLE] * 3, "spin": [0.0] * 3}
     one = case.replace(lab={"throws": blocks, "contacts": 600, "seed": seed}, throw=throw)
     data = run_throws(one)
@@ -46,7 +46,7 @@ def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.nd
     )
     turned = np.radians(column["heading"] + column["lateral"])
     out = column["vt_out"] * column["speed"]
-    # velocity at the end: down the slope, across it, away from it
+    # velocity at the end: down the slope, across it, normal to it
     down = out * np.cos(turned) + pull * column["duration"]
     across, off = out * np.sin(turned), column["vn_out"] * column["speed"]
     begins = column["downhill"] * RADIUS
@@ -62,10 +62,10 @@ def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.nd
                 continue
             row, way = rows[(after - 1) // 2], mark - place[after - 1]
             leaves = down[row] ** 2 + across[row] ** 2 + off[row] ** 2
-            if after % 2:  # in the contact of this row
+            if after % 2:  # within the contact of this row
                 square = column["speed"][row] ** 2
                 square += way / (place[after] - place[after - 1]) * (leaves - square)
-            else:  # in the flight after it
+            else:  # in the flight after the contact
                 time = (np.sqrt(down[row] ** 2 + 2 * pull * way) - down[row]) / pull
                 square = leaves + 2 * pull * way + press * time * (press * time - 2 * off[row])
             speed[k, m] = np.sqrt(square)
@@ -73,7 +73,7 @@ def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.nd
 
 
 def drawn(table: Path, slope: float, boulders: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same by the program."""
+    """Run-outs and speeds at the marks of boulders in the program."""
     angle = np.radians(slope)
     rows = int((FAR * np.cos(angle) + 60) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The table of the laboratory of rocks compared with the paper and field data, and on planes:
+"""Impact table of the rock laboratory compared with the paper, field data, and on planes:
 
     python -m lab.benchmarks.rocky CONTACTS.nc [--slopes 20 23 ...] [--cost]
 
-CONTACTS is the output of `rockfall lab impact` for a case that throws. Prints, for each R_b/R_m,
-R_n by incidence compared with Wyllie's field curve R_n = 19.5 theta^-1.03, R_t, the part of
-rotation in the energy, turns, and the neutral slope: on which half of the boulders by the table
-pass 100 m; standard errors leave out fifths of the layers in turn, or of the throws, if there are
-fewer than five. It is compared with the friction angle of stones on scree. With --cost the CPU time
-of a contact at R_b/R_m = 1 to 20 instead, by the case of the contacts.
+CONTACTS is the output of `rockfall lab impact` for a case with throws. Prints for each R_b/R_m: R_n
+by incidence, compared with Wyllie's field curve R_n = 19.5 theta^-1.03; R_t; the rotational
+fraction of the energy; turns; and the neutral slope, on which half of the boulders by the table
+pass 100 m, compared with the friction angle of stones on scree. Standard errors omit fifths of the
+layers in turn (of the throws, with fewer than five layers). --cost prints the CPU time per contact
+at R_b/R_m = 1 to 20 instead, for the case of the contacts.
 """
 
 import argparse
@@ -28,22 +28,22 @@ from rockfall_lab.case import LabCase, lab_case_of
 from rockfall_lab.spheres.sequences import open_sequences, run_sequences
 from rockfall_lab.tables import table_of
 
-CLASSES = (3, 15), (15, 30), (30, 45), (45, 60), (60, 90)  # of incidence [degree]
-TURNS = 0, 22.5, 45, 181  # [degree]
+CLASSES = (3, 15), (15, 30), (30, 45), (45, 60), (60, 90)  # classes of incidence [degree]
+TURNS = 0, 22.5, 45, 181  # class limits of turns [degree]
 # tan(angle) = tan(internal) + k R_m/R_b: Statham 1976, ranges after Dorren 2003, eq. 1
 INTERNAL, PER_SIZE = (20.3, 33.8), (0.17, 0.26)  # [degree], [-]
-PARTS = 5  # of the layers, left out one after the other
-RATIOS, THROWS = (1, 2, 3, 5, 8, 12, 20), (20, 20, 10, 5, 3, 2, 1)  # of --cost
+PARTS = 5  # number of groups of layers, omitted in turn
+RATIOS, THROWS = (1, 2, 3, 5, 8, 12, 20), (20, 20, 10, 5, 3, 2, 1)  # used by --cost
 RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8  # [m], [m/s], [m]
 
 
 def wyllie(angle: np.ndarray) -> np.ndarray:
-    """R_n of field impacts at an angle from the ground [degree]."""
+    """R_n of field impacts at an angle to the ground [degree]."""
     return 19.5 * angle**-1.03
 
 
 def scree_friction(ratio: float) -> str:
-    """Range of the friction angle of stones on scree, R_b/R_m times as large as its own."""
+    """Range of the friction angle of stones on scree, R_b/R_m times larger than the scree."""
     low, high = np.degrees(np.arctan(np.tan(np.radians(INTERNAL)) + np.array(PER_SIZE) / ratio))
     return f"{low:.1f} to {high:.1f}"
 
@@ -55,7 +55,7 @@ def with_error(values: np.ndarray) -> str:
 
 
 def rows_of(data: xr.Dataset) -> dict[str, str]:
-    """Statistics of contacts from a flight, in words and numbers."""
+    """Statistics of contacts after flights, as text and numbers."""
     column = {str(name): values.values.astype(float) for name, values in data.items()}
     flight = (column["entry"] == 0) & (column["incidence"] > 0)
     angle = column["incidence"]
@@ -85,7 +85,7 @@ def rows_of(data: xr.Dataset) -> dict[str, str]:
 
 
 def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> float:
-    """Fraction of boulders by a table that pass 100 m down a plane."""
+    """Fraction of boulders that pass 100 m down a plane, by a table."""
     angle = np.radians(slope)
     rows = int((PASSED * np.cos(angle) + 60) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -106,7 +106,7 @@ def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> flo
 
 
 def neutral_slope(data: xr.Dataset, ratio: float, slopes: list[float]) -> float:
-    """The slope on which half of the boulders pass [degree]; NaN: not within the slopes."""
+    """Slope on which half of the boulders pass [degree]; NaN if outside the slopes."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "table.nc"
         save_table(table_of([data]), path)
@@ -122,7 +122,7 @@ def slope_with_error(data: xr.Dataset, ratio: float, slopes: list[float]) -> str
     one = data.isel(contact=data["ratio"].values == ratio)
     whole = neutral_slope(one, ratio, slopes)
     group = one["layer"].values
-    if len(np.unique(group)) < PARTS:  # few layers: throws, as if they were independent
+    if len(np.unique(group)) < PARTS:  # few layers: resample throws, as if they were independent
         group = one["sequence"].values
     left = [
         neutral_slope(one.isel(contact=group % PARTS != part), ratio, slopes)
@@ -133,8 +133,8 @@ def slope_with_error(data: xr.Dataset, ratio: float, slopes: list[float]) -> str
 
 
 def relief_at(case: LabCase, ratio: float) -> float:
-    """Relief of the layer [degree] at a ratio that a case need not have; of the nearest ratio
-    beyond."""
+    """Relief of the layer [degree] at any ratio: beyond the ratios of the case, that of the
+    nearest."""
     relief = np.broadcast_to(case.throw["relief"], len(case.lab["ratios"]))
     return float(np.interp(np.log(ratio), np.log(case.lab["ratios"]), relief))
 
@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--slopes", type=float, nargs="+", default=[*range(8, 45, 3)])
     parser.add_argument("--cost", action="store_true")
     given = parser.parse_args()
-    warnings.simplefilter("ignore")  # a table of one ratio asks for no rocks
+    warnings.simplefilter("ignore")  # a table with one ratio needs no rock sizes
     data = open_sequences(given.contacts)
     print(machine())
     if given.cost:

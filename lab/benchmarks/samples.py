@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uncertainty of a table from its throws: tables of the same ground with other throws, on planes.
+"""Uncertainty of a table due to its throws: tables of the same ground with other throws, on planes.
 
     python -m lab.benchmarks.samples talus [--seeds 11 12 13 14] [--kept 32000 16000 10666]
         [--slopes 26 28 30 32 34 38] [--throws 2000] [--radius 0.6]
 
-Prints for compact boulders of the blocks' size, RADIUS [m], the fraction that passes 200 m, with
-the standard error of its boulders, and the mean speed there, by each table; KEPT contacts of each
-are records.
+Prints for each table the fraction of compact boulders of the blocks' size, RADIUS [m], that passes
+200 m, its binomial standard error, and the mean speed there. Each table keeps KEPT contacts as
+records.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--throws", type=int, default=2000)
     parser.add_argument("--radius", type=float, default=0.6, help="R_b [m]")
     given = parser.parse_args()
-    warnings.simplefilter("ignore")  # a table asks for no rocks
+    warnings.simplefilter("ignore")  # a table needs no rock sizes
     print(machine())
     print("| records | seed | " + " | ".join(f"{slope:g} degrees" for slope in given.slopes) + " |")
     print("|---" * (2 + len(given.slopes)) + "|")

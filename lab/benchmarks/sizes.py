@@ -4,10 +4,10 @@
     python -m lab.benchmarks.sizes talus [--radii 0.35 0.6 1 1.8 3] [--slopes 30 34 38]
         [--reliefs 12.75 17.75]
 
-A table of a size is simulated with blocks of that R_b, on their ground or with another relief
-[degree], all of one strength; the plane of tables chooses between parts (theory, eq. 5.25). Prints
-for compact boulders on planes the fraction that passes 200 m, with a standard error, and the mean
-speed there, by both.
+Each table is simulated with blocks of one R_b, on their ground or with another relief [degree], at
+the same strength. The plane of tables chooses between its parts (theory, eq. 5.25). Prints for both
+the fraction of compact boulders that passes 200 m of a plane, with a standard error, and the mean
+speed there.
 """
 
 import argparse
@@ -29,12 +29,12 @@ from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
 SHAPE, DENSITY, BOULDERS = "compact", 2700.0, 600
-LENGTH, LINE, SPEED = 400.0, 200.0, 5.0  # [m], down the plane; [m/s]
+LENGTH, LINE, SPEED = 400.0, 200.0, 5.0  # [m], distance of the line [m], [m/s]
 CELL, COLUMNS, ABOVE = 2.5, 120, 8
 
 
 def on_plane(keys: dict[str, dict[str, Any]], radius: float, slope: float, folder: Path) -> str:
-    """Numbers of boulders by a table on a plane; `keys` of the case select it."""
+    """Statistics of boulders by a table on a plane; `keys` of the case select the table."""
     angle = np.radians(slope)
     rows = int((LENGTH * np.cos(angle) + 80) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("--throws", type=int, default=1500)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    warnings.simplefilter("ignore")  # a table asks for no rocks
+    warnings.simplefilter("ignore")  # a table needs no rock sizes
     print(machine())
     print(
         "| R_b [m] | relief [degree] | slope | by the plane of tables | by a table of this size |"

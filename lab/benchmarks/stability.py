@@ -4,15 +4,15 @@ explosion.
 
     python -m lab.benchmarks.stability [--only WORD]
 
-A row is the base case with one change, or a corner with several. An impact that ended (rebounded,
-lifted, rolled on) may have no more energy after, V_t^2 + V_n^2 + 0.4 W^2, than before and from its
-weight, at most 2 g times its path from the top of the layer to its deepest point: `with fall` is
-the maximum ratio of the two, `out/in` that without the weight. Exit status 1 if one has gained more
-than 2 %, has a NaN, or exploded without a reason. A layer that cannot be packed is refused with its
-reason.
+A row is the base case with one change, or a corner with several. The energy V_t^2 + V_n^2 + 0.4 W^2
+after an impact that ended (rebounded, lifted, rolled on) must not exceed the energy before plus the
+work of its weight, at most 2 g times the fall from the top of the layer to its deepest point:
+`with fall` is the maximum ratio, `out/in` the ratio without the weight. Exit status 1 if an impact
+gains more than 2 %, has a NaN, or explodes without a reason. A layer that cannot be packed is
+reported with the reason.
 
-Undetected errors: `by step` is the median of |V_out - V_out,half| / |V_in|, at the peak, when some
-of the impacts are repeated with half the step.
+Undetected errors: `by step` is the median of |V_out - V_out,half| / |V_in|, at the peak, for some
+impacts repeated with half the step.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from rockfall.scene.rebounds.rebound import INERTIA_FACTOR
 from rockfall_lab.case import LabCase, names
 from rockfall_lab.spheres.experiment import ENDED, STATUS, run_impacts
 
-TOLERANCE = 0.02  # of the energy before: that of the kernel's own watch
+TOLERANCE = 0.02  # fraction of the energy before: as in the kernel's own check
 ENDS = [name for name in STATUS if name != "not_done"]
 BASE = LabCase(
     name="lab_stability",
@@ -35,10 +35,10 @@ BASE = LabCase(
     material={"friction": 0.3, "rolling": 0.01, "damping": 0.15},
     packing={"mean_radius": 0.1, "depth": 2, "grading": 3, "friction": 0.2},
 )
-FEW, FEWER = {"layers": 2, "points": 2}, {"layers": 1, "points": 1}  # where an impact takes long
+FEW, FEWER = {"layers": 2, "points": 2}, {"layers": 1, "points": 1}  # for slow impacts
 
 
-SHALLOW = {"depth": 0.5, "width": 3.5}  # or R_b/R_m = 10 would take a hundred thousand rocks
+SHALLOW = {"depth": 0.5, "width": 3.5}  # otherwise R_b/R_m = 10 would need a hundred thousand rocks
 
 
 def speed(value: float) -> dict[str, list[float]]:
@@ -118,7 +118,7 @@ def velocities(data, when: str) -> np.ndarray:
 
 
 def step_error(case: LabCase, data) -> float:
-    """Median change of V_out with half the step, of |V_in|, over the first layer."""
+    """Median change of V_out with half the step, relative to |V_in|, over the first layer."""
     step = case.impact["step_factor"] / 2
     half = run_impacts(case.replace(lab={"layers": 1}, impact={"step_factor": step}))
     data = data.isel(layer=slice(1))
@@ -130,7 +130,7 @@ def step_error(case: LabCase, data) -> float:
 
 
 def fire(case: LabCase) -> tuple[str, bool]:
-    """Description of the impacts of a case, and whether a bound is exceeded."""
+    """Text about the impacts of a case, and whether a limit is exceeded."""
     data = run_impacts(case)
     status, trouble = data["status"], data["trouble"].values
     ended = status.isin([STATUS[name] for name in ENDED])

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Certainty of a table of the laboratory of rocks, by its throws, at Vaujany:
+"""Uncertainty of a rock-laboratory table due to its throws, at Vaujany:
 
     python -m lab.benchmarks.throws CONTACTS.nc ... [--slopes 8] [--first 500] [--boulders 1000]
         [--orders 8]
 
-CONTACTS are outputs of `rockfall lab impact` for cases that throw. Prints the relative errors of
-mean speed, height and energy at EL1 and EL2 (benchmarks.physics.observed) by a table of all
-contacts, the same where all of them become records, the standard deviation of the errors if the
-throws come in other orders, by which others become records, and, for each R_b/R_m, standard errors
-by all records: fifths of the throws at that ratio are left out in turn.
+CONTACTS are outputs of `rockfall lab impact` for cases with throws. Prints the relative errors of
+mean speed, height and energy at EL1 and EL2 (benchmarks.physics.observed) for a table of all
+contacts, and for a table with all contacts as records; the standard deviation of these errors over
+random orders of the throws, which select other records; and, for each R_b/R_m, standard errors with
+all records, omitting fifths of the throws at that ratio in turn.
 """
 
 import argparse
@@ -26,12 +26,12 @@ from rockfall.grounds.impact_tables import save_table
 from rockfall_lab.spheres.sequences import open_sequences
 from rockfall_lab.tables import KEPT, table_of
 
-ALL = 10**9  # records
-PARTS = 5  # of the throws, left out one after the other
+ALL = 10**9  # number of records
+PARTS = 5  # number of groups of throws, omitted in turn
 
 
 def errors(files: list[xr.Dataset], seeds: range, boulders: int, kept: int = KEPT) -> np.ndarray:
-    """Relative errors of the means at the lines, over slopes, by a table of contacts."""
+    """Relative errors of the means at the lines, averaged over slopes, by a table of contacts."""
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])["mean"]
     places = [(line, quantity) for line in LINES for quantity in QUANTITIES]
     seen = np.array([printed[line, "observed", quantity] for line, quantity in places])
@@ -53,7 +53,7 @@ def without(contacts: xr.Dataset, ratio: float, part: int) -> xr.Dataset:
 
 
 def reordered(contacts: xr.Dataset, random: np.random.Generator) -> xr.Dataset:
-    """The contacts with throws in another order."""
+    """Contacts with the throws in another order."""
     throws, own = np.unique(contacts["sequence"].values, return_inverse=True)
     return contacts.assign(sequence=("contact", random.permutation(throws)[own]))
 

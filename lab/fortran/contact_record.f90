@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Record of a contact in a sequence of contacts, of a block on a ground or of a boulder on rocks: the definition of
-!> throws, of the end of a contact, and of the recorded quantities, for both laboratories.
+!> Records of consecutive contacts of a block with yielding ground or of a boulder with rocks. Both laboratories share
+!> these definitions of throws, ends of contacts, and recorded quantities.
 !>
-!> A contact begins when the body touches the ground, and ends when it leaves it for a flight: upwards from the mean
-!> surface and past the top of its path, longer and higher than the limits below. Smaller hops, and hollows crossed in
-!> the air while falling, belong to the contact. A contact that lasts too long is cut into records.
+!> A contact begins when the body touches the ground, and ends when the body leaves for a flight: away from the mean
+!> surface and past the top of its path, for longer and higher than the limits below. Smaller hops, and hollows crossed
+!> in the air while falling, belong to the contact. A contact that lasts too long is cut into records.
 module lab_contact_record
    use rockfall_kinds, only: wp
    use rockfall_math, only: degree, sine_cosine
@@ -14,17 +14,17 @@ module lab_contact_record
    public :: from_flight, from_rolling, flies, rolls_on, stops
    public :: cut, hop_time, hop_height, rest_energy, max_time
 
-   !> States at the beginning and the end of a contact.
+   !> States at the beginning of a contact.
    integer, parameter :: from_flight = 0, from_rolling = 1
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
    !> Initial conditions of a throw.
    type :: throw_t
-      real(wp) :: place(2) = 0                     !! in plan, on the patch [m]
+      real(wp) :: place(2) = 0                     !! position in plan, on the patch [m]
       real(wp) :: downhill(2) = [1.0_wp, 0.0_wp]   !! direction of the fall line, unit [-]
-      real(wp) :: slope = 0                        !! of the mean surface [degrees]
+      real(wp) :: slope = 0                        !! slope of the mean surface [degrees]
       real(wp) :: speed = 10                       !! [m/s]
-      real(wp) :: angle = 30                       !! of the path from the mean surface, 90 = perpendicular [degrees]
+      real(wp) :: angle = 30                       !! angle of the path to the mean surface, 90 = normal to it [degrees]
       real(wp) :: spin = 0                         !! W/V [-]
       real(wp) :: orientation(4) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]  !! unit quaternion [-]
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
@@ -34,16 +34,16 @@ module lab_contact_record
    type :: contact_t
       integer :: entry = from_flight
       integer :: exit = flies
-      real(wp) :: downhill = 0      !! from the start of the throw to that of the contact, along the fall line [m]
-      real(wp) :: heading(2) = 0    !! before the contact: components downhill and to the left of it, unit [-]
-      real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) [m/s]
-      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W), without the work of gravity along the slope [m/s]
-      real(wp) :: lateral = 0       !! sine of the angle of V_t from the heading before, left > 0 [-]
+      real(wp) :: downhill = 0      !! distance along the fall line to the start of the contact [m]
+      real(wp) :: heading(2) = 0    !! heading before the contact: components downhill and to the left, unit [-]
+      real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) before the contact [m/s]
+      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W) after it, without the work of gravity along the slope [m/s]
+      real(wp) :: lateral = 0       !! sine of the turn of V_t, > 0 to the left [-]
       real(wp) :: duration = 0      !! [s]
-      real(wp) :: advance = 0       !! along the heading before the contact [m]
-      real(wp) :: rise = 0          !! of the centre [m]
-      real(wp) :: height = 0        !! of the centre above the mean surface at the start [m]
-      real(wp) :: energy = 0        !! kinetic, after/before [-]
+      real(wp) :: advance = 0       !! distance along the heading before the contact [m]
+      real(wp) :: rise = 0          !! rise of the centre [m]
+      real(wp) :: height = 0        !! height of the centre above the mean surface at the start [m]
+      real(wp) :: energy = 0        !! kinetic energy after/before [-]
    end type contact_t
 
    !> State of motion at the beginning or the end of a contact.
@@ -51,20 +51,20 @@ module lab_contact_record
       real(wp) :: time = 0, x(3) = 0, v(3) = 0, spin(3) = 0, energy = 0
    end type instant_t
 
-   !> A throw with its body, initial conditions, and contacts.
+   !> Throw with its body, initial conditions, and contacts.
    type :: thrown_t
       integer :: body = 0                          !! index of the block, or of the layer of rocks
       type(throw_t) :: throw
       integer :: n = 0                             !! number of contacts
-      logical :: complete = .true.                 !! false: time limit reached, or the motion could not be computed
+      logical :: complete = .true.                 !! false: time limit reached, or motion not computable
       type(contact_t), allocatable :: contacts(:)  !! only the first n are valid
    end type thrown_t
 
-   ! in units of sqrt(R_b/g), R_b and g R_b
+   ! Limits in units of sqrt(R_b/g), R_b and g R_b:
    real(wp), parameter :: cut = 1.5_wp             !! longer contacts are cut: 0.3 s for R_b = 0.4 m
    real(wp), parameter :: hop_time = 0.1_wp        !! minimum duration of a flight
    real(wp), parameter :: hop_height = 0.02_wp     !! minimum height of a flight
-   real(wp), parameter :: rest_energy = 0.005_wp   !! per mass, below which a block is at rest
+   real(wp), parameter :: rest_energy = 0.005_wp   !! energy per mass below which a block is at rest
    real(wp), parameter :: max_time = 500           !! time limit of a throw
 
 contains
@@ -137,7 +137,7 @@ contains
 
    contains
 
-      !> Split a velocity; V_t is negative if the block was thrown back, and the frame of its heading is kept.
+      !> Split a velocity; V_t is negative if the block was thrown back: the frame of its heading is kept.
       pure subroutine split(v, heading, c)
          real(wp), intent(in) :: v(2), heading(2)
          type(contact_t), intent(inout) :: c
@@ -158,7 +158,7 @@ contains
          if (any(v /= 0)) t = v/sqrt(sum(v**2))
       end function unit_vector
 
-      !> W = R_b omega about the axis in the surface normal to a direction: > 0 forward.
+      !> W = R_b omega about the axis that lies in the surface normal to a direction; > 0 for forward rolling.
       pure real(wp) function rolling(now, t)
          type(instant_t), intent(in) :: now
          real(wp), intent(in) :: t(2)

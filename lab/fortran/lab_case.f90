@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Case file of the laboratory: its groups and keys in one table. Defaults are those of the types; limits of packings,
-!> shots and throws are checked by their modules. A case with a group &throw throws boulders at its layers; others fire
-!> single impacts at them.
+!> shots and throws are checked by their modules. A case with a group &throw throws boulders at its layers; other cases
+!> fire single impacts.
 module lab_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -47,40 +47,40 @@ module lab_case
       key_t("throw", "slope", "range"), key_t("throw", "speed", "range"), &
       key_t("throw", "angle", "range"), key_t("throw", "spin", "range")]
 
-   !> Keys that apply to single impacts only, GROUP.KEY.
+   !> Keys that apply only to single impacts, as GROUP.KEY.
    character(len=19), parameter :: impact_alone(*) = [character(len=19) :: &
       "lab.layers", "lab.points", "lab.impacts", "packing.mean_radius", "impact.speed", "impact.angle", "impact.spin", &
       "impact.patience", "impact.spent", "impact.past", "impact.wait"]
 
    real(wp), parameter :: default_ratios(5) = [1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp, 5.0_wp]  !! R_b/R_m
    integer, parameter :: max_ratios = 1000
-   integer(i8), parameter :: max_shots = 10_i8**6  !! maximum number of layers, points on each, and impacts at each
+   integer(i8), parameter :: max_shots = 10_i8**6  !! maximum number of layers, points, impacts
 
    !> Case as read.
    type :: lab_case_t
       character(len=:), allocatable :: file, title
       integer(i8) :: seed = 1
       real(wp), allocatable :: ratios(:)  !! R_b/R_m; `default_ratios` unless given
-      integer(i8) :: layers = 50          !! per ratio
-      integer(i8) :: points = 8           !! per layer
-      integer(i8) :: impacts = 15         !! per point
+      integer(i8) :: layers = 50          !! number per ratio
+      integer(i8) :: points = 8           !! number per layer
+      integer(i8) :: impacts = 15         !! number per point
       type(material_t) :: material
       type(packing_t) :: packing
-      type(shot_t) :: shot                !! template, see `shot_of_ratio`
+      type(shot_t) :: shot                !! template of the shots, see `shot_of_ratio`
       type(range_t) :: range
       logical :: throwing = .false.       !! the case has a group &throw
-      real(wp), allocatable :: throws(:)  !! per ratio, or one number for all
-      real(wp), allocatable :: relief(:)  !! of `boulder`, likewise [degrees]
-      integer(i8) :: on_layer = 20        !! throws at each layer
-      integer(i8) :: contacts = 8         !! maximum number per throw
-      real(wp) :: max_depth = 12          !! of a layer, if less than &packing depth [R_m]
-      type(boulder_t) :: boulder          !! thrown boulder; density and step are those of &impact
+      real(wp), allocatable :: throws(:)  !! number of throws per ratio, or one number for all
+      real(wp), allocatable :: relief(:)  !! relief of `boulder` per ratio, or one for all [degrees]
+      integer(i8) :: on_layer = 20        !! number of throws per layer
+      integer(i8) :: contacts = 8         !! maximum number of contacts per throw
+      real(wp) :: max_depth = 12          !! maximum depth of a layer, if below &packing depth [R_m]
+      type(boulder_t) :: boulder          !! thrown boulder; density and step are from &impact
       type(throw_range_t) :: throw_range
    end type lab_case_t
 
 contains
 
-   !> Read a case from text, with one error for the first invalid item.
+   !> Read a case from text; the error is the first invalid item.
    pure subroutine read_lab_case(text, file, case, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages
@@ -111,7 +111,7 @@ contains
       call check_lab_case(case, error)
    end subroutine read_lab_case
 
-   !> Template of the shots at a ratio R_b/R_m; speed, angle, spin and aim are drawn.
+   !> Template of the shots at a ratio R_b/R_m; speed, angle, spin and aim are drawn later.
    pure type(shot_t) function shot_of_ratio(case, ratio) result(shot)
       type(lab_case_t), intent(in) :: case
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
@@ -121,8 +121,8 @@ contains
       shot%gravity = case%packing%gravity
    end function shot_of_ratio
 
-   !> Packing at a ratio R_b/R_m. Thrown boulders have the same size for all rocks; a layer of small rocks may be less
-   !> deep than the boulder is large: the base absorbs waves.
+   !> Packing at a ratio R_b/R_m. The boulder radius is the same for all rock sizes. A layer of small rocks may be
+   !> shallower than the boulder diameter, because the base absorbs waves.
    pure type(packing_t) function packing_of_ratio(case, ratio) result(packing)
       type(lab_case_t), intent(in) :: case
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]

@@ -23,7 +23,7 @@ contains
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: table(:)           !! kinds of the keys
       character(len=*), intent(in) :: names(:)
-      real(wp), intent(inout) :: row(:)  !! each in the [unit] of its key
+      real(wp), intent(inout) :: row(:)  !! values in the [unit] of each key
       type(error_t), allocatable, intent(out) :: error
       integer :: k
 
@@ -39,7 +39,7 @@ contains
       type(group_t), intent(in) :: group
       type(key_t), intent(in) :: table(:)
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: number  !! in the [unit] of its key
+      real(wp), intent(inout) :: number  !! value in the [unit] of its key
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: integer_value
       logical :: switch
@@ -67,7 +67,7 @@ contains
    pure subroutine take_range(group, key, range, error)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: range(:)  !! 3 or 2, in the [unit] of its key
+      real(wp), intent(inout) :: range(:)  !! three or two numbers in the [unit] of the key
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable :: values(:)
       character(len=:), allocatable :: count, ends

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Python interface of the laboratory: plain arrays in the order given by `names`. No physics here.
+!> Python interface of the laboratory: plain arrays in the order of `names`, without physics.
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error
@@ -38,8 +38,8 @@ module lab_f2py
 
 contains
 
-   !> Names in the order of the arrays of a kind; of `status`, from 1; `impact_alone`: keys that do
-   !> not apply to boulders thrown at rocks.
+   !> Names in the order of the arrays of a kind. Kind `status`: numbered from 1; `impact_alone`: keys that do not apply
+   !> to throws at rocks.
    subroutine names(kind, text)
       character(len=*), intent(in) :: kind
       character(len=max_list), intent(out) :: text
@@ -65,9 +65,9 @@ contains
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts;
-   !> of a `block_case`: seed, throws, contacts; of `throws` at rocks: throws, throws at a layer,
-   !> contacts, maximum depth of a layer.
+   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts; of a
+   !> `block_case`: seed, throws, contacts; of `throws` at rocks: throws, throws per layer, contacts, maximum depth of a
+   !> layer.
    subroutine defaults(kind, row)
       character(len=*), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -109,7 +109,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_case
 
-   !> Return 1 if the text is a case of blocks, else 0.
+   !> Return 1 if the text is a block-laboratory case, else 0.
    subroutine names_ground(text, name, yes)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: yes
@@ -117,7 +117,7 @@ contains
       yes = merge(1, 0, is_block_case(text, name))
    end subroutine names_ground
 
-   !> Check the text of a case of blocks.
+   !> Check the text of a block-laboratory case.
    subroutine check_block_case(text, name, code, message)
       character(len=*), intent(in) :: text, name
       integer(c_int), intent(out) :: code
@@ -137,7 +137,7 @@ contains
       size = team_size(threads)
    end subroutine team
 
-   !> Description of the trouble code of an outcome.
+   !> Text for the trouble code of an outcome.
    subroutine trouble_text(trouble, text)
       integer(c_int), intent(in) :: trouble
       character(len=max_list), intent(out) :: text
@@ -162,14 +162,14 @@ contains
    subroutine pack(material, packing, seed, first, threads, x, radius, bodies, facts, code, &
       message, room, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: room, n           !! maximum number of bodies in a layer, number of layers
+      integer(c_int), intent(in) :: room, n           !! maximum number of bodies in a layer; number of layers
       real(c_double), intent(in) :: material(6), packing(12)
       integer(c_int64_t), intent(in) :: seed, first
-      integer(c_int), intent(in) :: threads           !! 0: all
+      integer(c_int), intent(in) :: threads           !! number of threads; 0: all
       real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
       real(c_double), intent(out) :: radius(room, n)  !! [m]
-      integer(c_int32_t), intent(out) :: bodies(n)    !! per layer
-      real(c_double), intent(out) :: facts(6, n)      !! names(7)
+      integer(c_int32_t), intent(out) :: bodies(n)    !! number of bodies in each layer
+      real(c_double), intent(out) :: facts(6, n)      !! columns as names(7)
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -208,15 +208,15 @@ contains
       !f2py threadsafe
       integer(c_int), intent(in) :: room, nl, n
       real(c_double), intent(in) :: material(6), packing(12), ranges(9)
-      real(c_double), intent(in) :: shot(16)           !! template: speed, angle, spin and aim are drawn
+      real(c_double), intent(in) :: shot(16)           !! template; speed, angle, spin and aim are drawn
       integer(c_int64_t), intent(in) :: seed
-      integer(c_int), intent(in) :: threads            !! 0: all
-      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
+      integer(c_int), intent(in) :: threads            !! number of threads; 0: all
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as returned by `pack`
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n)
       integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
-      real(c_double), intent(out) :: outcome(26, n)    !! names(5)
-      integer(c_int32_t), intent(out) :: counts(4, n)  !! names(6)
+      real(c_double), intent(out) :: outcome(26, n)    !! columns as names(5)
+      integer(c_int32_t), intent(out) :: counts(4, n)  !! columns as names(6)
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -250,24 +250,24 @@ contains
       end do
    end subroutine impact
 
-   !> Throw `first` to `first + n - 1` of a seed, each with its first contacts. The vertices and facets of all blocks
-   !> are concatenated: block k has vertices(k) and facets(k) of them.
+   !> Compute throws `first` to `first + n - 1` of a seed, each with its first contacts. Vertices and facets of all
+   !> blocks are concatenated: block k has vertices(k) vertices and facets(k) facets.
    subroutine throw(ground, ranges, radius, density, x, corner, vertices, facets, heights, width, step, seed, first, &
                     threads, contacts, rows, counts, n_contacts, complete, inertia, code, message, &
                     nv, nf, nb, nc, np, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
-      real(c_double), intent(in) :: ground(5), ranges(12)         !! names(9), names(10)
+      real(c_double), intent(in) :: ground(5), ranges(12)         !! ordered as names(9), names(10)
       real(c_double), intent(in) :: radius, density               !! R_b [m], [kg/m3]
       real(c_double), intent(in) :: x(3, nv)                      !! in any unit of length
-      integer(c_int32_t), intent(in) :: corner(3, nf)             !! from 1 for each block
+      integer(c_int32_t), intent(in) :: corner(3, nf)             !! vertex indices, from 1 for each block
       integer(c_int32_t), intent(in) :: vertices(nb), facets(nb)
-      real(c_double), intent(in) :: heights(nc, nc, np), width    !! of patches [m]
+      real(c_double), intent(in) :: heights(nc, nc, np), width    !! heights and width of patches [m]
       real(c_double), intent(in) :: step                          !! time step relative to the default
       integer(c_int64_t), intent(in) :: seed, first
-      integer(c_int), intent(in) :: threads                       !! 0: all
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
+      integer(c_int), intent(in) :: threads                       !! number of threads; 0: all
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
@@ -318,21 +318,21 @@ contains
       end do
    end subroutine throw
 
-   !> Throw boulders at layers of rocks: throw number(k) is at layer number layer(k), which is element place(k) of the
+   !> Throw boulders at layers of rocks: throw number(k) uses layer number layer(k), which is element place(k) of the
    !> arrays.
    subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, &
                              layer, number, contacts, rows, counts, n_contacts, complete, code, message, room, nl, n)
       !f2py threadsafe
-      integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum per throw
+      integer(c_int), intent(in) :: room, nl, n, contacts         !! contacts: maximum number per throw
       real(c_double), intent(in) :: material(6), packing(12), boulder(7), ranges(12)
       integer(c_int64_t), intent(in) :: seed
-      integer(c_int), intent(in) :: threads                       !! 0: all
-      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! from `pack`
+      integer(c_int), intent(in) :: threads                       !! number of threads; 0: all
+      real(c_double), intent(in) :: x(3, room, nl), radius(room, nl), facts(6, nl)  !! as returned by `pack`
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n), layer(n)
       integer(c_int64_t), intent(in) :: number(n)
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! names(11)
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! names(12)
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: incomplete
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
@@ -372,7 +372,7 @@ contains
       end do
    end subroutine throw_at_rocks
 
-   !> Mean principal moment of inertia of a boulder that is thrown at rocks / (m R_b**2).
+   !> Mean principal moment of inertia of a boulder thrown at rocks / (m R_b**2).
    subroutine inertia_factor(boulder, factor)
       real(c_double), intent(in) :: boulder(7)
       real(c_double), intent(out) :: factor
@@ -406,7 +406,7 @@ contains
       if (made%clumps) layer%rock = tetrahedral_clump()
    end function layer_of
 
-   !> Check indices that would exceed the arrays, and numbers that would share random words.
+   !> Check for indices beyond the arrays, and for numbers that would share random words.
    pure subroutine check_places(room, bodies, place, layer, point, number, error)
       integer(c_int), intent(in) :: room
       integer(c_int32_t), intent(in) :: bodies(:), place(:)

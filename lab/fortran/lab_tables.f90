@@ -43,7 +43,7 @@ module lab_tables
       "slope_min", "slope_max", "speed_min", "speed_median", "speed_max", "angle_min", "angle_median", "angle_max", &
       "spin_min", "spin_median", "spin_max", "gravity"]
    character(len=long), parameter :: boulder_keys(7) = [character(len=long) :: &
-      "radius", "density", "relief", "step_factor", "retries", "shape", "adaptive"]  ! an index in `shape_names`
+      "radius", "density", "relief", "step_factor", "retries", "shape", "adaptive"]  ! shape: an index in `shape_names`
    character(len=long), parameter :: contact_fields(16) = [character(len=long) :: &
       "slope", "downhill", "heading", "speed", "incidence", "spin", "s", "vt_out", "vn_out", "w_out", "lateral", &
       "duration", "advance", "rise", "height", "energy_out"]
@@ -53,7 +53,7 @@ module lab_tables
 contains
 
    pure type(material_t) function material_of(v)
-      real(wp), intent(in) :: v(size(material_keys))  !! [units] of material_t
+      real(wp), intent(in) :: v(size(material_keys))  !! values in the [units] of material_t
 
       material_of = material_t(young=v(1), poisson=v(2), friction=v(3), damping=v(4), rolling=v(5), &
                                boulder_rolling=v(6))
@@ -67,7 +67,7 @@ contains
    end function material_row
 
    pure type(packing_t) function packing_of(v)
-      real(wp), intent(in) :: v(size(packing_keys))  !! [units] of packing_t
+      real(wp), intent(in) :: v(size(packing_keys))  !! values in the [units] of packing_t
 
       packing_of = packing_t(mean_radius=v(1), ratio=v(2), grading=v(3), by_mass=is_true(v(4)), &
                              width=v(5), depth=v(6), density=v(7), friction=v(8), gravity=v(9), &
@@ -83,7 +83,7 @@ contains
    end function packing_row
 
    pure type(shot_t) function shot_of(v)
-      real(wp), intent(in) :: v(size(shot_keys))  !! [units] of shot_t
+      real(wp), intent(in) :: v(size(shot_keys))  !! values in the [units] of shot_t
 
       shot_of = shot_t(radius=v(1), density=v(2), speed=v(3), angle=v(4), spin=v(5), aim=v(6:7), &
                        heading=v(8:9), gravity=v(10), patience=v(11), spent=v(12), past=v(13), &
@@ -99,7 +99,7 @@ contains
    end function shot_row
 
    pure type(range_t) function range_of(v)
-      real(wp), intent(in) :: v(size(range_keys))  !! [units] of range_t
+      real(wp), intent(in) :: v(size(range_keys))  !! values in the [units] of range_t
 
       range_of = range_t(speed=v(1:3), angle=v(4:6), spin=v(7:9))
    end function range_of
@@ -151,7 +151,7 @@ contains
    end function layer_row
 
    pure type(throw_range_t) function throw_range_of(v)
-      real(wp), intent(in) :: v(size(throw_keys))  !! [units] of throw_range_t
+      real(wp), intent(in) :: v(size(throw_keys))  !! values in the [units] of throw_range_t
 
       throw_range_of = throw_range_t(slope=v(1:2), speed=v(3:5), angle=v(6:8), spin=v(9:11), gravity=v(12))
    end function throw_range_of
@@ -164,7 +164,7 @@ contains
    end function throw_range_row
 
    pure type(boulder_t) function boulder_of(v)
-      real(wp), intent(in) :: v(size(boulder_keys))  !! [units] of boulder_t
+      real(wp), intent(in) :: v(size(boulder_keys))  !! values in the [units] of boulder_t
 
       boulder_of = boulder_t(radius=v(1), density=v(2), relief=v(3), step_factor=v(4), retries=nint(v(5)))
       boulder_of%kind = nint(v(6))
@@ -178,7 +178,7 @@ contains
       row = [b%radius, b%density, b%relief, b%step_factor, real([b%retries, b%kind], wp), one_if(b%adaptive)]
    end function boulder_row
 
-   !> Row of contact k of a throw, velocities over the speed before it, lengths over R_b.
+   !> Row of contact k of a throw; velocities relative to the speed before it, lengths over R_b.
    pure function contact_row(o, k, radius, strength) result(row)
       type(thrown_t), intent(in) :: o
       integer, intent(in) :: k

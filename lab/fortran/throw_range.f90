@@ -13,11 +13,11 @@ module lab_throw_range
 
    integer, parameter :: max_contacts = 1000
 
-   !> Ranges of a throw. Slopes are uniform; for speed, angle and spin half of the draws are below the median.
+   !> Ranges of a throw. Slopes are uniform. For speed, angle and spin, half of the draws are below the median.
    type :: throw_range_t
-      real(wp) :: slope(2) = [5.0_wp, 45.0_wp]            !! of the mean surface: min, max [degrees]
+      real(wp) :: slope(2) = [5.0_wp, 45.0_wp]            !! slope of the mean surface: min, max [degrees]
       real(wp) :: speed(3) = [1.0_wp, 8.0_wp, 30.0_wp]    !! min, median, max [m/s]
-      real(wp) :: angle(3) = [3.0_wp, 25.0_wp, 90.0_wp]   !! of the path from the mean surface [degrees]
+      real(wp) :: angle(3) = [3.0_wp, 25.0_wp, 90.0_wp]   !! angle of the path to the mean surface [degrees]
       real(wp) :: spin(3) = [-0.3_wp, 0.4_wp, 1.2_wp]     !! W/V [-]
       real(wp) :: gravity = 9.81_wp                       !! [m/s2]
    end type throw_range_t
@@ -51,7 +51,7 @@ contains
       rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
    end function rises
 
-   !> Draw throw `number`: its position is in the unit square, to be scaled to the ground; `choice` may select the
+   !> Draw throw `number`. Its position is in the unit square, to be scaled to the ground; `choice` may select the
    !> ground.
    pure subroutine draw_throw(range, key, purpose, number, throw, choice)
       type(throw_range_t), intent(in) :: range
@@ -63,7 +63,7 @@ contains
       real(wp) :: s, c
       integer :: quarter
 
-      word = random_words(key, purpose, number, 0_i8, 0_i8)  ! words 1: choice; 2, 3: place; 4: downhill
+      word = random_words(key, purpose, number, 0_i8, 0_i8)  ! words 1: choice; 2, 3: position; 4: downhill
       choice = uniform(word(1))
       throw%place = uniform(word(2:3))
       quarter = int(4*uniform(word(4)))

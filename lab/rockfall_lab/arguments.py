@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The arguments of `rockfall lab ...`."""
+"""Arguments of `rockfall lab ...`."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def add_commands(lab: argparse.ArgumentParser) -> None:
 
 
 def _option(parser: argparse.ArgumentParser, names: str, kind: Any, does: str, **more: Any) -> None:
-    """Add an option with a value of some kind; its names end with that of the value."""
+    """Add an option with a value; the option's names end with the name of the value."""
     *flags, value = names.split()
     parser.add_argument(*flags, metavar=value, type=kind, help=does, **more)
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cases of the laboratory: layers, impacts, and the resulting sets.
 
-A namelist file with the groups &lab, &material, &packing and &impact. A case with a group &throw
-throws boulders at the layers in place of single impacts. Missing values have defaults; names and
-defaults of the physics are defined only in the kernel.
+A case is a namelist file with the groups &lab, &material, &packing and &impact. A case with a group
+&throw throws boulders at the layers instead of simulating single impacts. Missing values have
+defaults; the kernel defines names and defaults of the physics.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from rockfall_lab._lab import lab_f2py as _lab
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
 SWITCHES = "rigid_base", "by_mass", "clumps", "adaptive"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
-ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # after the first tables
-RANGED = "speed", "angle", "spin"  # random, for an impact: min, median, max
+ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # newer than old tables
+RANGED = "speed", "angle", "spin"  # random values of an impact: min, median, max
 ENDS = "min", "median", "max"
-THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # of a throw, drawn
-#: Keys of an impact and a packing that follow from the ratio, the point or the packing.
+THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # drawn for a throw
+#: Keys of impact and packing that follow from the ratio, the point or the packing.
 SET_ELSEWHERE = "radius", "aim_x", "aim_y", "heading_x", "heading_y", "gravity"
 
 
@@ -58,7 +58,7 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def _throw_defaults() -> dict[str, Any]:
-    """Defaults of the group &throw."""
+    """Defaults for the group &throw."""
     boulder = dict(zip(names("boulder"), _lab.defaults("boulder").tolist(), strict=False))
     limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
     throws, on_layer, contacts, max_depth = _lab.defaults("throws")[:4].tolist()
@@ -79,7 +79,7 @@ def range_values(group: Mapping[str, Any]) -> dict[str, float]:
 
 
 def read_lab_case(path: str | Path) -> LabCase:
-    """Read the laboratory case in a namelist file."""
+    """Read a laboratory case from a namelist file."""
     return lab_case_of(read_text(path), str(path))
 
 
@@ -99,7 +99,7 @@ def _check(text: str, name: str) -> None:
 
 
 def like(value: Any, default: Any) -> Any:
-    """Value with the type of the default, if it can have it."""
+    """Value converted to the type of the default, if possible."""
     if isinstance(default, list):
         return [float(number) for number in (value if isinstance(value, list) else [value])]
     try:
@@ -109,15 +109,15 @@ def like(value: Any, default: Any) -> Any:
 
 
 def names_ground(text: str, name: str) -> bool:
-    """Return True if the text of a case names a ground, and so belongs to the block laboratory."""
+    """Return True if the text of a case has a ground, and so belongs to the block laboratory."""
     return bool(_lab.names_ground(*kernel_text(text.encode(), name)))
 
 
 class LabCase:
-    """A laboratory case, group by group: `case.packing["depth"]`.
+    """Laboratory case, group by group: `case.packing["depth"]`.
 
     `lab`: title, seed, ratios R_b/R_m, layers per ratio, points per layer, impacts per point. A
-    case that `throws` has a group `throw` in place of the keys that only single impacts have.
+    case that `throws` has a group `throw` instead of the keys for single impacts.
     """
 
     def __init__(self, *, name: str = "laboratory case", **groups: Mapping[str, Any]) -> None:
@@ -138,24 +138,24 @@ class LabCase:
 
     @property
     def throws(self) -> bool:
-        """True if the case throws boulders, in sequences of contacts."""
+        """True if the case throws boulders and records sequences of contacts."""
         return "throw" in self._groups
 
     def throws_of(self, ratio: float) -> int:
-        """Number of throws at a ratio R_b/R_m."""
+        """Number of throws for a ratio R_b/R_m."""
         return int(self._at("throws", ratio))
 
     def relief_of(self, ratio: float) -> float:
-        """Standard deviation of the slope of facets along a line at a ratio R_b/R_m [degree]."""
+        """Standard deviation of the slope of facets along a line, for a ratio R_b/R_m [degree]."""
         return self._at("relief", ratio)
 
     def _at(self, key: str, ratio: float) -> float:
-        """Value of a list of &throw at a ratio R_b/R_m."""
+        """Value for a ratio R_b/R_m from a list in &throw."""
         values = self.throw[key]
         return values[self.lab["ratios"].index(ratio) if len(values) > 1 else 0]
 
     def radius(self, ratio: float) -> float:
-        """R_b at a ratio R_b/R_m [m]."""
+        """R_b for a ratio R_b/R_m [m]."""
         return self.throw["radius"] if self.throws else ratio * self.packing["mean_radius"]
 
     def __getattr__(self, group: str) -> dict[str, Any]:
@@ -175,8 +175,8 @@ class LabCase:
         return LabCase(name=self.name, **changed)
 
     def text(self) -> str:
-        """The complete case as the text of a namelist file; newer keys only if they differ from the
-        default, so that older cases keep their text."""
+        """Complete case as the text of a namelist file. Newer keys are included only if they differ
+        from the default, so that the text of older cases does not change."""
         groups = {group: dict(values) for group, values in self._groups.items()}
         for group, key in ADDED:
             if group in groups and groups[group][key] == _defaults()[group][key]:
@@ -205,7 +205,7 @@ class LabCase:
         return np.array([float(values[key]) for key in names(kind)])
 
     def _packing(self, ratio: float) -> dict[str, Any]:
-        """Packing values, as `packing_of_ratio` of the kernel."""
+        """Packing values, as in `packing_of_ratio` of the kernel."""
         values = self.packing | {"ratio": ratio}
         if self.throws:
             values["mean_radius"] = self.throw["radius"] / ratio
@@ -213,7 +213,7 @@ class LabCase:
         return values
 
     def _shot(self, ratio: float) -> dict[str, Any]:
-        median = {key: self.impact[key][1] for key in RANGED}  # in place of random values
+        median = {key: self.impact[key][1] for key in RANGED}  # used for random values
         place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
         gravity = self.packing["gravity"]
         return self.impact | median | place | {"radius": self.radius(ratio), "gravity": gravity}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall lab ...`: discrete-element impacts, and impact sets from them; throws of
-blocks, and tables of impacts."""
+"""Commands of `rockfall lab ...`: single impacts and their impact sets, block throws and their
+impact tables."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from rockfall_lab.summary import (
 )
 from rockfall_lab.tables import table_of
 
-#: Sets by ratio, their provenance, and their printed summary.
+#: Sets by ratio, lines of provenance, and their printed summary.
 Fitted = tuple[dict[int, ImpactSet], list[str], Callable[[], str]]
 
 
@@ -90,7 +90,7 @@ def impact_command(arguments: argparse.Namespace) -> int:
             )  # fmt: skip
     except KeyboardInterrupt:
         return say(f"interrupted: {path} goes on with --resume", exit_status())
-    if path.stat().st_ino == before:  # a file that is written is a new one
+    if path.stat().st_ino == before:  # a file that was written has a new inode
         return say(f"{path}: {FINISHED}", DONE)
     if not arguments.quiet:
         print(sequences_summary(data) if case.throws else impact_summary(data))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Records of the contacts of thrown bodies, blocks on a ground or boulders on rocks: a dataset over
+"""Records of contacts of thrown bodies (blocks on a ground, or boulders on rocks): a dataset over
 `contact`, and its file."""
 
 from __future__ import annotations
@@ -62,14 +62,14 @@ MEANING = {
     "height": "of the centre above the mean plane at the first touch, over R_b",
     "energy_out": "kinetic energy with all of the spin, after / before; nothing taken out",
 }
-OF_THE_LABORATORY = "block", "layer", "ratio"  # columns specific to one of the laboratories
+OF_THE_LABORATORY = "block", "layer", "ratio"  # columns that only one of the laboratories has
 
 
 def contact_columns(
     rows: np.ndarray, counts: np.ndarray, n_contacts: np.ndarray, number: np.ndarray, body: str
 ) -> dict[str, np.ndarray]:
-    """Columns of the contacts of throws, one throw after the other: rows (fields, contacts,
-    throws); `number` (throws,), and `body` is the name of the first count."""
+    """Columns of contacts, throw by throw, from rows (fields, contacts, throws) and `number`
+    (throws,); `body` is the name of the first count."""
     throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < n_contacts[:, None])
     counted = body, *names("contact_counts")[1:]
     return {
@@ -83,7 +83,7 @@ def contact_columns(
 def contact_dataset(
     columns: dict[str, np.ndarray], radius: float, gravity: float, attributes: dict[str, Any]
 ) -> xr.Dataset:
-    """Dataset of contacts with attributes; R_b [m] and gravity [m/s2] are common to all."""
+    """Dataset of contacts with attributes; all share R_b [m] and gravity [m/s2]."""
     import xarray as xr
 
     data: dict[str, tuple] = {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of layers of rocks."""
+"""Figures of rock layers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROCK = "#D9D4CB"
 
 
 def layer_figure(layers: Layers, path: str | Path) -> None:
-    """Write an image of the first layer: from above, and a section through its middle."""
+    """Write an image of the first layer: a view from above, and a section through its middle."""
     save(_layer(*layers.one(0)), path, 200)
 
 
@@ -35,7 +35,7 @@ def _layer(x: np.ndarray, radius: np.ndarray, facts: np.ndarray) -> Figure:
     above.set(xlim=(0, width), ylim=(0, width), xlabel="x [m]", ylabel="y [m]")
     above.set_title(f"{len(radius)} rocks from above")
     square = radius**2 - (x[:, 1] - width / 2) ** 2
-    cut = square > 0  # spheres that the plane through the middle cuts, in discs
+    cut = square > 0  # spheres cut by the plane through the middle, in discs
     _discs(section, x[cut][:, [0, 2]], np.sqrt(square[cut]), ROCK)
     section.axhline(facts[0], color=BLUE, lw=0.8)
     section.set(xlim=(0, width), ylim=(0, 1.05 * facts[1]), xlabel="x [m]", ylabel="z [m]")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text summaries of impacts and their fit."""
+"""Text summaries of impacts and of fitted sets."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from rockfall_lab.sets.fit import ImpactSet
 
 CONTACT_MEANS = "vt_out", "vn_out", "w_out"
-INCIDENCES = 0, 10, 20, 30, 45, 60, 91  # [degrees]
+INCIDENCES = 0, 10, 20, 30, 45, 60, 91  # limits of incidence classes [degrees]
 ENDS = [name for name in STATUS if name != "not_done"]
-#: Means, and the standard error for which the number of contacts is estimated.
+#: Means, and the standard error for which the required number of contacts is estimated.
 AIMED, AIM = ("a1", "a4", "a5"), 0.05
-SLOPES = 34.0, 38.0, 42.0  # slope of the planes on which a set is checked [degrees]
+SLOPES = 34.0, 38.0, 42.0  # slopes of the planes on which a set is checked [degrees]
 
 
 def impact_summary(data: xr.Dataset) -> str:
-    """Outcomes of the impacts of each ratio."""
+    """Outcomes of impacts for each ratio."""
     head = f"{'R_b/R_m':>8}{'solid':>7}{'impacts':>9}"
     lines = [head + "".join(f"{name:>11}" for name in ENDS)]
     for ratio in data["ratio"].values:
@@ -51,7 +51,7 @@ def impact_summary(data: xr.Dataset) -> str:
 
 
 def contact_summary(data: xr.Dataset) -> str:
-    """Outcomes of the contacts of thrown blocks, and the velocity they retained."""
+    """Outcomes of contacts of thrown blocks, and the velocity they retained."""
     n, attrs = data.sizes["contact"], data.attrs
     lines = [f"{attrs['shape']} blocks on {attrs['ground']}: {n:,} contacts"]
     ends = data["exit"].values
@@ -78,7 +78,7 @@ def contact_summary(data: xr.Dataset) -> str:
 
 
 def sequences_summary(data: xr.Dataset) -> str:
-    """Outcomes of the contacts of boulders thrown at rocks, for each ratio."""
+    """Outcomes of contacts of boulders thrown at rocks, for each ratio."""
     lines = [f"{'R_b/R_m':>8}{'solid':>7}{'throws':>8}{'short':>7}{'contacts':>10}"]
     lines[0] += "".join(f"{name:>10}" for name in CONTACT_EXITS) + f"{'ms each':>9}"
     attrs = {name: np.atleast_1d(value) for name, value in data.attrs.items()}
@@ -94,7 +94,7 @@ def sequences_summary(data: xr.Dataset) -> str:
 
 
 def _lost_throws(data: xr.Dataset, attrs: dict[str, np.ndarray]) -> Iterator[str]:
-    """Warnings of ratios at which throws have no contact, since no step was stable."""
+    """Warnings for ratios with throws that have no contact because no step was stable."""
     for ratio, done in zip(attrs["ratios"], attrs["done"], strict=True):
         thrown = len(np.unique(data["sequence"].values[data["ratio"].values == ratio]))
         if lost := int(done) - thrown:
@@ -105,8 +105,8 @@ def _lost_throws(data: xr.Dataset, attrs: dict[str, np.ndarray]) -> Iterator[str
 
 
 def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str:
-    """a1..a9 of each ratio, and a check that does not use the fit: bounces on planes by the set and
-    by the impacts themselves."""
+    """Values of a1..a9 for each ratio, and an independent check of the fit: bounces on planes by
+    the set and by the impacts themselves."""
     lines = []
     for ratio, impact_set in sets.items():
         impacts = as_rebounds(impacts_of(data, ratio, state))
@@ -122,11 +122,11 @@ def fit_summary(data: xr.Dataset, sets: dict[int, ImpactSet], state: str) -> str
 
 
 def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
-    """a1..a9 and checks of each set fitted to measured contacts, and the number of contacts
-    needed."""
+    """Values of a1..a9 and checks for each set fitted to measured contacts, and the number of
+    contacts needed."""
     lines = []
     for ratio, impacts in contacts.by_ratio().items():
-        impact_set = sets[ratio or 1]  # all ratios are equal if none was measured
+        impact_set = sets[ratio or 1]  # if no ratio was measured, all sets are equal
         lines += set_lines(f"{title(ratio)}: {impact_set.impacts:,} contacts", impact_set)
         lines.append(contacts_needed(impact_set))
         if impacts.lateral is not None:
@@ -136,20 +136,20 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
 
 
 def contacts_needed(impact_set: ImpactSet) -> str:
-    """Number of contacts that gives the means `AIMED` the standard error `AIM`, as errors fall with
+    """Number of contacts needed for standard error `AIM` of the means `AIMED`; errors decrease with
     its square root."""
     numbers = []
     for name in AIMED:
         error = impact_set.mean_error[COEFFICIENTS.index(name)]
         number = float(
             f"{impact_set.impacts * (error / AIM) ** 2:.2g}"
-        )  # accurate to a factor of two
+        )  # estimate within a factor of two
         numbers.append(f"{number:,.0f} for {name}")
     return f"  contacts for a standard error of {AIM:g}: about {', '.join(numbers)}"
 
 
 def set_lines(title: str, impact_set: ImpactSet) -> list[str]:
-    """Means, their standard errors and deviations of a1..a9."""
+    """Means of a1..a9, with their standard errors and standard deviations."""
     rows = [
         ("mean", impact_set.mean),
         ("standard error", impact_set.mean_error),
@@ -160,7 +160,7 @@ def set_lines(title: str, impact_set: ImpactSet) -> list[str]:
 
 
 def bounce_lines(impact_set: ImpactSet, impacts: Impacts) -> list[str]:
-    """Neutral slope, and growth and scatter of a bounce on planes, by the set and by resampling."""
+    """Neutral slope, and growth and scatter of a bounce on planes, by the set and by impacts."""
     rules: dict[str, Rebound] = {
         "the set": set_rebound(impact_set.mean, impact_set.covariance),
         "the impacts": resampled_rebound(impacts.v_in, impacts.v_out),

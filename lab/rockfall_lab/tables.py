@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts from the contacts of a laboratory (theory, chapter 5)."""
+"""Impact tables from the contacts of a laboratory (theory, chapter 5)."""
 
 from __future__ import annotations
 
@@ -29,26 +29,25 @@ from rockfall_lab.case import lab_case_of
 if TYPE_CHECKING:
     import xarray as xr
 
-FLIGHT, ROLLING = 0, 1  # entries
-ROLLS_ON = 1  # an exit
-BINS: dict[str, tuple[int, ...]] = {  # by each key, if there are enough records
+FLIGHT, ROLLING = 0, 1  # entry codes
+ROLLS_ON = 1  # exit code
+BINS: dict[str, tuple[int, ...]] = {  # number of bins for each key, if there are enough records
     "flight": (4, 4, 12),
     "roll": (6, 4, 1),
 }
-ENOUGH = 24  # records per bin; with fewer, the number of bins is reduced
-KEPT = 32_000  # maximum contacts per table
-ALONE = 2 / 3  # of them, on rocks, need no contact before them
+ENOUGH = 24  # records per bin; the number of bins is reduced to have this many
+KEPT = 32_000  # maximum number of contacts per table
+ALONE = 2 / 3  # fraction of these, on rocks, that need no contact before them
 RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
-USUAL = 0.02, 0.98  # of W/V where a block rolls: values beyond are clipped
-SLOWEST = 0.05  # V/sqrt(g R_b) of a flight: slower ones have no significant direction
-ALIKE = "ground", "shape", "density", "rest_angle"  # of contacts of one table
-DIGITS = 9  # bits kept of a record's numbers: their noise does not compress
+USUAL = 0.02, 0.98  # quantiles of W/V while a block rolls: values beyond are clipped
+SLOWEST = 0.05  # V/sqrt(g R_b) of a flight, below which its direction is not significant
+ALIKE = "ground", "shape", "density", "rest_angle"  # attributes that all contacts of a table share
+DIGITS = 9  # bits kept of a record's numbers: noise does not compress
 
 
 @dataclass(frozen=True)
 class _Contacts:
-    """Contacts of one size of boulders, dimensionless: `record` (n, FIELDS) without derived
-    fields."""
+    """Dimensionless contacts of boulders of one size: `record` (n, FIELDS), no derived fields."""
 
     record: np.ndarray
     entry: np.ndarray
@@ -61,17 +60,17 @@ class _Contacts:
 
 @dataclass(frozen=True)
 class _Part:
-    """Contacts of one size of boulders on one relief."""
+    """Contacts of boulders of one size on one relief."""
 
-    size: float  # as in ImpactTable
-    relief: float  # [degree]
+    size: float  # size as in ImpactTable
+    relief: float  # slope of the relief [degree]
     data: xr.Dataset
 
 
 def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
-    """Make a table from contacts: a part for each R_b/R_m, which a column or an attribute gives;
-    or, if the ground yields, for each size over strength and relief, by files of one of each. At
-    most `kept` contacts become records; bins and maps use all. Raises a RockfallError for too few
+    """Make a table from contacts. It has one part per R_b/R_m, from a column or an attribute, or on
+    yielding ground one part per size/strength and relief, from one file each. At most `kept`
+    contacts become records; bins and maps use all contacts. Raises RockfallError for too few
     contacts, or files that do not belong together."""
     parts, columns, rows = _grid(_parts(files))
     for name in ALIKE:
@@ -111,7 +110,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
 
 
 def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
-    """Contacts by size and relief; size 0: irrelevant."""
+    """Contacts by size and relief; size 0 means irrelevant."""
     parts = []
     for data in files:
         if "ratio" in data:
@@ -129,8 +128,8 @@ def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
 
 
 def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
-    """Parts in the order of a table, sizes of its columns and reliefs of its rows: all of both, or
-    only sizes, which determine the relief."""
+    """Parts in the order of a table, sizes of its columns and reliefs of its rows: all
+    combinations, or only sizes if these determine the relief."""
     columns = np.unique([part.size for part in parts])
     rows = np.unique([part.relief for part in parts])
     if len(parts) == len(columns):
@@ -147,7 +146,7 @@ def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
 
 
 def _ground(data: xr.Dataset) -> YieldingGround:
-    """Ground of a table, from the laboratory."""
+    """Ground of a table, from the laboratory's attributes."""
     rest_angle = float(data.attrs["rest_angle"])
     if not float(data.attrs["yield_pressure"]) > 0:
         return YieldingGround(rest_angle)
@@ -162,7 +161,7 @@ def _ground(data: xr.Dataset) -> YieldingGround:
 
 
 def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
-    """Provenance attributes of a table: enough to reproduce it."""
+    """Provenance attributes of a table, sufficient to reproduce it."""
     digest = hashlib.sha256()
     for data in files:
         for name in sorted(map(str, data)):
@@ -179,19 +178,19 @@ def _provenance(files: list[xr.Dataset]) -> dict[str, str | int]:
 
 
 def _case_attributes(files: list[xr.Dataset]) -> dict[str, str]:
-    """Attributes `lab_case`, `lab_case_2`, ...: the cases of the laboratory behind a table."""
+    """Attributes `lab_case`, `lab_case_2`, ...: the laboratory cases behind a table."""
     cases = dict.fromkeys(str(data.attrs["lab_case"]) for data in files)
     return {f"lab_case_{k}" if k > 1 else "lab_case": text for k, text in enumerate(cases, 1)}
 
 
 def cases_of(attrs: Mapping[str, Any]) -> list[str]:
-    """Texts of the cases of the laboratory behind a table, from its attributes."""
+    """Texts of the laboratory cases behind a table, from its attributes."""
     return [str(text) for name, text in attrs.items() if re.fullmatch(r"lab_case(_\d+)?", name)]
 
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
-    """Velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Each contact is mirrored so that the
-    ground falls to its left; the work of gravity that the laboratory excluded is restored."""
+    """Dimensionless contacts: velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Contacts are
+    mirrored so that the ground falls to the left; the excluded work of gravity is restored."""
     radius, gravity = float(data.attrs["radius"]), float(data.attrs["gravity"])
     unit = np.sqrt(gravity * radius)
     column = {name: data[name].values.astype(float) for name in data}
@@ -223,7 +222,7 @@ def _dimensionless(data: xr.Dataset) -> _Contacts:
 
 
 def _has_facets(data: xr.Dataset) -> bool:
-    """Return True if contacts are on ground made of facets, such as rocks with a relief."""
+    """Return True if the ground of the contacts consists of facets, such as rocks with a relief."""
     if "ratio" not in data:
         return False
     case = lab_case_of(data.attrs["lab_case"], "contacts")
@@ -231,9 +230,9 @@ def _has_facets(data: xr.Dataset) -> bool:
 
 
 def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
-    """Let rolling contacts end where the next one begins: on another facet, at the height of the
-    mean ground. The energy of the height climbed is converted back to motion, and that of the depth
-    sunk is subtracted; blocks that are too slow to climb out come to rest (theory, eq. 5.28)."""
+    """Let rolling contacts end where the next contact begins: on another facet, at the height of
+    the mean ground. Energy used to climb is converted back to motion, and energy gained by sinking
+    is subtracted; blocks too slow to climb out come to rest (theory, eq. 5.28)."""
     column = {name: record[:, FIELDS.index(name)] for name in FIELDS}
     on = column["exit"] == ROLLS_ON
     motion = column["along_out"] ** 2 + column["across_out"] ** 2 + inertia * column["w_out"] ** 2
@@ -246,14 +245,14 @@ def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
 
 
 def _rounded(record: np.ndarray) -> np.ndarray:
-    """Numbers in single precision, with fewer bits."""
+    """Numbers in single precision, rounded to fewer bits."""
     bits = np.ascontiguousarray(record, "f4").view("u4")
     drop = 23 - DIGITS
     return ((bits + np.uint32(1 << (drop - 1))) >> drop << drop).view("f4")
 
 
 def _of_kind(contacts: _Contacts, kind: str) -> np.ndarray:
-    """Mark contacts that begin with this kind."""
+    """Mark contacts that begin with this kind of entry."""
     if kind == "roll":
         return (contacts.entry == ROLLING) & (contacts["speed_in"] > 0)
     falls = (contacts["vn_in"] < 0) & (contacts["speed_in"] > SLOWEST)
@@ -293,7 +292,7 @@ def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
-    key before."""
+    previous key."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []
@@ -316,9 +315,9 @@ def _sort_into_bins(
 
 
 def _chosen(parts: Sequence[_Contacts], kept: int, rocks: bool) -> list[np.ndarray]:
-    """Mark the contacts of each part that become records, `kept` in all: those of evenly spaced
-    throws, so that records have followers. On rocks, with many throws, records without predecessors
-    (from flights, or too fast to be followed) come from more throws than the others."""
+    """Mark the contacts of each part that become records, `kept` in total. Evenly spaced throws are
+    chosen, so that records have followers. On rocks, with many throws, records without predecessors
+    (after flights, or too fast to be followed) come from more throws."""
     alone = [
         rocks & ((contacts.entry == FLIGHT) | (contacts["speed_in"] > MAX_HELD))
         for contacts in parts
@@ -344,15 +343,15 @@ def _of_throws(contacts: _Contacts, which: np.ndarray, most: float) -> np.ndarra
 
 
 def _kept_rows(contacts: _Contacts, group: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Contacts of a bin to keep, at least one, ordered by the gravity along the heading."""
+    """Contacts of a bin to keep, at least one, ordered by gravity along the heading."""
     kept = group[chosen[group]]
     rows = kept if len(kept) else group[:1]
     return rows[np.lexsort((contacts["speed_in"][rows], contacts["pull_along"][rows]))]
 
 
 def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.ndarray:
-    """Records of contacts in order, each with the position of its follower in its throw, counted
-    from 1; 0: not kept. `before` records precede them."""
+    """Records of ordered contacts, each with the index (from 1) of the next contact in its throw,
+    or 0 if that is not kept. `before` records precede them."""
     place = {
         key: before + k + 1
         for k, key in enumerate(zip(contacts.sequence[rows], contacts.order[rows], strict=True))
@@ -368,7 +367,7 @@ def _with_followers(contacts: _Contacts, rows: np.ndarray, before: int) -> np.nd
 def _padded(
     groups: list[np.ndarray], edges: list[np.ndarray], sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Pad the bins of each part to a common number with unreachable ones of one contact each."""
+    """Pad the bins of each part to a common number, with unreachable bins of one contact each."""
     own = [edge.shape[-1] + 1 for edge in edges]
     padded = [
         groups[int(np.ravel_multi_index(at, own))] if np.less(at, own).all() else groups[0][:1]
@@ -396,6 +395,6 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
     solution = np.linalg.solve(normal, x @ y.T).T
     low, high = inputs.min(axis=1), inputs.max(axis=1)
-    if kind == "roll":  # nearly all spin as they roll: the few others do not inform the map
+    if kind == "roll":  # nearly all blocks spin: the others do not affect the map
         low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
     return _Bin(solution.reshape(MAPPED, INPUTS), low, high)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One thread, as in the other tests; read when rockfall is loaded."""
+"""Use one thread, as in the other tests; read when rockfall is loaded."""
 
 import os
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Two ways to the commands of the laboratory."""
+"""The two commands that start the laboratory."""
 
 import subprocess
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sets inferred from what the paper prints: what their headers state is found again."""
+"""Sets inferred from the paper: the statements in their headers are reproduced."""
 
 import re
 
@@ -23,7 +23,7 @@ def name(request):
 
 @pytest.fixture(scope="module")
 def header(name):
-    """Number and standard error of each item, by name."""
+    """Value and standard error of each item in the header, by name."""
     lines = shipped_sets()[name].read_text().splitlines()
     rows = [match for line in lines if (match := ROW.match(line))]
     return {row[1]: (float(row[4]), float(row[5] or 0)) for row in rows}
@@ -51,7 +51,7 @@ def test_a_short_rerun_has_the_numbers_of_the_header(name, header):
     on = infer.slopes(infer.JUDGED_SEED, infer.JUDGED_SLOPES)[:: infer.JUDGED_SLOPES // SLOPES]
     found = infer.numbers(sets, name, on, BOULDERS)
     for item, (stated, error) in header.items():
-        # of fewer slopes and boulders; R_n of 4,000 draws
+        # errors of fewer slopes and boulders; R_n is from 4,000 draws
         few = 0.01 if item.startswith("rn_") else 4 * np.sqrt(infer.JUDGED_SLOPES / SLOPES) * error
         assert found[item] == pytest.approx(stated, abs=5e-4 * stated + few), item
 
@@ -89,7 +89,7 @@ def test_a_short_search_lowers_the_score(monkeypatch):
     for name, few in ("AROUND", 40), ("SLOPES", 2), ("FIT_BOULDERS", 150):
         monkeypatch.setattr(infer, name, few)
     start = infer.START["vaujany-observed"].copy()
-    start[0] -= 0.02  # a1: two degrees of terrain
+    start[0] -= 0.02  # shift a1 by the equivalent of two degrees of slope
     with ThreadPoolExecutor(1) as pool:
         search = infer.Search("vaujany-observed", pool, start, 901)
         (before,) = (search.residuals([start]) ** 2).sum(axis=1)

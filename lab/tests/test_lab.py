@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The laboratory from its case to its sets: same bits, resumption, physics, refusals, figures."""
+"""The laboratory from case to sets: reproducibility, resumption, physics, refusals, figures."""
 
 import re
 import signal
@@ -35,13 +35,13 @@ from rockfall_lab.spheres.experiment import (
 )
 
 VAUJANY = Path(__file__).parents[2] / "cases" / "vaujany"
-ROWS = *names("outcome"), *names("outcome_counts")  # of an impact
+ROWS = *names("outcome"), *names("outcome_counts")  # columns of an impact
 GROUPS = "lab", "material", "packing", "impact"
 SMALL = LabCase(
     lab={"layers": 3, "points": 2, "impacts": 3, "ratios": [1, 2, 1.5]},
     packing={"mean_radius": 0.1, "depth": 2, "grading": 2},
 )
-SHOTS = 18  # of a ratio
+SHOTS = 18  # number of shots per ratio
 FITTED = SMALL.replace(
     lab={"title": "Made by a test", "layers": 4, "impacts": 10, "ratios": [1, 2]},
     impact={"patience": 3},
@@ -56,7 +56,7 @@ def impacts():
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    """A folder with impacts and the sets made of them, as the commands make them."""
+    """Folder with impacts and the sets made from them by the commands."""
     folder = tmp_path_factory.mktemp("fitted")
     (folder / "lab.nml").write_text(FITTED.text())
     words = [str(folder / name) for name in ("lab.nml", "lab.nc", "sets.nml")]
@@ -67,7 +67,7 @@ def fitted(tmp_path_factory):
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a laboratory case, made the current one."""
+    """Folder with a laboratory case, as the current folder."""
     monkeypatch.chdir(tmp_path)
     Path("lab.nml").write_text(SMALL.text())
     return tmp_path
@@ -103,7 +103,7 @@ def made(mean, case=MADE):
     return data
 
 
-# ---- the same bits, however it is run
+# ---- reproducibility, however the case is run
 
 
 @pytest.mark.parametrize(("threads", "shots"), [(2, 128), (1, 5)])
@@ -146,11 +146,11 @@ def test_the_checksum_is_of_every_outcome(impacts):
     assert len(known) == 1 + len(ROWS)
 
 
-# ---- Ctrl-C, and how it goes on
+# ---- Ctrl-C and resumption
 
 
 def stops_after(questions):
-    """In place of `interrupts`: Ctrl-C is seen when it has been asked for this many times."""
+    """Replace `interrupts`: Ctrl-C is reported at a given number of checks."""
 
     @contextmanager
     def interrupts():
@@ -162,7 +162,7 @@ def stops_after(questions):
 
 @pytest.mark.parametrize("questions", [1, 9])
 def test_resumed_impacts_are_those_of_an_uninterrupted_run(impacts, place, monkeypatch, questions):
-    monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 3)  # two chunks of a layer
+    monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 3)  # two chunks per layer
     fired = []
     fire = experiment._fire
     monkeypatch.setattr(experiment, "_fire", lambda *a: (fired.append(a[3:5]), fire(*a)))
@@ -172,15 +172,15 @@ def test_resumed_impacts_are_those_of_an_uninterrupted_run(impacts, place, monke
         with pytest.raises(KeyboardInterrupt):
             run()
     status = open_impacts("out.nc")["status"].values
-    # asked before a layer, and before each of its chunks
+    # checked before each layer, and before each of its chunks
     assert (status > 0).sum() == 3 * len(fired) == {1: 0, 9: 18}[questions]
     data = run()
     assert checksum(data) == checksum(open_impacts("out.nc")) == checksum(impacts)
     assert np.array_equal(data["surface"], impacts["surface"])
-    assert len(fired) == 18  # none of them twice
+    assert len(fired) == 18  # no shot is fired twice
     with monkeypatch.context() as patch:
         patch.setattr(experiment, "pack_layers", None)
-        assert checksum(run()) == checksum(impacts)  # nothing is left to do
+        assert checksum(run()) == checksum(impacts)  # nothing is left to run
 
 
 @pytest.mark.parametrize("change", ["seed", "version"])
@@ -201,7 +201,7 @@ def test_what_is_no_part_of_the_same_is_not_resumed(place, monkeypatch, change):
 
 def test_ctrl_c_twice_keeps_what_is_done_and_says_how_to_go_on(impacts, place, monkeypatch, capsys):
     monkeypatch.setattr(experiment, "SHOTS_IN_CHUNK", 3)
-    # However long the machine takes between them, both count as one.
+    # two signals count as one, however long the time between them
     monkeypatch.setattr("rockfall.interrupts.TOGETHER", np.inf)
 
     def pressing(name):
@@ -251,7 +251,7 @@ def test_impacts_that_are_not_all_done_make_no_sets(place, monkeypatch, capsys):
         provenance(open_impacts("lab.nc"), "peak")
 
 
-# ---- physics that crosses the door
+# ---- physics through the interface
 
 
 def test_incoming_velocities_are_those_drawn(impacts):
@@ -287,7 +287,7 @@ def test_a_point_has_one_aim_and_all_ratios_the_same_shots(impacts):
 
 
 def test_no_energy_is_gained(impacts):
-    """The kernel lets energy grow by 2 % of what came in; what the sphere falls adds to that."""
+    """The kernel allows growth by 2 % of the incoming energy, plus the energy of the fall."""
 
     def energy(when):
         vt, vn, w = (impacts[f"{name}_{when}"] for name in ("vt", "vn", "w"))
@@ -316,7 +316,7 @@ def test_outcomes_make_sense(impacts):
     assert ((impacts["trouble"] > 0) == (status == STATUS["exploded"])).all()
 
 
-ALIKE = {  # (lengths, speeds): what is 16 or 4 times as large; rounding commutes with such factors
+ALIKE = {  # (lengths, speeds) multiplied by 16 or 4; rounding commutes with such factors
     "lengths x 16": (16, 4, {"mean_radius": 16}, {"young": 16}, {}),
     "densities x 4": (1, 1, {"density": 4}, {"young": 4}, {"density": 4}),
     "gravity x 4": (1, 2, {"gravity": 4}, {"young": 4}, {}),
@@ -325,7 +325,7 @@ ALIKE = {  # (lengths, speeds): what is 16 or 4 times as large; rounding commute
 
 @pytest.fixture(scope="module")
 def stiff():
-    """A case so stiff and slow that its step is Rayleigh's, a pure power law of what it holds."""
+    """Case so stiff and slow that its step is Rayleigh's, a pure power law of its parameters."""
     case = SMALL.replace(
         lab={"layers": 1, "ratios": [1, 2]},
         packing={"friction": 0.3, "rigid_base": True},
@@ -337,7 +337,7 @@ def stiff():
 
 @pytest.mark.parametrize("name", ALIKE)
 def test_similar_impacts_are_similar_to_the_last_bit(stiff, name):
-    """Froude's and Cauchy's numbers kept, all dimensionless results are."""
+    """With equal Froude and Cauchy numbers, all dimensionless results are equal."""
     length, speed, *factors = ALIKE[name]
     case, plain = stiff
     groups = {"packing": case.packing, "material": case.material, "impact": case.impact}
@@ -376,11 +376,11 @@ def test_what_explodes_is_counted():
     assert summary.impact_summary(coarse).split()[-10:-4] == ["6", "0", "0", "0", "6", "0"]
 
 
-# ---- the case
+# ---- case
 
 
 def other_value(value):
-    """Another value of a key, which is allowed."""
+    """Another allowed value of a key."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):
@@ -404,7 +404,7 @@ def test_every_key_goes_through_the_text_of_a_case(tmp_path):
     assert lab_case_of(case.text(), "text") == case != plain
     (tmp_path / "lab.nml").write_text(case.text(), encoding="utf-8-sig")
     assert read_lab_case(tmp_path / "lab.nml") == case
-    for group in GROUPS:  # one key alone, the others by default
+    for group in GROUPS:  # a single key; the others have defaults
         for key, value in values[group].items():
             one = plain.replace(**{group: {key: value}})
             assert one != plain and lab_case_of(one.text(), "text") == one
@@ -462,7 +462,7 @@ MALFORMED = {
 
 @pytest.mark.parametrize("name", MALFORMED)
 def test_a_bad_case_is_one_line_and_nothing_is_written(name, place, monkeypatch, capfd):
-    monkeypatch.setattr(experiment, "_chunks", None)  # it does not come to this
+    monkeypatch.setattr(experiment, "_chunks", None)  # must not be called
     content, message = MALFORMED[name]
     if content is None:
         Path("lab.nml").unlink()
@@ -541,7 +541,7 @@ def test_sets_made_again_are_the_same_or_the_line_is_named(fitted, place, monkey
     lines[k] = lines[k][:-1] + str((int(lines[k][-1]) + 1) % 10)
     Path("changed.nml").write_text("\n".join(lines) + "\n")
     data = open_impacts(fitted / "lab.nc")
-    monkeypatch.setattr(remake, "run_impacts", lambda case, **_: data)  # they are: see above
+    monkeypatch.setattr(remake, "run_impacts", lambda case, **_: data)  # reproducible: see above
     before = files(place)
     assert main(["lab", "remake", "same.nml", "changed.nml", "--quiet"]) == 1
     out, err = capsys.readouterr()
@@ -598,10 +598,10 @@ def cut(path, impacts):
 
 
 def damaged(path, impacts):
-    """Whole, but for the numbers of a variable."""
+    """Complete file, except for the values of a variable."""
     experiment.save_impacts(impacts, path)
     content = bytearray(path.read_bytes())
-    at = content.index(b"\x78\x01", 4000)  # a compressed block
+    at = content.index(b"\x78\x01", 4000)  # start of a compressed block
     content[at : at + 40] = bytes(40)
     path.write_bytes(content)
 
@@ -619,7 +619,7 @@ NO_IMPACTS = {
 def test_what_holds_no_impacts_is_refused(impacts, tmp_path, monkeypatch, capfd, name):
     monkeypatch.chdir(tmp_path)
     make, message = NO_IMPACTS[name]
-    path = tmp_path / f"{name.replace(' ', '_')}.nc"  # HDF5 remembers names
+    path = tmp_path / f"{name.replace(' ', '_')}.nc"  # new names, because HDF5 caches them
     make(path, impacts)
     refuses(["lab", "fit", path], f"{path.as_posix()}: {message}", capfd)
     if path.is_file():
@@ -649,7 +649,7 @@ ARGUMENTS = {
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_bad_arguments_are_one_line_and_nothing_is_written(name, place, monkeypatch, capfd):
     Path("bytes").write_bytes(b"\x89PNG\xff")
-    monkeypatch.setattr(remake, "run_impacts", None)  # it does not come to this
+    monkeypatch.setattr(remake, "run_impacts", None)  # must not be called
     words, message = ARGUMENTS[name]
     refuses(words, message, capfd)
 

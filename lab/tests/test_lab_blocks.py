@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks in the laboratory: the same bits, promises of a table of contacts, shapes, refusals."""
+"""Block laboratory: reproducibility, properties of contacts, shapes, refusals."""
 
 import re
 from pathlib import Path
@@ -51,7 +51,7 @@ def write_points(path, points):
     Path(path).write_text(f"x,y,z\n{rows}\n")
 
 
-# ---- the same bits, however it is run
+# ---- reproducibility, however the case is run
 
 
 def test_threads_and_chunks_change_no_bit(data, monkeypatch):
@@ -77,7 +77,7 @@ def test_a_file_has_all_that_makes_it_again(place, data):
     assert block_case_of(kept.attrs["lab_case"], "m.nc") == SMALL
 
 
-# ---- what a table of contacts promises
+# ---- properties of contacts
 
 
 def test_a_contact_that_flies_leaves_the_ground(data):
@@ -95,7 +95,7 @@ def test_a_contact_begins_downwards_or_where_one_was_cut(data):
 
 
 def test_where_a_contact_is_cut_the_next_begins_with_what_the_block_has(data):
-    """With the work of gravity, which was taken out along the fall line, put back."""
+    """The work of gravity along the fall line, which was removed, is added back."""
     rolls = np.flatnonzero((data["exit"].values[:-1] == ROLLS_ON) & (data["order"].values[1:] > 1))
     assert len(rolls) > 20
     before = {name: values.values[rolls].astype("f8") for name, values in data.items()}
@@ -119,7 +119,7 @@ def test_contacts_are_cut_at_their_time(data):
 
 
 def test_gravity_is_taken_out_along_the_slope():
-    """On a smooth plane nothing else acts along it, whatever the attitude."""
+    """On a smooth plane only gravity acts along it, whatever the attitude."""
     case = SMALL.replace(
         ground={"plough": False, "friction": 0, "relief": 0, "soil_density": 0},
         throw={"slope": [45, 45], "angle": [5, 30, 60], "speed": [1, 3, 8]},
@@ -203,7 +203,7 @@ def test_facets_are_cut_until_they_are_short_and_the_block_stays():
 
 
 def test_a_block_of_points_has_its_own_inertia(place):
-    write_points("cube.csv", [*CUBE, (1, 1, 1)])  # a point within changes nothing
+    write_points("cube.csv", [*CUBE, (1, 1, 1)])  # an inner point changes nothing
     case = BlockCase(
         lab={"ground": "rock", "shape": "points", "throws": 4}, block={"points": "cube.csv"}
     )
@@ -212,7 +212,7 @@ def test_a_block_of_points_has_its_own_inertia(place):
 
 
 def test_axes_of_a_class_give_its_blocks(place):
-    """In any unit: only their ratios count; and the file is read again with them."""
+    """Axes in any unit: only their ratios count; they are read back from the file."""
     Path("own.nml").write_text(
         "&lab ground = 'rock', shape = 'axes', throws = 4 / &block axes = 0.5, 0.4, 0.21 /\n"
     )
@@ -244,7 +244,7 @@ def test_relief_has_its_slope_and_no_waves_but_its_own(slope):
 
 
 def patch_file(path, slope, hurst, cell=0.1):
-    """Elevations of a patch, for blocks of 0.4 m, on a hillside of 35 degrees, in such cells."""
+    """Elevations of a patch for blocks of 0.4 m on a hillside of 35 degrees, by cell size."""
     heights, width = patches(Spectrum(slope, 2, 16, hurst), 1, seed=3)
     every = round(cell * CELLS / (0.4 * width))
     side = 0.4 * heights[::every, ::every, 0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets from measured contacts: the same estimator, what is refused, and sets made again."""
+"""Impact sets from measured contacts: same estimator, refused input, and reproduction of sets."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ SPEEDS = "vt_in", "vn_in", "w_in", "vt_out", "vn_out", "w_out"
 
 
 def speeds(n, seed=1):
-    """V_in and V_out side by side, (n, 6), by a known law with little scatter."""
+    """V_in and V_out in adjacent columns, (n, 6), from a known distribution with little scatter."""
     random = np.random.default_rng(seed)
     angle = np.radians(random.uniform(10, 60, n))
     v_in = np.stack([np.cos(angle), -np.sin(angle), random.uniform(-0.2, 0.8, n)], axis=1)
@@ -34,7 +34,7 @@ def speeds(n, seed=1):
 
 
 def contacts(n=80, **more):
-    """Columns of a table of contacts."""
+    """Columns of a contact table."""
     return dict(zip(SPEEDS, speeds(n).T.tolist(), strict=True)) | more
 
 
@@ -56,11 +56,11 @@ def files(folder):
 
 
 def groups(means):
-    """The numbers of the groups of a set file."""
+    """Numbers in the groups of a set file."""
     return [line for line in means.read_text().splitlines() if line.startswith("  mean = ")]
 
 
-# ---- the same estimator
+# ---- same estimator
 
 
 def test_contacts_are_fitted_as_impacts_are(place):
@@ -111,7 +111,7 @@ def test_contacts_needed_are_told_from_the_scatter():
     )
 
 
-# ---- ratios that nobody measured
+# ---- ratios without measurements
 
 
 def test_a_ratio_without_contacts_is_refused_or_has_the_nearest(place, capsys):
@@ -123,7 +123,7 @@ def test_a_ratio_without_contacts_is_refused_or_has_the_nearest(place, capsys):
     assert not Path("s.nml").exists()
     assert main(["lab", "fit", "c.csv", "-o", "s.nml", "--nearest-ratio", "--quiet"]) == 0
     one, two, three, four, five = groups(Path("s.nml"))
-    assert one == two != four == three == five  # of two that are as near, the larger
+    assert one == two != four == three == five  # of two equally near ratios, the larger
     text = Path("s.nml").read_text()
     for ratio, near in ((1, 2), (3, 4), (5, 4)):
         assert f"! R_b/R_m = {ratio}: no contacts: the set of {near}, the nearest\n" in text
@@ -135,7 +135,7 @@ def test_a_ratio_without_contacts_is_refused_or_has_the_nearest(place, capsys):
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """A folder with contacts without ratios, and the sets made of them."""
+    """Folder with contacts without ratios, and the sets made from them."""
     folder = tmp_path_factory.mktemp("measured")
     turn = np.linspace(-60, 60, 80)
     table = contacts(run=np.arange(80) // 5, lateral=turn, ground=["scree"] * 80)
@@ -200,11 +200,11 @@ def test_sets_are_not_made_again_from_other_contacts(again, capsys, spoil, messa
     refuses(["lab", "remake", "s.nml"], f"s.nml: is from measured contacts: {message}", capsys)
 
 
-# ---- tables that are none
+# ---- invalid tables
 
 
 def changed(column, value, row=3):
-    """Contacts with one cell changed, which is in line `row` + 2."""
+    """Contacts with one changed cell, in line `row` + 2."""
 
     def change(table):
         table[column] = list(table[column])

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How far boulders come by tables of impacts depends on the height of their fall as in the
-laboratory."""
+"""Run-out by impact tables depends on the fall height in the same way as in the laboratory."""
 
 import numpy as np
 import pytest
@@ -27,14 +26,14 @@ BLOCKS = 60
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory):
-    """A folder with a table of these grounds."""
+    """Folder with a table for each of these grounds."""
     place = tmp_path_factory.mktemp("grounds")
     write_grounds(place)
     return place
 
 
 def thrown(name, slope, drop):
-    """Fraction of the laboratory's blocks that pass."""
+    """Fraction of laboratory blocks that pass."""
     speed = np.sqrt(2 * GRAVITY * drop)
     throw = {"slope": [slope] * 2, "speed": [speed] * 3, "angle": [90 - slope] * 3}
     lab = {"ground": "meadow", "throws": BLOCKS, "contacts": 60, "seed": 7}
@@ -43,7 +42,7 @@ def thrown(name, slope, drop):
         lab=lab, throw=throw | {"spin": [0.0] * 3}, block={"density": DENSITY},
         ground=ground_values(model, ground),
     ).at_radius(RADIUS)  # fmt: skip
-    data = run_throws(case.replace(ground={"hurst": 0.8}))  # of the waves of its relief
+    data = run_throws(case.replace(ground={"hurst": 0.8}))  # Hurst exponent of the relief
     ends = data["advance"].values * np.cos(np.radians(data["heading"].values))
     place = (data["downhill"].values + np.maximum(0, ends)) * RADIUS
     return len(np.unique(data["sequence"].values[place >= MARK])) / BLOCKS
@@ -51,7 +50,7 @@ def thrown(name, slope, drop):
 
 @pytest.mark.parametrize("ground", YIELDS)
 def test_reach_falls_no_more_than_that_of_the_laboratorys_blocks(folder, ground):
-    """A steep fast hit digs in."""
+    """A steep, fast impact digs in."""
     slope = YIELDS[ground]
     blocks = [thrown(ground, slope, drop) for drop in (2.0, 20.0)]
     assert blocks[0] - blocks[1] > 3 * error(*((part, BLOCKS) for part in blocks))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From made impacts, whose law is known, back to their impact set; and bounces down a plane."""
+"""Impact sets are recovered from artificial impacts of known distribution; bounces down a plane."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ MEAN = np.array([0.75, 0.0, 0.12, 0.15, -0.4, -0.1, 0.3, 0.0, 0.45])
 
 
 def covariance() -> np.ndarray:
-    """Some covariance with correlations, of the size that rebounds have."""
+    """Covariance with correlations, as large as for rebounds."""
     root = 0.08 * np.tril(np.random.default_rng(5).normal(size=(9, 9)))
     return root @ root.T + 0.08**2 * np.eye(9)
 
@@ -54,7 +54,7 @@ def test_the_set_comes_back_within_its_standard_errors(found):
 
 
 def test_a_fit_that_ignores_the_cut_off_would_not_do(found):
-    """What redrawing cuts off moves the means of an ordinary fit."""
+    """Redrawing truncates the distribution, which shifts the means of an ordinary fit."""
     one = impacts(1200)
     length = np.linalg.norm(one.v_in, axis=1, keepdims=True)
     plain = np.linalg.lstsq(one.v_in / length, one.v_out / length, rcond=None)[0].T.ravel()
@@ -62,7 +62,7 @@ def test_a_fit_that_ignores_the_cut_off_would_not_do(found):
 
 
 def test_the_law_of_the_rebound_comes_back_where_the_matrix_cannot(found):
-    """Of C only what moves V_out can be told: the covariance of V_out, direction by direction."""
+    """Only the part of C that affects V_out can be recovered: its covariance, by direction."""
     x = incident(200, 7)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     for k in range(3):
@@ -84,7 +84,7 @@ def test_bounces_by_the_set_are_those_by_the_impacts(found):
 
 
 def test_drawing_from_impacts_without_scatter_is_their_map():
-    """Whatever neighbour is drawn: it is taken to the incidence of the boulder."""
+    """Any neighbour that is drawn is transformed to the incidence of the boulder."""
     known, random = set_rebound(MEAN, np.zeros((9, 9))), np.random.default_rng(1)
     one, now = incident(200, 4), incident(500, 5)
     way = resampled_rebound(one, known(one, random))
@@ -92,7 +92,7 @@ def test_drawing_from_impacts_without_scatter_is_their_map():
 
 
 def test_noise_within_an_impact_is_a_covariance_of_its_own():
-    """V_out = A V_in + |V_in| e with covariance S of e has for each V_in the law of C + S (x) I."""
+    """V_out = A V_in + |V_in| e, e with covariance S, is distributed as with C + S (x) I."""
     noise = np.array([[0.02, 0.005, 0.0], [0.005, 0.01, 0.002], [0.0, 0.002, 0.015]])
     x = incident(1, 3)[0]
     x /= np.linalg.norm(x)
@@ -102,7 +102,7 @@ def test_noise_within_an_impact_is_a_covariance_of_its_own():
 
 
 def test_neutral_slope_of_one_matrix_is_that_of_its_largest_eigenvalue():
-    """Without scatter a bounce is a linear map; boulders fade below the slope where it has 1."""
+    """Without scatter, a bounce is a linear map; below its neutral slope, boulders slow down."""
     a = MEAN.reshape(3, 3)
     slope = neutral_slope(set_rebound(MEAN, np.zeros((9, 9))), 4)
 
@@ -131,7 +131,7 @@ def test_too_few_and_too_much_alike_are_refused():
 
 
 def test_a_law_that_has_lost_its_scatter_is_refused():
-    """Few impacts may be likeliest under such a law; rounding then makes its covariance none."""
+    """A distribution without scatter may fit few impacts best; its covariance is then invalid."""
     one, z = impacts(60), np.zeros((60, 2, 3))
     lost = np.append(MEAN, -1e-9 * np.eye(9))
     with pytest.raises(RockfallError, match="60 impacts are too few: .* degenerate"):
@@ -142,7 +142,7 @@ def test_a_law_that_has_lost_its_scatter_is_refused():
 
 
 def test_a_fit_adds_up_in_one_order(monkeypatch):
-    """On more threads BLAS rounds another way, and a set could not be made again bit for bit."""
+    """With more threads, BLAS rounds differently, and a set could not be reproduced bit for bit."""
     threads = []
 
     def likeliest(*arguments):

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lateral deviations of a set: their quantiles, the classes of incidence, and boulders that turn by
-them."""
+"""Lateral deviations of a set: quantiles, incidence classes, and boulders that turn by them."""
 
 import numpy as np
 import pytest
@@ -17,13 +16,13 @@ MEAN, COVARIANCE = (one[2] for one in scenes.sets())
 
 
 def incoming(angles):
-    """V_in (n, 3) at these angles of incidence [degrees]."""
+    """V_in (n, 3) for given angles of incidence [degrees]."""
     angles = np.radians(angles)
     return 7.0 * np.stack([np.cos(angles), -np.sin(angles), 0.3 + 0 * angles], axis=1)
 
 
 def spread(*numbers):
-    """Angles of incidence: so many impacts below 10, 10 to 20, 20 to 40, above 40 degrees."""
+    """Angles with given numbers of impacts below 10, 10 to 20, 20 to 40, above 40 degrees."""
     middles = np.repeat([5.0, 15.0, 30.0, 60.0], numbers)
     return middles + np.random.default_rng(1).uniform(-4, 4, middles.size)
 
@@ -50,10 +49,10 @@ def test_quantiles_are_those_of_each_class():
     ("numbers", "between", "impacts"),
     [
         ((30, 30, 30, 30), [10, 20, 40], [30, 30, 30, 30]),
-        ((29, 30, 30, 30), [20, 40], [59, 30, 30]),  # with the next steeper
+        ((29, 30, 30, 30), [20, 40], [59, 30, 30]),  # merged with the next steeper class
         ((30, 29, 30, 30), [10, 40], [30, 59, 30]),
-        ((30, 30, 30, 29), [10, 20], [30, 30, 59]),  # the steepest with the one before
-        ((30, 30, 20, 9), [10], [30, 59]),  # 29 above 20 degrees: too few, too
+        ((30, 30, 30, 29), [10, 20], [30, 30, 59]),  # the steepest joins the class before it
+        ((30, 30, 20, 9), [10], [30, 59]),  # 29 above 20 degrees: also too few
         ((0, 0, 0, 30), [], [30]),
     ],
 )
@@ -96,8 +95,8 @@ def test_the_kernel_reads_what_is_written(tmp_path, numbers):
 
 
 def test_boulders_turn_by_the_deviations_of_the_set(tmp_path):
-    """On a plane a set without deviations keeps them on the line of fall, and one that always turns
-    by as much does not; a set that has none is refused."""
+    """On a plane, a set without deviations keeps boulders on the fall line, and a set with constant
+    turns does not; a set without lateral data is refused."""
 
     def offsets(lateral):
         path = tmp_path / "made.nml"

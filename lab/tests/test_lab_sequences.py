@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders thrown at rocks: the same bits however it is run, what contacts promise, tables and sets
-from them, and what is refused."""
+"""Boulders thrown at rocks: reproducibility, properties of contacts, tables and sets made from
+them, and refusals."""
 
 import re
 from pathlib import Path
@@ -49,7 +49,7 @@ def numbers(data):
     return data.drop_attrs(deep=False)
 
 
-# ---- the same bits, however it is run
+# ---- reproducibility, however the case is run
 
 
 def test_threads_and_chunks_change_no_bit(data, monkeypatch):
@@ -101,7 +101,7 @@ def test_a_file_has_all_that_makes_it_again(place, data):
     assert lab_case_of(kept.attrs["lab_case"], "c.nc") == SMALL
 
 
-# ---- what contacts promise
+# ---- properties of contacts
 
 
 def test_contacts_follow_one_another(data):
@@ -138,7 +138,7 @@ def test_each_ratio_can_have_a_relief_of_its_own(data):
 
 
 def test_throws_without_a_stable_step_are_reported(data):
-    """Their absence is no chance: it is the fastest throws that rocks too soft do not stand."""
+    """Throws are not lost at random: the fastest throws need stiffer rocks."""
     assert "warning" not in sequences_summary(data)
     few = data.isel(contact=(data["ratio"].values == 1) | (data["sequence"].values > 2))
     assert (
@@ -198,7 +198,7 @@ def test_contacts_from_flights_are_kept_from_more_throws():
     of_flights = [
         table.first[np.prod(table.bins["flight"])] / len(table.record) for table in (every, few)
     ]
-    assert len(few.record) <= 200 + len(few.first)  # at least one for each bin
+    assert len(few.record) <= 200 + len(few.first)  # at least one record per bin
     assert 1.3 * of_flights[0] < of_flights[1] < 0.9
 
 
@@ -207,8 +207,8 @@ def column(table, name):
 
 
 def test_what_is_climbed_on_a_facet_becomes_motion_again():
-    """A contact that rolls on ends at the mean ground: its energy is that of the laboratory, with
-    the height; what is too slow to climb out of a hole has none."""
+    """A rolling contact ends at the mean ground, with its laboratory energy corrected for the
+    height; a boulder too slow to climb out of a hole has none."""
     throw = {"throws": [60, 40], "slope": [25, 45]}
     level, rough = (
         run_sequences(SMALL.replace(throw=throw | {"relief": [relief]})) for relief in (0, 12)
@@ -232,12 +232,12 @@ def test_what_is_climbed_on_a_facet_becomes_motion_again():
         for name, factor in (("along_out", 1.0), ("across_out", 1.0), ("w_out", 0.4))
     )
     assert (expected == 0).any()
-    assert len(found) > 0.9 * len(expected)  # not those that hardly move
+    assert len(found) > 0.9 * len(expected)  # except contacts that hardly move
     assert (np.abs(found - expected[:, None]).min(axis=0) <= 0.01 * found).all()
 
 
 def least_squares(contacts, nearest=False):
-    """In place of the fit, which takes a minute."""
+    """Replaces the fit, which takes a minute."""
     v = contacts.impacts
     mean = np.linalg.lstsq(v.v_in, v.v_out, rcond=None)[0].T.ravel()
     found = ImpactSet(mean, 1e-3 * np.eye(9), np.zeros(9), np.zeros((9, 9)), len(v.v_in), 0.0)
@@ -321,13 +321,13 @@ ANGULAR = SMALL.replace(
 def test_angular_rocks_and_boulders_do_not_depend_on_threads_and_chunks(monkeypatch):
     whole = run_sequences(ANGULAR, threads=1)
     assert whole.attrs["shape"] == "platy"
-    assert 0.45 < whole.attrs["inertia_factor"] < 0.6  # a plate of 1 : 0.8 : 0.42; a sphere: 0.4
+    assert 0.45 < whole.attrs["inertia_factor"] < 0.6  # a plate of 1 : 0.8 : 0.42; a sphere has 0.4
     monkeypatch.setattr(module, "THROWS_IN_CHUNK", 1)
     xr.testing.assert_identical(numbers(run_sequences(ANGULAR, threads=2)), numbers(whole))
 
 
 def test_a_platy_boulder_has_the_moment_of_a_plate():
-    """Mean of (b^2 + c^2)/12 and so on over m R_b^2 of a box, its edges rounded: within 5 %."""
+    """Mean of (b^2 + c^2)/12 etc. over m R_b^2 for a box: 5 %, because edges are rounded."""
     from rockfall_lab._lab import lab_f2py
 
     a, b, c = 1.0, 0.8, 0.42

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of impacts from contacts of blocks: what they hold, runs by them as in the laboratory, and
+"""Impact tables from contacts of blocks: contents, runs that agree with the laboratory, and
 refusals."""
 
 import itertools
@@ -37,13 +37,13 @@ from table_scenes import on_plane, terrain
 CASE = BlockCase(
     lab={"ground": "meadow", "throws": 100, "seed": 5}, block={"count": 6}, ground={"patches": 1}
 )
-FEW = CASE.replace(lab={"contacts": 12})  # of a throw: first contacts cost the least
+FEW = CASE.replace(lab={"contacts": 12})  # the first contacts of a throw cost the least
 MANY = FEW.replace(lab={"throws": 500})
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder with the contacts of a small laboratory and a table of them."""
+    """Folder with contacts of a small laboratory case and a table made from them."""
     folder = tmp_path_factory.mktemp("made")
     contacts = run_throws(MANY)
     save_contacts(contacts, folder / "contacts.nc")
@@ -52,7 +52,7 @@ def made(tmp_path_factory):
 
 
 def test_rebounds_are_those_of_the_laboratory(made):
-    """The first contacts of boulders that fall on a plane, beside records of that incidence."""
+    """First contacts of boulders that fall on a plane, compared with records of that incidence."""
     table = open_table(made / "meadow.nc")
     record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
     result = on_plane(made, 30.0, 3000)
@@ -70,7 +70,7 @@ def test_rebounds_are_those_of_the_laboratory(made):
 
 
 def test_speeds_on_talus_go_with_the_root_of_the_size(tmp_path):
-    """Its strength is in proportion to R_b, and its relief the same for all: nothing has a size."""
+    """Strength is proportional to R_b, and relief constant: there is no length scale."""
     talus = CASE.replace(lab={"ground": "talus", "throws": 200})
     case = talus.replace(ground={"hurst": 1.0, "yield_exponent": 1.0}).at_radius(0.4)
     save_table(table_of([run_throws(case)]), tmp_path / "talus.nc")
@@ -88,7 +88,7 @@ def test_speeds_on_talus_go_with_the_root_of_the_size(tmp_path):
 
 @pytest.mark.parametrize("ground", ["meadow", "rock"])
 def test_contacts_in_the_laboratory_are_similar(ground):
-    """At equal strength over rho_b g R_b, relief and scaled speed, of any size and density."""
+    """Contacts are similar at equal strength over rho_b g R_b, relief and scaled speed."""
     first = CASE.replace(
         lab={"ground": ground, "throws": 60, "contacts": 1}, ground={"hurst": 1.0},
         throw={"speed": [3.0, 6.0, 9.0]},
@@ -115,7 +115,7 @@ SIZES = 0.2, 0.6
 
 @pytest.fixture(scope="module")
 def sized(tmp_path_factory):
-    """A folder with tables of blocks of two sizes, and one of both."""
+    """Folder with tables for blocks of two sizes, and one table for both."""
     folder = tmp_path_factory.mktemp("sized")
     contacts = [run_throws(FEW.at_radius(radius)) for radius in SIZES]
     every = 2 * max(data.sizes["contact"] for data in contacts)
@@ -126,7 +126,7 @@ def sized(tmp_path_factory):
 
 
 def of_size(folder, table, radius, **groups):
-    """A run of boulders of a size by a table."""
+    """Run of boulders of a given size by a table."""
     boulder = {"volume_mean": 4 / 3 * np.pi * radius**3}
     case = {"impact": {"table": table, "form": "table"}, "boulder": boulder}
     return on_plane(folder, 34.0, 100, **(case | groups))
@@ -134,9 +134,9 @@ def of_size(folder, table, radius, **groups):
 
 @pytest.mark.parametrize(("radius", "part"), [(0.1, 0.2), (0.2, 0.2), (0.6, 0.6), (2.0, 0.6)])
 def test_a_boulder_takes_the_part_of_its_size(sized, radius, part):
-    """Of a size that was thrown, or beyond all, in every bit; and needs no size of rocks."""
+    """At a simulated size, or beyond all, results are bit-identical and need no rock size."""
     table = open_table(sized / "both.nc")
-    weight = 2700.0 * 9.81 * np.array(SIZES)  # over the area [Pa]
+    weight = 2700.0 * 9.81 * np.array(SIZES)  # weight over area [Pa]
     assert np.allclose(table.size * table.ground.strength, weight, rtol=1e-12)
     both, alone = (of_size(sized, table, radius) for table in ("both.nc", f"{part}.nc"))
     for name in "stop_y", "speed_max", "path_length", "impacts":
@@ -146,7 +146,7 @@ def test_a_boulder_takes_the_part_of_its_size(sized, radius, part):
 
 
 def test_a_boulder_between_two_sizes_takes_both_parts(sized):
-    """Half way in the logarithm the density of what it does is between theirs."""
+    """Halfway in the logarithm of size, the results are between those of both sizes."""
     between = np.sqrt(np.prod(SIZES))
     speeds = [
         of_size(sized, table, between, output={"trajectories": 0})["speed_max"].values
@@ -215,7 +215,7 @@ THROWN = CASE.replace(lab={"ground": "talus", "throws": 40})
 
 
 def test_contacts_of_sizes_and_reliefs_make_columns_and_rows():
-    """In any order; the strength is that of the ground as the smallest blocks met it."""
+    """Files in any order; the strength is that of the ground for the smallest blocks."""
     cases = {
         (relief, strength): THROWN.replace(
             ground={"relief": relief, "yield_pressure": strength, "yield_exponent": 0.0}
@@ -244,7 +244,7 @@ def test_contacts_of_sizes_and_reliefs_make_columns_and_rows():
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0])
 def test_a_boulder_like_the_block_thrown_is_like_it_on_the_ground_of_the_table(exponent):
-    """Whatever the size that the ground of the laboratory was fitted to."""
+    """A boulder like the thrown block behaves like it, for any size of the laboratory ground."""
     case = THROWN.replace(
         block={"radius": 0.4}, ground={"fitted_radius": 0.9, "yield_exponent": exponent}
     )
@@ -312,7 +312,7 @@ def test_a_shipped_table_of_a_plane_has_the_ground_and_parts_of_its_cases(name):
 
 
 def reached_bins(table, kind):
-    """Bins of a table of one part, without those that fill it up, beyond edges that no key has."""
+    """Bins of a table with one part, without padding bins, whose edges no key reaches."""
     edges = [table.edges[f"{kind}_edge_{key}"][0] for key in (1, 2, 3)]
     own = [int((one[(0,) * (one.ndim - 1)] < 1e30).sum()) + 1 for one in edges]
     before = 0 if kind == "flight" else np.prod(table.bins["flight"])
@@ -334,7 +334,7 @@ def test_bins_hold_their_records(made):
 
 
 def test_a_record_knows_what_followed_it_in_its_throw(made):
-    """What rolls on has the speed with which the next contact begins; what stops has none."""
+    """A rolling record has the speed of the next contact's start; a stopping record has none."""
     table = open_table(made / "meadow.nc")
     record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
     follower = record["follower"].astype(int)
@@ -353,7 +353,7 @@ def test_a_record_knows_what_followed_it_in_its_throw(made):
 
 
 def test_as_many_stop_as_blocks_do(made):
-    """On a slope where blocks come to rest now and then, in hollows: they stay in them as long."""
+    """On a slope where blocks sometimes stop in hollows, boulders stay there as long."""
     slope, away = np.radians(20.0), np.radians(30.0)  # thrown at 30 degrees from the plane
     throw = {"slope": [20.0] * 2, "speed": [5.0] * 3, "angle": [30.0] * 3, "spin": [0.0] * 3}
     lab = {"throws": 240, "contacts": 300, "seed": 6}

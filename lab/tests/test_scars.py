@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scars that blocks of the laboratory leave."""
+"""Scars left by blocks of the laboratory."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from rockfall_lab.blocks.contacts import run_throws
 def test_the_scar_of_the_laboratory_gives_its_strength(
     tmp_path, monkeypatch, model, strength, radius, speed
 ):
-    """A sphere falls on flat ground, stiff enough that it does not rebound."""
+    """A sphere falls on flat ground that is stiff enough to prevent a rebound."""
     monkeypatch.chdir(tmp_path)
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(300)
     z = (2 * np.arange(300) + 1) / 300 - 1

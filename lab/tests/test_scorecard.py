@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scorecard: what impact sets give on the slope of the paper, and what is made of it."""
+"""Scorecard: statistics of impact sets on the slope of the paper, and their evaluation."""
 
 import re
 from dataclasses import replace
@@ -54,7 +54,7 @@ def test_restitution_of_one_matrix_is_known(angle):
 
 @pytest.mark.parametrize("index, value", [(4, 0.5), (0, 1.3), (6, 2.0)])
 def test_draws_that_cannot_be_are_left_out(index, value):
-    """Into the ground, or faster than before: in translation, in rotation."""
+    """Draws into the ground, or with a gain of translational or rotational energy."""
     mean = scenes.LIVELY_MEAN.copy()
     mean[index] = value
     r_t, r_n = restitution(mean, np.zeros((9, 9)), 30.0)
@@ -87,7 +87,7 @@ def test_the_tangential_share_is_counted_from_its_limit():
 
 
 def test_turns_are_between_the_flights_of_one_boulder():
-    """And not at the points between the start and the end of a leg on the ground."""
+    """Turns are also not counted at points between the start and end of a ground leg."""
     headings = np.radians([0, 10, 10, -20, 90, 90, 135])
     boulder, leg = np.array([1, 1, 1, 1, 2, 2, 2]), np.array([1, 2, 2, 1, 1, 1, 1])
     path = {
@@ -161,14 +161,14 @@ def test_the_greatest_rise_of_the_neutral_slope():
 
 @pytest.fixture(scope="module")
 def site():
-    """With few boulders; those of a neutral slope are fewer, too."""
+    """Site with few boulders, also for the neutral slope."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scorecard, "SLOPE_BOULDERS", 40)
         yield Site(VAUJANY, boulders=200, trajectories=20)
 
 
 def test_the_numbers_of_the_site_are_those_of_its_runs(site, tmp_path):
-    mean, covariance = (np.round(one, 10) for one in scenes.sets())  # as many digits as are written
+    mean, covariance = (np.round(one, 10) for one in scenes.sets())  # rounded as in the file
     sets = str(scenes.write_sets(tmp_path / "sets.nml", mean, covariance))
     one = Sets("one", mean, covariance)
     numbers = site.numbers(one)
@@ -208,7 +208,7 @@ def test_several_draws_take_turns(site):
     alone, both = score([one], site, 3), score([one, other], site, 3)
     speeds = [each.numbers["B_EL1_speed"] for each in (alone, both)]
     assert (speeds[0] == speeds[1]).tolist() == [True, False, True]
-    assert len(set(speeds[0])) == 3  # slopes and boulders of their own
+    assert len(set(speeds[0])) == 3  # slopes have different boulders
 
 
 def test_the_error_of_the_sets_is_part_of_that_of_the_numbers(site, tmp_path):

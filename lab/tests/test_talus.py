@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stand-in for the experimental slope."""
+"""Stand-in for the experimental slope."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drops a sphere on gravel, and prints R_n by classes of the incident speed.
+"""Drop a sphere on gravel, and print R_n by classes of the incident speed.
 
 python lab/cases/gravel-drop/drop.py
 """
@@ -13,7 +13,7 @@ from rockfall_lab.sets.fit import as_rebounds, impacts_of
 from rockfall_lab.spheres.experiment import run_impacts
 
 CASE = Path(__file__).parent / "lab.nml"
-CLASSES = 2.0, 3.0, 4.0, 5.0, 6.5  # [m/s]
+CLASSES = 2.0, 3.0, 4.0, 5.0, 6.5  # class limits of the speed [m/s]
 
 
 def main() -> None:

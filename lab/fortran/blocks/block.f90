@@ -11,22 +11,22 @@ module lab_block
    public :: block_t, make_block, solid_t, solid_of
 
    type :: block_t
-      real(wp), allocatable :: x(:, :)        !! (vertices, 3) from the centre of mass, principal axes [m]
-      integer, allocatable :: corner(:, :)    !! (3, facets) vertices, counterclockwise from outside
-      real(wp), allocatable :: normal(:, :)   !! (3, facets) outwards, unit [-]
-      real(wp), allocatable :: area(:)        !! (facets) [m2]
-      real(wp) :: radius = 0                  !! R_b, of the sphere of the same volume [m]
+      real(wp), allocatable :: x(:, :)        !! (vertices, 3) relative to the centre of mass, in principal axes [m]
+      integer, allocatable :: corner(:, :)    !! (3, facets) vertex indices, counterclockwise from outside
+      real(wp), allocatable :: normal(:, :)   !! (3, facets) outward unit normals [-]
+      real(wp), allocatable :: area(:)        !! (facets) areas [m2]
+      real(wp) :: radius = 0                  !! R_b, radius of the sphere of equal volume [m]
       real(wp) :: reach = 0                   !! distance of the farthest vertex from the centre [m]
       real(wp) :: edge = 0                    !! longest edge of a facet [m]
       real(wp) :: mass = 0                    !! [kg]
       real(wp) :: inertia(3) = 0              !! principal moments, ascending [kg m2]
    end type block_t
 
-   !> Moments of a solid of density 1.
+   !> Moments of a solid with unit density.
    type :: solid_t
       real(wp) :: volume = 0          !! [m3]
       real(wp) :: centre(3) = 0       !! [m]
-      real(wp) :: inertia(3, 3) = 0   !! about the centre [m5]
+      real(wp) :: inertia(3, 3) = 0   !! moments of inertia about the centre [m5]
    end type solid_t
 
    real(wp), parameter :: convex_within = 1.0e-6_wp  !! maximum height of a vertex above a facet / R_b
@@ -44,11 +44,11 @@ module lab_block
 
 contains
 
-   !> Make a block of a given shape, scaled to the equivalent radius; rejects surfaces that are not closed, not
-   !> counterclockwise, or not convex.
+   !> Make a block of a given shape, scaled to an equivalent radius; rejects surfaces that are not closed,
+   !> counterclockwise and convex.
    subroutine make_block(x, corner, radius, density, block, error)
-      real(wp), intent(in) :: x(:, :)         !! (3, vertices), in any unit of length
-      integer, intent(in) :: corner(:, :)     !! (3, facets)
+      real(wp), intent(in) :: x(:, :)         !! (3, vertices) coordinates, in any unit of length
+      integer, intent(in) :: corner(:, :)     !! (3, facets) vertex indices
       real(wp), intent(in) :: radius, density !! R_b [m], [kg/m3]
       type(block_t), intent(out) :: block
       type(error_t), allocatable, intent(out) :: error
@@ -101,7 +101,7 @@ contains
       if (any(abs(side) > convex_within*radius**2)) call fail(error, "block: the surface is not closed")
    end subroutine make_block
 
-   !> Exact moments from the facets, by tetrahedra between each facet and the origin.
+   !> Exact moments from the facets, as tetrahedra between each facet and the origin.
    pure type(solid_t) function solid_of(x, corner) result(solid)
       real(wp), intent(in) :: x(:, :)      !! (3, vertices) [m]
       integer, intent(in) :: corner(:, :)  !! (3, facets)
@@ -136,10 +136,10 @@ contains
       end do
    end function solid_of
 
-   !> Principal moments and a right-handed set of axes, with signs independent of the library.
+   !> Principal moments and right-handed principal axes, whose signs do not depend on the LAPACK library.
    subroutine principal_axes(inertia, moments, axes)
       real(wp), intent(in) :: inertia(3, 3)              !! any [unit]
-      real(wp), intent(out) :: moments(3), axes(3, 3)    !! ascending; axes as columns [-]
+      real(wp), intent(out) :: moments(3), axes(3, 3)    !! ascending moments; axes as columns [-]
       real(wp) :: work(32)
       integer :: info, k
 

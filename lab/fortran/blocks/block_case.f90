@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Case file of the laboratory of blocks: its groups and keys in one table. A case is one of blocks if its group &lab
-!> names a ground, which provides the defaults of &ground.
+!> Case file of the block laboratory: its groups and keys in one table. A case belongs to this laboratory if its group
+!> &lab has a ground, which provides the defaults of &ground.
 module lab_block_case
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -33,13 +33,13 @@ module lab_block_case
       key_t("throw", "gravity", "real"), key_t("throw", "step_factor", "real")]
 
    integer(i8), parameter :: max_throws = 10_i8**7
-   real(wp), parameter :: longest = 5  !! axis of a block, over its shortest
+   real(wp), parameter :: longest = 5  !! maximum axis of a block over its shortest
 
    type :: block_case_t
       character(len=:), allocatable :: file, title, ground, shape, points
       integer(i8) :: seed = 1
       integer(i8) :: throws = 2000   !! about 50,000 contacts
-      integer(i8) :: contacts = 32   !! maximum number per throw
+      integer(i8) :: contacts = 32   !! maximum number of contacts per throw
       type(plan_t) :: plan
       type(ground_t) :: strength
       type(throw_range_t) :: range
@@ -47,7 +47,7 @@ module lab_block_case
 
 contains
 
-   !> Return whether the text of a case names a ground. Errors in the text are left to its reader.
+   !> Return whether the text of a case has a ground. Errors in the text are left to its reader.
    pure logical function is_block_case(text, file)
       character(len=*), intent(in) :: text, file
       type(namelist_t) :: list
@@ -62,9 +62,9 @@ contains
       end do
    end function is_block_case
 
-   !> Read a case from text, with one error for the first invalid item.
+   !> Read a case from text; the error is the first invalid item.
    pure subroutine read_block_case(text, file, case, error)
-      character(len=*), intent(in) :: text, file  !! the file name is for messages
+      character(len=*), intent(in) :: text, file  !! text of the case; file name, for messages
       type(block_case_t), intent(out) :: case
       type(error_t), allocatable, intent(out) :: error
       type(namelist_t) :: list

@@ -12,19 +12,19 @@ module lab_block_motion
    public :: motion_t, law_of, start_motion, advance, feel_ground, free_step, contact_step, spin_of, kinetic_energy
 
    type :: motion_t
-      real(wp) :: x(3) = 0                          !! centre of mass; z from the mean surface [m]
+      real(wp) :: x(3) = 0                          !! centre of mass, z above the mean surface [m]
       real(wp) :: v(3) = 0                          !! [m/s]
       real(wp) :: q(4) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]  !! orientation, a unit quaternion [-]
-      real(wp) :: momentum(3) = 0                   !! angular, in the block's axes [kg m2/s]
-      real(wp) :: force(3) = 0                      !! by the ground [N]
-      real(wp) :: torque(3) = 0                     !! by the ground about the centre [N m]
+      real(wp) :: momentum(3) = 0                   !! angular momentum, in the block's axes [kg m2/s]
+      real(wp) :: force(3) = 0                      !! force of the ground [N]
+      real(wp) :: torque(3) = 0                     !! torque of the ground about the centre [N m]
       real(wp) :: area = 0                          !! contact area [m2]
       real(wp) :: clear = 0                         !! height of the lowest vertex above the ground [m]
-      logical :: wet = .false.                      !! some part is below the ground
-      type(memory_t), allocatable :: memory(:)      !! per facet
-      real(wp), allocatable :: vertex(:, :)         !! (vertices, 3) from the centre of mass, in space [m]
-      real(wp), allocatable :: depth(:)             !! (vertices) along the ground's normal [m]
-      real(wp), allocatable :: normal(:, :)         !! (3, vertices) of the ground below [-]
+      logical :: wet = .false.                      !! any part is below the ground
+      type(memory_t), allocatable :: memory(:)      !! state of each facet
+      real(wp), allocatable :: vertex(:, :)         !! (vertices, 3) relative to the centre of mass, in space [m]
+      real(wp), allocatable :: depth(:)             !! (vertices) depth along the ground's normal [m]
+      real(wp), allocatable :: normal(:, :)         !! (3, vertices) normal of the ground below [-]
    end type motion_t
 
    real(wp), parameter :: step_of_period = 0.15_wp  !! step / shortest period of block and ground
@@ -51,7 +51,7 @@ contains
    pure subroutine start_motion(block, law, x, v, q, spin, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: x(3), v(3), q(4), spin(3)  !! [m], [m/s], [-], in space [rad/s]
+      real(wp), intent(in) :: x(3), v(3), q(4), spin(3)  !! [m], [m/s], [-], spin in space [rad/s]
       type(motion_t), intent(out) :: m
 
       m%x = x
@@ -62,8 +62,8 @@ contains
       allocate (m%vertex(size(block%x, 1), 3), m%depth(size(block%x, 1)), m%normal(3, size(block%x, 1)), source=0.0_wp)
    end subroutine start_motion
 
-   !> Advance by one step: half a kick, a drift, the new forces, half a kick. Of second order, and symplectic if the
-   !> ground is elastic.
+   !> Advance by one step: half a kick, a drift, the new forces, half a kick. The scheme is second-order, and symplectic
+   !> if the ground is elastic.
    pure subroutine advance(block, law, relief, gravity, dt, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -107,7 +107,7 @@ contains
       m%clear = huge(1.0_wp)
       do k = 1, size(m%depth)
          height = relief%top - (m%x(3) + m%vertex(k, 3))
-         if (height > -block%edge) then  ! otherwise neither it nor a neighbour is submerged
+         if (height > -block%edge) then  ! otherwise neither the facet nor a neighbour is submerged
             call look_up(relief, m%x(1) + m%vertex(k, 1), m%x(2) + m%vertex(k, 2), height, slope(1), slope(2))
             height = height - (m%x(3) + m%vertex(k, 3))
             steep = 1/sqrt(1 + slope(1)**2 + slope(2)**2)
@@ -132,7 +132,7 @@ contains
    pure subroutine press_facets(block, law, axes, spin, dt, m)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: axes(3, 3), spin(3), dt  !! [-], [rad/s], [s]
+      real(wp), intent(in) :: axes(3, 3), spin(3), dt  !! axes [-], spin [rad/s], step [s]
       type(motion_t), intent(inout) :: m
       type(facet_t) :: facet
       real(wp) :: force(3), torque(3)
@@ -161,8 +161,8 @@ contains
       end do
    end subroutine press_facets
 
-   !> Step in contact [s]: a fraction of the rocking period of the block on its current contact area, and of the time in
-   !> which it moves by a small part of its radius.
+   !> Step in contact [s]: a fraction of the rocking period of the block on its current contact area, and of the time to
+   !> move by a small part of its radius.
    pure real(wp) function contact_step(block, law, m) result(dt)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -189,7 +189,7 @@ contains
       closing = max(0.0_wp, -m%v(3)) + relief%steepest*sqrt(m%v(1)**2 + m%v(2)**2) &
                 + turning*block%reach*(1 + relief%steepest)
       g = -gravity(3) + relief%steepest*sqrt(gravity(1)**2 + gravity(2)**2)
-      ! closing*dt + g/2*dt**2 = clear
+      ! solution of closing*dt + g/2*dt**2 = clear
       dt = caution*2*m%clear/(closing + sqrt(closing**2 + 2*g*m%clear) + tiny(1.0_wp))
       if (turning > 0) dt = min(dt, max_turn/turning)
       dt = max(dt, min_step)

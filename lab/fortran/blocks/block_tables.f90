@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Names and order of the numbers of the laboratory of blocks in the Python interface.
+!> Names and order of the numbers of the block laboratory in the Python interface.
 module lab_block_tables
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -10,21 +10,21 @@ module lab_block_tables
    public :: plan_t, plan_of, plan_row, check_plan, plan_keys
    public :: ground_keys
 
-   !> Parameters of blocks, relief and time step, which other modules interpret.
+   !> Parameters of blocks, relief and time step, used by other modules.
    type :: plan_t
       real(wp) :: radius = 0.4_wp        !! R_b of all blocks [m]
       real(wp) :: density = 2700         !! [kg/m3]
-      integer :: count = 64              !! number of random blocks of the shape
+      integer :: count = 64              !! number of random blocks with this shape
       real(wp) :: edge = 1               !! longest edge of a facet, over R_b
       real(wp) :: relief = 13.5_wp       !! standard deviation of the slope along a line [degrees]
       real(wp) :: shortest = 2           !! shortest wavelength, over R_b
       real(wp) :: longest = 16           !! longest wavelength, over R_b
-      real(wp) :: hurst = 0.8_wp         !! Hurst exponent between them
+      real(wp) :: hurst = 0.8_wp         !! Hurst exponent between these wavelengths
       integer :: patches = 4             !! number of patches of relief
       real(wp) :: step_factor = 1        !! time step relative to the default
       real(wp) :: rest_angle = 38        !! maximum slope on which boulders using the table rest [degrees]
-      real(wp) :: yield_exponent = 0     !! of the radius, in the yield pressure: 0 cohesive, 1 cohesionless ground
-      real(wp) :: fitted_radius = 0.4_wp !! R_b for which relief and yield pressure hold [m]
+      real(wp) :: yield_exponent = 0     !! exponent of R_b in the yield pressure: 0 cohesive, 1 cohesionless
+      real(wp) :: fitted_radius = 0.4_wp !! R_b to which relief and yield pressure apply [m]
    end type plan_t
 
    integer, parameter :: long = 16
@@ -37,7 +37,7 @@ module lab_block_tables
 contains
 
    pure type(ground_t) function ground_of(v)
-      real(wp), intent(in) :: v(size(ground_keys))  !! [units] of ground_t
+      real(wp), intent(in) :: v(size(ground_keys))  !! values in the [units] of ground_t
 
       ground_of = ground_t(yield_pressure=v(1), restitution=v(2), friction=v(3), soil_density=v(4), &
                            plough=nint(v(5)) /= 0)
@@ -51,7 +51,7 @@ contains
    end function ground_row
 
    pure type(plan_t) function plan_of(v)
-      real(wp), intent(in) :: v(size(plan_keys))  !! [units] of plan_t
+      real(wp), intent(in) :: v(size(plan_keys))  !! values in the [units] of plan_t
 
       plan_of = plan_t(radius=v(1), density=v(2), count=nint(v(3)), edge=v(4), relief=v(5), shortest=v(6), &
                        longest=v(7), hurst=v(8), patches=nint(v(9)), step_factor=v(10), rest_angle=v(11), &

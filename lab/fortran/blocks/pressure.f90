@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Action of the ground on the submerged part of a flat facet: pressure up to the yield pressure, elastic unloading,
-!> and Coulomb friction with memory.
+!> Forces of the ground on the submerged part of a flat facet: pressure up to the yield pressure, elastic unloading, and
+!> Coulomb friction with memory.
 module lab_pressure
    use rockfall_kinds, only: wp
    use lab_contact, only: cross
@@ -14,31 +14,31 @@ module lab_pressure
       real(wp) :: reserve = 0        !! p_y/k: the elastic path to yielding [m]
       real(wp) :: friction = 0       !! mu [-]
       real(wp) :: soil_density = 0   !! [kg/m3]
-      logical :: plough = .false.    !! pressure along the facet's normal; otherwise along the ground's
+      logical :: plough = .false.    !! pressure acts along the facet's normal; false: along the ground's
    end type law_t
 
    !> State of a facet while any part of it is submerged.
    type :: memory_t
-      real(wp) :: reserve = 0        !! e: the pressure is at most k e [m]
+      real(wp) :: reserve = 0        !! remaining e: the pressure is at most k e [m]
       real(wp) :: area = 0           !! last contact area [m2]
       real(wp) :: drag(3) = 0        !! tangential force [N]
    end type memory_t
 
    !> Facet and the ground below it at an instant.
    type :: facet_t
-      real(wp) :: x(3, 3) = 0        !! corners, from the centre of mass [m]
-      real(wp) :: depth(3) = 0       !! of the corners, along the ground's normal; < 0 above it [m]
-      real(wp) :: normal(3) = 0      !! outwards [-]
-      real(wp) :: ground(3) = 0      !! the ground's normal [-]
+      real(wp) :: x(3, 3) = 0        !! corners relative to the centre of mass [m]
+      real(wp) :: depth(3) = 0       !! depth of the corners along the ground's normal; < 0 above it [m]
+      real(wp) :: normal(3) = 0      !! outward unit normal [-]
+      real(wp) :: ground(3) = 0      !! unit normal of the ground [-]
       real(wp) :: area = 0           !! [m2]
    end type facet_t
 
-   !> Integrals of the depth below a level, over the part of a facet below that level.
+   !> Integrals of the depth below a level, over the part of a facet below this level.
    type :: part_t
-      real(wp) :: area = 0           !! [m2]
-      real(wp) :: volume = 0         !! of the depth [m3]
-      real(wp) :: place(3) = 0       !! of the position [m3]
-      real(wp) :: moment(3) = 0      !! of depth times position [m4]
+      real(wp) :: area = 0           !! area of this part [m2]
+      real(wp) :: volume = 0         !! integral of depth [m3]
+      real(wp) :: place(3) = 0       !! integral of position [m3]
+      real(wp) :: moment(3) = 0      !! integral of depth times position [m4]
    end type part_t
 
    real(wp), parameter :: shear = 0.8_wp       !! tangential stiffness over k
@@ -46,15 +46,15 @@ module lab_pressure
 
 contains
 
-   !> State of a facet that has not touched the ground. A ploughing facet gains its reserve by moving; on hard ground it
-   !> has the full reserve, and the pressure depends on depth only.
+   !> State of a facet that has not touched the ground. A ploughing facet gains its reserve by moving. On hard ground a
+   !> facet has the full reserve, and pressure depends only on depth.
    pure type(memory_t) function untouched(law)
       type(law_t), intent(in) :: law
 
       untouched = memory_t(reserve=merge(0.0_wp, law%reserve, law%plough))
    end function untouched
 
-   !> Part of a triangle below a level: the depth is linear on it.
+   !> Part of a triangle below a level; the depth is linear on the triangle.
    pure type(part_t) function submerged_part(x, depth, area, level) result(part)
       real(wp), intent(in) :: x(3, 3)          !! corners [m]
       real(wp), intent(in) :: depth(3), level  !! [m]
@@ -68,7 +68,7 @@ contains
       select case (deep)
       case (3)
          part = of_triangle(x, f, area)
-      case (2)  ! all except the corner that is not submerged
+      case (2)  ! all except the corner above the level
          part = of_triangle(x, f, area)
          dry = corner_part(x, f, area, minloc(f, 1))
          part = part_t(part%area - dry%area, part%volume - dry%volume, part%place - dry%place, &
@@ -78,7 +78,7 @@ contains
       end select
    end function submerged_part
 
-   !> Corner `i` of a triangle, cut off where the depth is 0.
+   !> Part of a triangle at corner `i`, cut off where the depth is 0.
    pure type(part_t) function corner_part(x, f, area, i) result(part)
       real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
       integer, intent(in) :: i
@@ -95,7 +95,7 @@ contains
       part = of_triangle(y, [f(i), 0.0_wp, 0.0_wp], area*t*u)
    end function corner_part
 
-   !> Integrals over a complete triangle of a linear depth, which may be negative.
+   !> Integrals of a linear depth, which may be negative, over a complete triangle.
    pure type(part_t) function of_triangle(x, f, area) result(part)
       real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
       real(wp) :: s
@@ -112,9 +112,9 @@ contains
    pure subroutine press(law, facet, velocity, spin, dt, memory, force, torque)
       type(law_t), intent(in) :: law
       type(facet_t), intent(in) :: facet
-      real(wp), intent(in) :: velocity(3), spin(3), dt  !! of the block [m/s], [rad/s]; [s]
+      real(wp), intent(in) :: velocity(3), spin(3), dt  !! motion of the block [m/s], [rad/s]; step [s]
       type(memory_t), intent(inout) :: memory
-      real(wp), intent(out) :: force(3), torque(3)      !! [N], about the centre of mass [N m]
+      real(wp), intent(out) :: force(3), torque(3)      !! force [N]; torque about the centre of mass [N m]
       type(part_t) :: wet
       real(wp) :: facing, area, push, lever(3), place(3), along(3), at(3), inertial
 
@@ -149,8 +149,8 @@ contains
       torque = cross(lever, along) + cross(place, memory%drag)
    end subroutine press
 
-   !> Hard ground: pressure p = k min(d, e) along the ground's normal, with the depth d. Where d < e it is a spring;
-   !> where d > e the ground has yielded, and e decreases with the retreat of that part and recovers with its advance,
+   !> Hard ground: pressure p = k min(d, e) along the ground's normal, with the depth d. Where d < e the ground is a
+   !> spring. Where d > e it has yielded: e decreases as this part of the facet retreats, and recovers as it advances,
    !> up to p_y/k. The stored energy, k/2 times the integral of min(d, e)**2, changes exactly by the work of the
    !> pressure.
    pure subroutine sink(law, facet, wet, velocity, spin, dt, memory, push, lever)
@@ -159,7 +159,7 @@ contains
       type(part_t), intent(in) :: wet                    !! submerged part
       real(wp), intent(in) :: velocity(3), spin(3), dt   !! [m/s], [rad/s], [s]
       type(memory_t), intent(inout) :: memory
-      real(wp), intent(out) :: push, lever(3)            !! on a facet that faces the ground [N], [N m]
+      real(wp), intent(out) :: push, lever(3)            !! for a facet that faces the ground [N], [N m]
       type(part_t) :: yielded
       real(wp) :: change, volume
 
@@ -180,12 +180,12 @@ contains
       lever = law%stiffness*(wet%moment - yielded%moment + change*yielded%place)
    end subroutine sink
 
-   !> Soft ground: pressure p = k e along the facet's normal on its submerged part, with its advance e, at most p_y/k.
-   !> Newly submerged parts share the existing force; parts that emerge remove their share: neither adds to the stored
-   !> energy.
+   !> Soft ground: pressure p = k e along the facet's normal on its submerged part, where e is its advance, at most
+   !> p_y/k. Newly submerged parts share the existing force, and emerging parts remove their share: neither adds to the
+   !> stored energy.
    pure subroutine plough(law, area, advance, memory, push)
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: area, advance  !! submerged, by its attitude [m2]; along its normal [m]
+      real(wp), intent(in) :: area, advance  !! submerged area by attitude [m2]; advance along the normal [m]
       type(memory_t), intent(inout) :: memory
       real(wp), intent(out) :: push          !! [N]
 
@@ -197,7 +197,7 @@ contains
    !> Coulomb friction with memory: a tangential spring, limited to mu times the push.
    pure subroutine rub(law, slip, along, area, push, dt, memory)
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], normal of the plane [-]
+      real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], unit normal of the plane [-]
       real(wp), intent(in) :: area, push, dt     !! [m2], [N], [s]
       type(memory_t), intent(inout) :: memory
       real(wp) :: square, max_friction

@@ -15,7 +15,7 @@ module lab_throw
 
 contains
 
-   !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached.
+   !> Compute the first contacts of a throw, up to the size of `contacts`. `complete` is false at the time limit.
    pure subroutine follow_throw(block, law, relief, throw, step, contacts, n, complete)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law
@@ -26,7 +26,7 @@ contains
       integer, intent(out) :: n                     !! number of contacts
       logical, intent(out) :: complete
       type(motion_t) :: m
-      type(instant_t) :: first, last                !! of the current contact so far
+      type(instant_t) :: first, last                !! first and last instant of the current contact so far
       real(wp) :: gravity(3), time, unit, dt, min_step, slow_since
       integer :: entry
       logical :: in_contact, high, cut_now, rests
@@ -88,7 +88,7 @@ contains
       gravity = fall_line_gravity(throw)
       v = thrown_velocity(throw, block%radius)
       call start_motion(block, law, [throw%place, 0.0_wp], v(:3), throw%orientation, v(4:), m)
-      call feel_ground(block, law, relief, 0.0_wp, m)  ! for its depth there
+      call feel_ground(block, law, relief, 0.0_wp, m)  ! compute its depth there
       call start_motion(block, law, [throw%place, gap*block%radius - m%clear], v(:3), throw%orientation, v(4:), m)
       call feel_ground(block, law, relief, 0.0_wp, m)
    end subroutine set_out

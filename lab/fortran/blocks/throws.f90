@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many random throws. A throw is a pure function of (seed, number), so threads and chunks cannot change a bit.
+!> Many random throws. A throw is a pure function of (seed, number), so results do not depend on threads and chunks.
 module lab_throws
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size
@@ -15,7 +15,7 @@ module lab_throws
    private
    public :: throw_blocks
 
-   integer(i8), parameter :: for_throw = 68, for_attitude = 69  !! purposes of random numbers
+   integer(i8), parameter :: for_throw = 68, for_attitude = 69  !! purposes of the random numbers
 
 contains
 
@@ -25,11 +25,11 @@ contains
       type(law_t), intent(in) :: law
       type(relief_t), intent(in) :: reliefs(:)
       type(throw_range_t), intent(in) :: range
-      integer, intent(in) :: contacts  !! maximum number per throw
+      integer, intent(in) :: contacts  !! maximum number of contacts per throw
       real(wp), intent(in) :: step     !! time step relative to the default [-]
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: first
-      integer, intent(in) :: threads   !! 0: all
+      integer, intent(in) :: threads   !! number of threads; 0: all
       type(thrown_t), intent(out) :: thrown(:)
       integer :: k, patch
 
@@ -46,7 +46,7 @@ contains
       !$omp end parallel do
    end subroutine throw_blocks
 
-   !> Draw throw `number`, and its patch.
+   !> Draw throw `number`, and the patch of relief for it.
    pure subroutine draw_block_throw(range, key, number, reliefs, throw, patch)
       type(throw_range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key

@@ -10,22 +10,22 @@ module lab_yielding_ground
    !> Mechanical properties of the ground.
    type :: ground_t
       real(wp) :: yield_pressure = 1.0e6_wp  !! p_y [Pa]
-      real(wp) :: restitution = 0.2_wp       !! of a sphere of the block's size at 5 m/s, vertically [-]
+      real(wp) :: restitution = 0.2_wp       !! restitution of a sphere of equal size, vertically at 5 m/s [-]
       real(wp) :: friction = 0.5_wp          !! Coulomb coefficient mu, block on ground [-]
       real(wp) :: soil_density = 1800.0_wp   !! density of soil that a block must displace; 0: none [kg/m3]
-      logical :: plough = .true.             !! pressure along the facet's normal; otherwise along the ground's
+      logical :: plough = .true.             !! pressure acts along the facet's normal; false: along the ground's
    end type ground_t
 
-   !> Heights at the centres of square cells, periodic, as a biquadratic B-spline: the slope is continuous.
+   !> Heights at the centres of square cells of a periodic patch, as a biquadratic B-spline with continuous slope.
    type :: relief_t
-      integer :: cells = 1                   !! along each side, a power of 2
-      real(wp) :: cell = 1                   !! [m]
-      real(wp), allocatable :: height(:, :)  !! (0:cells - 1, 0:cells - 1) coefficients, mean 0 [m]
+      integer :: cells = 1                   !! number of cells along each side, a power of 2
+      real(wp) :: cell = 1                   !! cell size [m]
+      real(wp), allocatable :: height(:, :)  !! (0:cells - 1, 0:cells - 1) spline coefficients, mean 0 [m]
       real(wp) :: top = 0                    !! upper bound of the height [m]
       real(wp) :: steepest = 0               !! upper bound of the slope, tangent [-]
    end type relief_t
 
-   real(wp), parameter :: reference_speed = 5  !! of `restitution` [m/s]
+   real(wp), parameter :: reference_speed = 5  !! speed at which `restitution` applies [m/s]
 
 contains
 
@@ -44,11 +44,11 @@ contains
       end if
    end subroutine check_ground
 
-   !> Stiffness of the foundation [Pa/m] for which a sphere of radius R_b rebounds with `restitution` from a vertical
-   !> impact at 5 m/s, if its entire contact area has yielded.
+   !> Stiffness of the foundation [Pa/m] that gives a sphere of radius R_b its `restitution` in a vertical impact at 5
+   !> m/s, if its entire contact area yields.
    pure real(wp) function stiffness_of(ground, radius, density) result(k)
       type(ground_t), intent(in) :: ground
-      real(wp), intent(in) :: radius, density  !! of the block [m], [kg/m3]
+      real(wp), intent(in) :: radius, density  !! radius [m] and density [kg/m3] of the block
       real(wp) :: s
 
       s = density*reference_speed**2/(2*ground%yield_pressure)
@@ -75,7 +75,7 @@ contains
       allocate (relief%height(0:relief%cells - 1, 0:relief%cells - 1))
       relief%height = height
       relief%top = maxval(height)
-      ! the slope of the spline is bounded by those of its coefficients
+      ! the slope of the spline is bounded by the slopes of its coefficients
       rise = [maxval(abs(height - cshift(height, 1, 1))), maxval(abs(height - cshift(height, 1, 2)))]
       relief%steepest = sqrt(sum(rise**2))/relief%cell
    end subroutine make_relief

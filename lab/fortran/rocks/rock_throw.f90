@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Throw of a boulder, a sphere or a clump, at a tilted layer of rocks, and the records of its first contacts.
 !>
-!> The layer has settled under gravity along its normal, and keeps it: gravity is tilted for the boulder only. Spheres
-!> have a smaller angle of repose than rocks; under the gravity of the slope a layer of them would flow by itself on
-!> slopes on which talus is stable (lab/docs/validation.md). Rocks moved by the boulder feel its push along the slope,
-!> but not their own weight along it.
+!> The layer settles under gravity along its normal, which continues to act on its rocks: gravity is tilted only for the
+!> boulder. Spheres have a smaller angle of repose than rocks: under tilted gravity, a layer of spheres would flow on
+!> slopes where talus is stable (lab/docs/validation.md). Rocks moved by the boulder feel its push along the slope, but
+!> not their own weight along it.
 !>
-!> Flights are exact. A boulder lands farther away than the width of the periodic layer, on untouched ground: each
-!> flight ends on the layer as settled. Within a contact, however long, displaced rocks stay displaced.
+!> Flights are exact. Flights are longer than the width of the periodic layer and end on untouched ground: each flight
+!> lands on the layer as settled. Within a contact, however long, displaced rocks stay displaced.
 !>
-!> Ground with a relief consists of facets, each a tilted patch of the layer. Every flight, and every record that
-!> continues by rolling, ends on another facet.
+!> Ground with a relief consists of facets, each a tilted patch of the layer. Every flight, and every record that ends
+!> rolling, ends on another facet.
 module lab_rock_throw
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -40,21 +40,21 @@ module lab_rock_throw
       real(wp) :: density = 2650        !! [kg/m3]
       real(wp) :: relief = 0            !! standard deviation of the facets' slope along a line [degrees]
       real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`
-      integer :: retries = 3            !! maximum number of halvings of a step found too long
-      integer :: kind = sphere_shape    !! index in `shape_names`; R_b is that of the sphere of the same volume
+      integer :: retries = 3            !! maximum number of halvings of a step that is too long
+      integer :: kind = sphere_shape    !! shape, an index in `shape_names`; R_b is that of the sphere of equal volume
       logical :: adaptive = .false.    !! step and stiffness adapt, see `follow_on_rocks`
-      type(clump_shape_t), allocatable :: shape  !! of its kind, see `shape_boulder`; absent: a sphere
+      type(clump_shape_t), allocatable :: shape  !! as set by `shape_boulder`; absent for a sphere
    end type boulder_t
 
    !> Facet of the mean surface: its rotation about a line in that surface.
    type :: facet_t
-      real(wp) :: axis(3) = 0  !! times the sine of the rotation angle [-]
-      real(wp) :: cosine = 1   !! of the rotation angle [-]
+      real(wp) :: axis(3) = 0  !! axis times the sine of the rotation angle [-]
+      real(wp) :: cosine = 1   !! cosine of the rotation angle [-]
    end type facet_t
 
    !> Motion of the boulder in the frame of the mean surface: x(3) above it.
    type :: motion_t
-      real(wp) :: x(3) = 0, v(6) = 0  !! [m]; [m/s] and [rad/s]
+      real(wp) :: x(3) = 0, v(6) = 0  !! position [m]; velocity [m/s] and spin [rad/s]
       real(wp) :: time = 0            !! [s]
       real(wp) :: q(4) = [1, 0, 0, 0] !! orientation, a unit quaternion
    end type motion_t
@@ -64,24 +64,24 @@ module lab_rock_throw
       type(assembly_t) :: s
       type(motion_t) :: m
       type(facet_t) :: facet
-      type(instant_t) :: first, last    !! of the current contact so far
+      type(instant_t) :: first, last    !! first and last instant of the current contact so far
       integer :: entry = from_flight
-      logical :: landed = .false.       !! touched since it was placed
+      logical :: landed = .false.       !! touched the layer since it was placed
       real(wp) :: slow_since = 0        !! [s]
-      real(wp) :: wait = 0              !! time until which it does not leave the layer [s]
-      integer :: steps = 0              !! number since the landing
+      real(wp) :: wait = 0              !! time until which it cannot leave the layer [s]
+      integer :: steps = 0              !! number of steps since the landing
       integer(i8) :: landings = 0
    end type course_t
 
-   integer(i8), parameter :: for_facet = 71         !! purpose of random numbers
-   real(wp), parameter :: steepest = 2.5_wp         !! maximum slope of a facet along a line / its deviation
-   integer, parameter :: max_facets = 1000          !! maximum number drawn to find one that faces the boulder
-   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! between boulder and layer at the contact / R_b
+   integer(i8), parameter :: for_facet = 71         !! purpose of the random numbers
+   real(wp), parameter :: steepest = 2.5_wp         !! maximum slope of a facet along a line / standard deviation
+   integer, parameter :: max_facets = 1000          !! maximum number of draws to find a facet that faces the boulder
+   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! gap between boulder and layer at the contact / R_b
    real(wp), parameter :: inside_step = 0.05_wp     !! when leaving a volume that the layer had filled / R_b
    integer, parameter :: max_looks = 20000          !! maximum number of gap evaluations up to a contact
-   real(wp), parameter :: retry_time = 0.1_wp       !! between attempts to find another facet / sqrt(R_b/g)
-   real(wp), parameter :: stiffening = 4            !! of rocks that are too soft
-   integer, parameter :: max_stiffenings = 4        !! maximum number for a throw
+   real(wp), parameter :: retry_time = 0.1_wp       !! time between attempts to find another facet / sqrt(R_b/g)
+   real(wp), parameter :: stiffening = 4            !! factor for rocks that are too soft
+   integer, parameter :: max_stiffenings = 4        !! maximum number of stiffenings per throw
    integer, parameter :: watch_interval = 32        !! steps between checks of the energy and of the exit path
 
 contains
@@ -102,28 +102,28 @@ contains
       end if
    end subroutine check_boulder
 
-   !> Give a boulder the spheres of its kind.
+   !> Set the spheres of a boulder according to its shape.
    pure subroutine shape_boulder(boulder)
       type(boulder_t), intent(inout) :: boulder
 
       if (boulder%kind /= sphere_shape) boulder%shape = block_clump(boulder%kind)
    end subroutine shape_boulder
 
-   !> Compute the first contacts of a throw, as many as fit; `complete` is false if the time limit was reached, or if no
-   !> step was stable: then there are no contacts. A pure function of its arguments.
+   !> Compute the first contacts of a throw, up to the size of `contacts`. `complete` is false if the time limit was
+   !> reached, or if no step was stable (then there are no contacts). A pure function of its arguments.
    !>
-   !> A throw whose step is too long is repeated with half of it. If the throw is adaptive, the step is shortened at
-   !> once, and lengthened where all contacts permit it; and where two bodies overlap by more than a radius,
-   !> which Hertz's law does not describe, it is repeated at rocks four times as stiff: where gravity is weak,
-   !> overlaps / radius depend on rho v**2/E alone, in a collision as its power 2/5, and so are 0.57 of what they were.
+   !> If the step of a throw is too long, the throw is repeated with half the step. In an adaptive throw the step is
+   !> shortened at once, and lengthened when all contacts permit it. If two bodies overlap by more than a radius, beyond
+   !> the validity of Hertz's law, the throw is repeated with rocks four times as stiff. Where gravity is weak, overlap
+   !> / radius depends only on rho v**2/E, in collisions as its power 2/5, so this reduces it to 0.57 of its value.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
       type(boulder_t), intent(in) :: boulder
       type(throw_t), intent(in) :: throw
-      type(random_key_t), intent(in) :: key  !! with the number: random numbers of the facets
-      integer(i8), intent(in) :: number      !! of the throw
+      type(random_key_t), intent(in) :: key  !! random key for the facets, together with the number
+      integer(i8), intent(in) :: number      !! number of the throw
       type(contact_t), intent(out) :: contacts(:)
       integer, intent(out) :: n              !! number of contacts
       logical, intent(out) :: complete
@@ -174,7 +174,7 @@ contains
       complete = .false.
    end subroutine follow_by_any_step
 
-   !> Follow a throw with a given step; trouble ends it.
+   !> Follow a throw with a given step; any trouble ends it.
    pure subroutine follow(layer, packing, material, boulder, thrown, key, number, factor, contacts, n, complete, &
                           trouble)
       type(layer_t), intent(in) :: layer
@@ -184,7 +184,7 @@ contains
       type(throw_t), intent(in) :: thrown
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      real(wp), intent(in) :: factor         !! on the step [-]
+      real(wp), intent(in) :: factor         !! factor on the step [-]
       type(contact_t), intent(out) :: contacts(:)
       integer, intent(out) :: n, trouble
       logical, intent(out) :: complete
@@ -251,7 +251,7 @@ contains
 
    contains
 
-      !> Begin a contact: on a facet that the path hits, or where the flight has ended.
+      !> Begin a contact: on a facet that the path hits, or at the end of the flight.
       pure subroutine land(c, on_straight_path)
          type(course_t), intent(inout) :: c
          logical, intent(in) :: on_straight_path
@@ -297,7 +297,7 @@ contains
          if (c%s%trouble == sound .and. mod(c%steps, watch_interval) == 0) call lengthen_step(c%s)
       end subroutine adapt_step
 
-      !> A clump is placed where the sphere around it touches the layer: its flight ends at its own first touch.
+      !> Place a clump where the sphere around it touches the layer: its flight ends when the clump itself touches.
       pure subroutine await_touch(c)
          type(course_t), intent(inout) :: c
 
@@ -310,7 +310,7 @@ contains
    end subroutine follow
 
    !> Return whether a boulder that moves away from the layer has left it: nothing touches it or lies in its path, or it
-   !> is above the settled surface of the layer, among rocks that fly with it.
+   !> is above the settled surface, among rocks that fly along with it.
    pure logical function is_free(layer, boulder, s)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
@@ -342,12 +342,12 @@ contains
       if (allocated(boulder%shape)) extent = boulder%radius*boulder%shape%reach
    end function extent
 
-   !> A boulder that is a clump, in the frame of a facet.
+   !> Clump of a boulder in the frame of a facet.
    pure type(clump_t) function clump_on_facet(boulder, facet, m, first, x, v) result(clump)
       type(boulder_t), intent(in) :: boulder
       type(facet_t), intent(in) :: facet
       type(motion_t), intent(in) :: m
-      integer, intent(in) :: first        !! its first sphere
+      integer, intent(in) :: first        !! index of its first sphere
       real(wp), intent(in) :: x(3), v(6)  !! in the frame of the facet [m], [m/s] and [rad/s]
 
       clump = make_clump(boulder%shape, boulder%radius, boulder%density, first, x, &
@@ -356,7 +356,7 @@ contains
    end function clump_on_facet
 
    !> Assemble layer and boulder for time stepping. On a straight path the boulder is placed where it first touches the
-   !> layer on its way to the mean surface, otherwise it is already there.
+   !> layer on the way to the mean surface; otherwise its position is already that of the contact.
    pure subroutine load(layer, packing, material, boulder, throw, gravity, facet, factor, on_straight_path, m, s)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -365,7 +365,7 @@ contains
       type(throw_t), intent(in) :: throw
       real(wp), intent(in) :: gravity(3)  !! [m/s2]
       type(facet_t), intent(in) :: facet
-      real(wp), intent(in) :: factor      !! on the step [-]
+      real(wp), intent(in) :: factor      !! factor on the step [-]
       logical, intent(in) :: on_straight_path
       type(motion_t), intent(inout) :: m
       type(assembly_t), intent(out) :: s
@@ -377,7 +377,7 @@ contains
       v(4:6) = into_facet(facet, m%v(4:6))
       start = m%x
       if (on_straight_path) then
-         ! back along the path from the mean surface to above all rocks
+         ! back along the path from the mean surface to a point above all rocks
          start(3) = layer%top - layer%surface + 2*extent(boulder)
          start(1:2) = start(1:2) + v(1:2)/v(3)*start(3)
          start(3) = start(3) + layer%surface
@@ -405,7 +405,7 @@ contains
       type(boulder_t), intent(in) :: boulder
       type(facet_t), intent(in) :: facet
       type(motion_t), intent(in) :: m
-      real(wp), intent(in) :: x(3), v(6)  !! of the boulder, in the frame of the facet [m], [m/s] and [rad/s]
+      real(wp), intent(in) :: x(3), v(6)  !! boulder, in the frame of the facet: [m], [m/s] and [rad/s]
       type(bodies_t), intent(out) :: b
       integer, intent(out) :: n           !! number of bodies
       integer :: first
@@ -422,7 +422,7 @@ contains
       n = b%n
    end subroutine assemble_bodies
 
-   !> Advance by one step, and update the position of the boulder: the layer is periodic, its path is not.
+   !> Advance by one step, and update the position of the boulder, whose path is not periodic, unlike the layer.
    pure subroutine step_on(s, facet, m)
       type(assembly_t), intent(inout) :: s
       type(facet_t), intent(in) :: facet
@@ -450,9 +450,9 @@ contains
       now = instant_t(m%time, m%x, m%v(1:3), m%v(4:6), body_energy(s%bodies, s%bodies%n))
    end function instant_of
 
-   !> Determine whether a boulder without contact leaves for a flight, and how long it flies, or how long it is without
-   !> contact. Over facets, whose heights are unknown, it flies if it rises, and lands when its centre has come down to
-   !> R_b above the mean surface, at the earliest at the top of its path.
+   !> Determine whether a boulder without contact leaves for a flight, and the duration of the flight, or else of the
+   !> time without contact. Over facets, whose heights are unknown, it flies if it rises, and lands when its centre
+   !> descends to R_b above the mean surface, at the earliest at the top of its path.
    pure subroutine look_ahead(layer, boulder, gravity, m, last_touch, unit, leaves, time)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
@@ -460,7 +460,7 @@ contains
       type(motion_t), intent(in) :: m
       real(wp), intent(in) :: last_touch, unit  !! [s]
       logical, intent(out) :: leaves
-      real(wp), intent(out) :: time             !! from now [s]
+      real(wp), intent(out) :: time             !! duration from now [s]
       real(wp) :: highest, top
 
       if (boulder%relief > 0) then
@@ -492,13 +492,13 @@ contains
       m%v(4:6) = clump%spin
    end subroutine fly
 
-   !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside it, where
-   !> the rocks have been pushed aside, first comes out. Each step is limited by the gap and the speed, so no contact is
-   !> missed.
+   !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside the layer,
+   !> where the rocks were pushed aside, first leaves it. Each step is limited by the gap and the speed, so no contact
+   !> is missed.
    pure subroutine find_touch(layer, radius, x, v, gravity, time, highest)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius                      !! [m]
-      real(wp), intent(in) :: x(3), v(3), gravity(3)      !! [m], floor at 0; [m/s]; [m/s2]
+      real(wp), intent(in) :: x(3), v(3), gravity(3)      !! position, floor at 0 [m]; velocity [m/s]; gravity [m/s2]
       real(wp), intent(out) :: time     !! [s]
       real(wp), intent(out) :: highest  !! maximum gap on the part of the path examined [m]
       real(wp) :: gap, here(3), now(3), speed, pull, ceiling
@@ -513,7 +513,7 @@ contains
       do look = 1, max_looks
          here = x + time*(v + 0.5_wp*time*gravity)
          now = v + time*gravity
-         if (here(3) > ceiling + radius) then  ! above all rocks: skip directly to them
+         if (here(3) > ceiling + radius) then  ! above all rocks: skip directly to their top
             highest = here(3) - ceiling
             time = time + fall_time(here(3) - ceiling - 0.5_wp*radius, now(3), gravity(3))
             outside = .true.
@@ -536,7 +536,7 @@ contains
    !> Time to descend by a height [s].
    pure real(wp) function fall_time(height, v, gravity)
       real(wp), intent(in) :: height      !! > 0 [m]
-      real(wp), intent(in) :: v, gravity  !! upward velocity [m/s], <= 0 [m/s2]; one of them leads down
+      real(wp), intent(in) :: v, gravity  !! upward velocity [m/s]; acceleration <= 0 [m/s2]; at least one is negative
 
       if (gravity < 0) then
          fall_time = (v + sqrt(v**2 - 2*gravity*height))/(-gravity)
@@ -545,7 +545,7 @@ contains
       end if
    end function fall_time
 
-   !> Distance from a sphere to the nearest rock of the settled layer in any image, or the floor; < 0 inside [m].
+   !> Distance from a sphere to the nearest rock of the settled layer in any image, or to the floor; < 0 inside [m].
    pure real(wp) function gap_to_layer(layer, radius, x) result(gap)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius, x(3)  !! [m]
@@ -553,7 +553,7 @@ contains
       integer :: k
 
       width = layer%box%width
-      at = x(1:2) - width*floor(x(1:2)/width)  ! position in the box, like the rocks
+      at = x(1:2) - width*floor(x(1:2)/width)  ! position in the box, as for the rocks
       gap = x(3) - radius
       do k = 1, size(layer%radius)
          dz = x(3) - layer%x(3, k)
@@ -566,15 +566,15 @@ contains
       end do
    end function gap_to_layer
 
-   !> Draw a facet hit by a boulder: slopes along two lines are normal, truncated, and the probability of a hit is
-   !> proportional to the area of the facet projected along the path.
+   !> Draw a facet hit by a boulder: slopes along two lines are truncated normal, and the probability of a hit is
+   !> proportional to the facet's area projected along the path.
    pure subroutine draw_facet(relief, key, number, landing, v, facet, faces)
-      real(wp), intent(in) :: relief            !! standard deviation of its slope along a line [degrees]
+      real(wp), intent(in) :: relief            !! standard deviation of the slope along a line [degrees]
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number, landing
       real(wp), intent(in) :: v(3)              !! [m/s]
       type(facet_t), intent(out) :: facet
-      logical, intent(out) :: faces             !! false if no facet facing the boulder was found
+      logical, intent(out) :: faces             !! false if no facet faces the boulder
       integer(i8) :: word(words_per_block), draw
       real(wp) :: deviation, slope(2), normal(3), shown, max_speed
       integer :: k

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many random throws at rocks. A throw is a pure function of (seed, number) and of its layer, which is one of (seed,
-!> ratio, layer), so threads and chunks cannot change a bit.
+!> Many random throws at rocks. A throw is a pure function of (seed, number) and its layer, which is a pure function of
+!> (seed, ratio, layer), so results do not depend on threads and chunks.
 module lab_rock_throws
    use rockfall_kinds, only: wp, i8
    use rockfall_threads, only: team_size
@@ -15,11 +15,11 @@ module lab_rock_throws
    private
    public :: throw_on_rocks
 
-   integer(i8), parameter :: for_rock_throw = 70, for_rock_throw_attitude = 73  !! purposes of random numbers
+   integer(i8), parameter :: for_rock_throw = 70, for_rock_throw_attitude = 73  !! purposes of the random numbers
 
 contains
 
-   !> Throw the boulders of the given numbers, each at the layer with its index among those given.
+   !> Throw the boulders with the given numbers, each at the layer with the given index.
    subroutine throw_on_rocks(layers, packing, material, boulder, range, contacts, key, place, layer, number, threads, &
                              thrown)
       type(layer_t), intent(in) :: layers(:)
@@ -27,12 +27,12 @@ contains
       type(material_t), intent(in) :: material
       type(boulder_t), intent(in) :: boulder
       type(throw_range_t), intent(in) :: range
-      integer, intent(in) :: contacts    !! maximum number per throw
+      integer, intent(in) :: contacts    !! maximum number of contacts per throw
       type(random_key_t), intent(in) :: key
-      integer, intent(in) :: place(:)    !! index of its layer
-      integer, intent(in) :: layer(:)    !! number of its layer
+      integer, intent(in) :: place(:)    !! index of each throw's layer
+      integer, intent(in) :: layer(:)    !! number of each throw's layer
       integer(i8), intent(in) :: number(:)
-      integer, intent(in) :: threads     !! 0: all
+      integer, intent(in) :: threads     !! number of threads; 0: all
       type(thrown_t), intent(out) :: thrown(:)
       real(wp) :: choice
       integer :: k

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Spheres in three dimensions, z up, each a body of its own or part of a clump. Velocities and forces have six
+!> Spheres in three dimensions, z up, each a separate body or part of a clump. Velocities and forces have six
 !> components: translation, then rotation.
 module lab_bodies
    use rockfall_kinds, only: wp
@@ -17,11 +17,11 @@ module lab_bodies
       real(wp), allocatable :: v(:, :)        !! (6, n) velocity [m/s], spin [rad/s]
       real(wp), allocatable :: a(:, :)        !! (6, n) accelerations [m/s2], [rad/s2]
       real(wp), allocatable :: f(:, :)        !! (6, n) contact force [N], moment [N m]
-      real(wp), allocatable :: radius(:)      !! [m]
-      real(wp), allocatable :: mass(:)        !! of a sphere of a clump: what a contact finds [kg]
+      real(wp), allocatable :: radius(:)      !! (n) radii [m]
+      real(wp), allocatable :: mass(:)        !! (n) mass; for spheres of a clump, effective in a contact [kg]
       real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass three times, 1/inertia three times
-      type(clump_t), allocatable :: clump(:)  !! if there are any, in the order of their spheres
-      integer, allocatable :: owner(:)        !! (n) index of its clump, 0: a body of its own; allocated with `clump`
+      type(clump_t), allocatable :: clump(:)  !! clumps, if any, in the order of their spheres
+      integer, allocatable :: owner(:)        !! (n) index of the clump, 0: separate body; allocated with `clump`
    end type bodies_t
 
    real(wp), parameter :: inertia_factor = 0.4_wp  !! I/(m r**2)
@@ -30,7 +30,7 @@ contains
 
    !> Create spheres at rest.
    pure type(bodies_t) function bodies(x, radius, density) result(b)
-      real(wp), intent(in) :: x(:, :)                !! (3, n) [m]
+      real(wp), intent(in) :: x(:, :)                !! (3, n) centres [m]
       real(wp), intent(in) :: radius(:), density(:)  !! [m], [kg/m3]
       integer :: k
 
@@ -53,7 +53,7 @@ contains
       b%inverse(4:6, k) = 1/(b%mass(k)*inertia_factor*b%radius(k)**2)
    end subroutine set_inverse
 
-   !> Join spheres to clumps, besides those that there are; a clump places its spheres.
+   !> Join spheres to new clumps; each clump places its spheres.
    pure subroutine set_clumps(b, clump)
       type(bodies_t), intent(inout) :: b
       type(clump_t), intent(in) :: clump(:)
@@ -149,7 +149,7 @@ contains
       end if
    end function total_mass
 
-   !> Mass of each body times the height of its centre, summed [kg m].
+   !> Sum over bodies of mass times height of the centre [kg m].
    pure real(wp) function mass_moment(b) result(moment)
       type(bodies_t), intent(in) :: b
 
@@ -181,7 +181,7 @@ contains
       if (in_clump(b, k)) body_mass = b%clump(b%owner(k))%mass
    end function body_mass
 
-   !> Centre of mass of the body of sphere k; that of a clump is never folded into a periodic box [m].
+   !> Centre of mass of the body of sphere k, for clumps never folded into the periodic box [m].
    pure function body_position(b, k) result(x)
       type(bodies_t), intent(in) :: b
       integer, intent(in) :: k
@@ -219,7 +219,7 @@ contains
       if (in_clump(b, k)) first_sphere = b%clump(b%owner(k))%first
    end function first_sphere
 
-   !> Return whether anything touches the body that ends with sphere k.
+   !> Return whether the body that ends with sphere k has any contact.
    pure logical function is_touched(b, k)
       type(bodies_t), intent(in) :: b
       integer, intent(in) :: k

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Clumps: rigid bodies made of overlapping spheres, for angular rocks and boulders. Mass and inertia are those of the
-!> union of the spheres, whose overlaps count once.
+!> Clumps: rigid bodies made of overlapping spheres, for angular rocks and boulders. Mass and inertia are computed for
+!> the union of the spheres: overlaps count once.
 module lab_clump
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, cube_root
@@ -13,18 +13,18 @@ module lab_clump
    public :: make_clump, move_clump, place_spheres, sphere_motion, set_motion, turn_in_flight, &
       accelerate_clump, clump_energy, contact_mass
 
-   !> Shapes of boulders: boxes with rounded edges, of the axis ratios of the laboratory of blocks.
+   !> Shapes of boulders: a sphere, and boxes with rounded edges that have the axis ratios of the block laboratory.
    integer, parameter :: sphere_shape = 1
    character(len=9), parameter :: shape_names(4) = [character(len=9) :: "sphere", block_shapes]
-   real(wp), parameter :: edge_radius = 0.65_wp     !! of a box / half its shortest axis
-   real(wp), parameter :: sphere_spacing = 0.8_wp   !! maximum, along a face / radius of the edge
-   real(wp), parameter :: rock_spread = 0.9_wp      !! centres of the spheres of a rock from its centre / their radius
-   integer, parameter :: columns = 200              !! per side, for the integrals over a union of spheres
+   real(wp), parameter :: edge_radius = 0.65_wp     !! edge radius of a box / half its shortest axis
+   real(wp), parameter :: sphere_spacing = 0.8_wp   !! maximum distance between spheres along a face / edge radius
+   real(wp), parameter :: rock_spread = 0.9_wp      !! distance of sphere centres from the rock's centre / their radius
+   integer, parameter :: columns = 200              !! columns per side, for integrals over a union of spheres
 
-   !> Shape of a clump whose volume is that of a sphere of radius 1.
+   !> Shape of a clump with the volume of a unit sphere.
    type :: clump_shape_t
-      real(wp), allocatable :: x(:, :)     !! (3, spheres) from the centre of mass, along principal axes [R]
-      real(wp), allocatable :: radius(:)   !! [R]
+      real(wp), allocatable :: x(:, :)     !! (3, spheres) relative to the centre of mass, in principal axes [R]
+      real(wp), allocatable :: radius(:)   !! (spheres) radii [R]
       real(wp) :: inertia(3) = 0           !! principal moments / (m R**2) [-]
       real(wp) :: reach = 0                !! distance of the farthest point from the centre [R]
    end type clump_shape_t
@@ -35,14 +35,14 @@ module lab_clump
       real(wp) :: mass = 0                   !! [kg]
       real(wp) :: inertia(3) = 0             !! principal moments [kg m2]
       real(wp) :: reach = 0                  !! distance of the farthest point from the centre [m]
-      real(wp) :: x(3) = 0                   !! centre of mass, never folded into a periodic box [m]
-      real(wp) :: v(3) = 0, a(3) = 0         !! [m/s], [m/s2]
+      real(wp) :: x(3) = 0                   !! centre of mass, never folded into the periodic box [m]
+      real(wp) :: v(3) = 0, a(3) = 0         !! velocity [m/s], acceleration [m/s2]
       real(wp) :: q(4) = [1, 0, 0, 0]        !! orientation of the principal axes, a unit quaternion
-      real(wp) :: momentum(3) = 0            !! angular, in space [kg m2/s]
+      real(wp) :: momentum(3) = 0            !! angular momentum, in space [kg m2/s]
       real(wp) :: spin(3) = 0                !! in space [rad/s]
-      real(wp) :: spin_rate(3) = 0           !! its rate of change, in space [rad/s2]
-      real(wp) :: moment(3) = 0              !! of the contact forces about the centre, in space [N m]
-      real(wp), allocatable :: offset(:, :)  !! (3, spheres) from the centre, along principal axes [m]
+      real(wp) :: spin_rate(3) = 0           !! rate of change of the spin, in space [rad/s2]
+      real(wp) :: moment(3) = 0              !! moment of the contact forces about the centre, in space [N m]
+      real(wp), allocatable :: offset(:, :)  !! (3, spheres) relative to the centre, in principal axes [m]
    end type clump_t
 
 contains
@@ -56,9 +56,9 @@ contains
       shape%inertia = sum(shape%inertia)/3
    end function tetrahedral_clump
 
-   !> Shape of a boulder: a box with rounded edges, spheres side by side on its surface.
+   !> Shape of a boulder: a box with rounded edges, covered by spheres side by side.
    pure type(clump_shape_t) function block_clump(kind) result(shape)
-      integer, intent(in) :: kind  !! index in `shape_names`, not the sphere
+      integer, intent(in) :: kind  !! index in `shape_names`, except sphere_shape
       real(wp) :: half(3), radius
       real(wp), allocatable :: x(:, :)
       integer :: pieces(3), i, j, k, n
@@ -72,7 +72,7 @@ contains
       do k = 0, pieces(3)
          do j = 0, pieces(2)
             do i = 0, pieces(1)
-               if (.not. any([i, j, k] == 0 .or. [i, j, k] == pieces)) cycle  ! inside
+               if (.not. any([i, j, k] == 0 .or. [i, j, k] == pieces)) cycle  ! skip inner points
                n = n + 1
                x(:, n) = half*(2.0_wp*[i, j, k]/pieces - 1)
             end do
@@ -81,8 +81,8 @@ contains
       shape = scaled(x(:, :n), radius)
    end function block_clump
 
-   !> Shape of equal spheres that are symmetric about their axes, scaled to the volume of a sphere of radius 1. A shell
-   !> of spheres is taken as solid inside.
+   !> Shape of equal spheres that are symmetric about their axes, scaled to the volume of a unit sphere. The inside of a
+   !> shell of spheres counts as solid.
    pure type(clump_shape_t) function scaled(x, radius) result(shape)
       real(wp), intent(in) :: x(:, :), radius  !! in any unit of length
       real(wp) :: volume, second(3), scale
@@ -96,8 +96,8 @@ contains
       shape%reach = scale*(sqrt(maxval(sum(x**2, 1))) + radius)
    end function scaled
 
-   !> Volume of a union of spheres and its second moments, in columns along z from its lowest to its highest sphere:
-   !> exact along each column.
+   !> Volume and second moments of a union of spheres, from columns along z that extend from the lowest to the highest
+   !> sphere and are integrated exactly.
    pure subroutine integrate_union(x, radius, volume, second)
       real(wp), intent(in) :: x(:, :), radius       !! in any unit of length
       real(wp), intent(out) :: volume, second(3)    !! [unit3], integrals of x**2, y**2, z**2 [unit5]
@@ -130,9 +130,9 @@ contains
    !> Make a clump at rest.
    pure type(clump_t) function make_clump(shape, radius, density, first, x, q) result(clump)
       type(clump_shape_t), intent(in) :: shape
-      real(wp), intent(in) :: radius, density  !! R of the sphere of the same volume [m], [kg/m3]
-      integer, intent(in) :: first             !! its first sphere
-      real(wp), intent(in) :: x(3), q(4)       !! [m], unit quaternion
+      real(wp), intent(in) :: radius, density  !! radius of the sphere of equal volume [m]; density [kg/m3]
+      integer, intent(in) :: first             !! index of its first sphere
+      real(wp), intent(in) :: x(3), q(4)       !! position [m]; orientation, a unit quaternion
 
       clump%first = first
       clump%last = first + size(shape%radius) - 1
@@ -144,7 +144,7 @@ contains
       clump%offset = radius*shape%x
    end function make_clump
 
-   !> Move a clump over a step with the velocity and angular momentum at its middle.
+   !> Move a clump over a step with the velocity and angular momentum at the middle of the step.
    pure subroutine move_clump(clump, dt)
       type(clump_t), intent(inout) :: clump
       real(wp), intent(in) :: dt  !! [s]
@@ -157,10 +157,10 @@ contains
       call rotate_free(clump%q, momentum, clump%inertia, dt)
    end subroutine move_clump
 
-   !> Place the spheres of a clump, each at the image in a periodic box that is nearest to where it is.
+   !> Place the spheres of a clump, each at the periodic image nearest to its current position.
    pure subroutine place_spheres(clump, width, x)
       type(clump_t), intent(in) :: clump
-      real(wp), intent(in) :: width       !! of the box; 0: not periodic [m]
+      real(wp), intent(in) :: width       !! width of the periodic box; 0: not periodic [m]
       real(wp), intent(inout) :: x(:, :)  !! (3, n) centres of all spheres [m]
       real(wp) :: axes(3, 3), centre(3)
       integer :: k
@@ -173,11 +173,11 @@ contains
       end do
    end subroutine place_spheres
 
-   !> Update acceleration and moment of a clump from the forces on its spheres, and its velocities over a time.
+   !> Update acceleration and moment of a clump from the forces on its spheres, and advance its velocities by a time.
    pure subroutine accelerate_clump(clump, gravity, time, f)
       type(clump_t), intent(inout) :: clump
       real(wp), intent(in) :: gravity(3), time  !! [m/s2], [s]
-      real(wp), intent(in) :: f(:, :)           !! (6, spheres) of the clump [N], [N m]
+      real(wp), intent(in) :: f(:, :)           !! (6, spheres) forces on the clump's spheres [N], [N m]
       real(wp) :: axes(3, 3), spin(3), force(3)
       integer :: k
 
@@ -215,7 +215,7 @@ contains
       end do
    end subroutine sphere_motion
 
-   !> Set velocity and spin of a clump.
+   !> Set the velocity and spin of a clump.
    pure subroutine set_motion(clump, v)
       type(clump_t), intent(inout) :: clump
       real(wp), intent(in) :: v(6)  !! [m/s], [rad/s]
@@ -227,7 +227,7 @@ contains
       clump%momentum = matmul(axes, clump%inertia*matmul(clump%spin, axes))
    end subroutine set_motion
 
-   !> Turn a clump in a free flight, in steps of at most a hundredth of a radian.
+   !> Rotate a clump in free flight, in steps of at most a hundredth of a radian.
    pure subroutine turn_in_flight(clump, time)
       type(clump_t), intent(inout) :: clump
       real(wp), intent(in) :: time  !! [s]
@@ -250,7 +250,7 @@ contains
                        + sum(matmul(clump%momentum, rotation_matrix(clump%q))**2/clump%inertia))
    end function clump_energy
 
-   !> Mass with which sphere k of a clump meets a force across its arm: the least that a contact finds [kg].
+   !> Effective mass of a clump for a force at sphere k normal to its lever arm: the minimum in any contact [kg].
    pure real(wp) function contact_mass(clump, k) result(mass)
       type(clump_t), intent(in) :: clump
       integer, intent(in) :: k

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contact model for two spheres, or a sphere and a plane: Hertz along the normal, Mindlin's spring with Coulomb's
-!> limit in the tangent plane, and optionally viscous normal damping and rolling resistance. Pure: the caller provides
-!> the geometry, and stores the state of contacts.
+!> Contact model for two spheres, or a sphere and a plane: Hertz along the normal, Mindlin's spring with Coulomb's limit
+!> in the tangent plane, and optionally viscous normal damping and rolling resistance. Procedures are pure: the caller
+!> provides the geometry and stores the state of contacts.
 module lab_contact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -12,14 +12,14 @@ module lab_contact
    public :: batch_t, batch_size, put_contact, touch_in, press_batch
    public :: check_material, reduced_modulus, cross, in_plane, collision_time, rayleigh_time
 
-   !> One material for all bodies and planes.
+   !> Material of all bodies and planes.
    type :: material_t
       real(wp) :: young = 1.0e9_wp   !! [Pa]
       real(wp) :: poisson = 0.25_wp  !! [-]
       real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
-      real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-]: see `press`
-      real(wp) :: rolling = 0.0_wp   !! max rolling moment / (R* normal force), rock on rock [-]
-      real(wp) :: boulder_rolling = 0.0_wp !! as `rolling`, boulder on rock [-]
+      real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-], see `press_batch`
+      real(wp) :: rolling = 0.0_wp   !! maximum rolling moment / (R* normal force), rock on rock [-]
+      real(wp) :: boulder_rolling = 0.0_wp !! same for boulder on rock [-]
    end type material_t
 
    !> Contact parameters of a given pair of bodies.
@@ -51,8 +51,8 @@ module lab_contact
       real(wp), dimension(batch_size, 3) :: n, slip, turn, rotation, shear, moment
    end type batch_t
 
-   ! Beyond these, the viscous or rolling part of a contact is stiffer than its normal spring, which determines the
-   ! step, and the motion becomes wrong without notice.
+   ! Beyond these limits, the viscous or rolling part of a contact is stiffer than its normal spring, which determines
+   ! the step: the motion would be wrong without any sign of trouble.
    real(wp), parameter :: max_damping = 1, max_rolling = 2
 
 contains
@@ -100,8 +100,8 @@ contains
 
    !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). Viscous part of Tsuji et al.
    !> (1992), c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5: in terms of d**1.25 the collision is a linear
-   !> oscillator with this fraction of critical damping, at any speed (Antypov & Elliott 2011). Rolling as type C of Ai
-   !> et al. (2011), a spring with a limit, without the viscous part: k_r = 2.25 k_n (rolling R*)**2.
+   !> oscillator with this fraction of critical damping, at any speed (Antypov & Elliott 2011). Rolling resistance is
+   !> type C of Ai et al. (2011), a limited spring, without its viscous part: k_r = 2.25 k_n (rolling R*)**2.
    elemental type(law_t) function contact_law(material, radius, mass, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
@@ -130,11 +130,11 @@ contains
    pure subroutine press(law, n, overlap, closing, slip, turn, rotation, dt, touch, normal)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: n(3)     !! unit normal at the end of the step, first to second [-]
-      real(wp), intent(in) :: overlap  !! at the end of the step, > 0 [m]
+      real(wp), intent(in) :: overlap  !! overlap at the end of the step, > 0 [m]
       real(wp), intent(in) :: closing  !! rate of overlap at the end of the step [m/s]
-      real(wp), intent(in) :: slip(3)  !! velocity of the first surface over the second, tangential [m/s]
+      real(wp), intent(in) :: slip(3)  !! tangential velocity of the first surface relative to the second [m/s]
       real(wp), intent(in) :: turn(3)  !! spin of the first body relative to the second [rad/s]
-      real(wp), intent(in) :: rotation(3) !! of the contact normal during the step, and about it [rad]
+      real(wp), intent(in) :: rotation(3) !! rotation of the contact normal during the step, and about it [rad]
       real(wp), intent(in) :: dt       !! [s]
       type(touch_t), intent(inout) :: touch
       real(wp), intent(out) :: normal  !! force between the bodies, never attractive [N]
@@ -181,10 +181,10 @@ contains
       touch%moment = b%moment(place, :)
    end function touch_in
 
-   !> Advance the contacts of a batch by one time step. The normal force is that of the state at the end of the step,
-   !> the increments of the springs use the rates at its middle: both of second order. A spring keeps its force while
-   !> the overlap grows and its length while it shrinks, so that no cycle of load and slip yields energy. It rotates
-   !> with the contact. Loops over contacts, whose conditions are choices of values, become vector instructions.
+   !> Advance the contacts of a batch by one time step. The normal force uses the state at the end of the step,
+   !> increments of the springs use the rates at its middle: both are second-order. A spring keeps its force while the
+   !> overlap grows, and its length while it shrinks, so that no cycle of load and slip gains energy. Springs rotate
+   !> with the contact. Conditions are written as choices of values, so that loops over contacts vectorise.
    pure subroutine press_batch(b, dt)
       type(batch_t), intent(inout) :: b
       real(wp), intent(in) :: dt  !! [s]
@@ -197,7 +197,7 @@ contains
          root = sqrt(b%overlap(k))
          b%normal(k) = max(0.0_wp, b%hertz(k)*b%overlap(k)*root + b%viscous(k)*sqrt(root)*b%closing(k))
          kept(k) = merge(root/max(before, tiny(before)), 1.0_wp, root < before)
-         ! where it grows, the mean of sqrt(d) for a linear growth of d
+         ! for growing overlap, the mean of sqrt(d) for linear growth of d
          mean = merge(root, 2*(b%overlap(k) + before*(root + before))/(3*(root + before)), root < before)
          ! the contact may have begun within the step
          time = merge(b%overlap(k)/max(b%closing(k), tiny(dt)), dt, before <= 0 .and. b%closing(k)*dt > b%overlap(k))
@@ -211,8 +211,8 @@ contains
       call move_springs(b%count, b%n, b%rotation, kept, moment_gain, b%turn, max_moment, b%moment)
    end subroutine press_batch
 
-   !> Move tangential springs: their forces change linearly while they rotate, to second order in the rotation, stay in
-   !> the plane of the contact, and are limited.
+   !> Move tangential springs. Their forces change linearly and rotate (to second order), stay in the plane of the
+   !> contact, and are limited.
    pure subroutine move_springs(count, n, rotation, kept, gain, rate, max_force, spring)
       integer, intent(in) :: count
       real(wp), intent(in), dimension(batch_size, 3) :: n, rotation, rate  !! [-], [rad], [m/s] or [rad/s]
@@ -278,7 +278,7 @@ contains
    elemental real(wp) function collision_time(material, radius, mass, speed) result(time)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
-      real(wp), intent(in) :: speed         !! of approach, > 0 [m/s]
+      real(wp), intent(in) :: speed         !! speed of approach, > 0 [m/s]
       ! 2 int_0^1 dx/sqrt(1 - x**2.5) * (15/16)**0.4
       real(wp), parameter :: coefficient = 2.868265699195333_wp
 
@@ -286,7 +286,7 @@ contains
       time = coefficient*exponential(logarithm(time)/5)
    end function collision_time
 
-   !> Time in which a Rayleigh wave travels half round a sphere [s].
+   !> Time for a Rayleigh wave to travel half round a sphere [s].
    elemental real(wp) function rayleigh_time(material, radius, density) result(time)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, density  !! [m], [kg/m3]

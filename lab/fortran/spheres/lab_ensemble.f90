@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many layers, many impacts. A layer is a pure function of (seed, ratio, layer), an impact of (seed, layer, point,
-!> impact), so threads and chunks cannot change a bit.
+!> Many layers and impacts. A layer is a pure function of (seed, ratio, layer), an impact of (seed, layer, point,
+!> impact), so results do not depend on threads and chunks.
 module lab_ensemble
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -14,18 +14,18 @@ module lab_ensemble
    private
    public :: range_t, identity_t, between, draw_shot, check_range, pack_layers, fire_shots
 
-   integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of random numbers
+   integer(i8), parameter :: for_point = 66, for_shot = 67  !! purposes of the random numbers
 
-   !> Ranges of incident states: half of the draws below the median, uniform on either side of it.
+   !> Ranges of incident states. Half of the draws are below the median; each half is uniform.
    type :: range_t
       real(wp) :: speed(3) = [2.0_wp, 10.0_wp, 25.0_wp]  !! min, median, max [m/s]
-      real(wp) :: angle(3) = [3.0_wp, 20.0_wp, 60.0_wp]  !! from the surface [degrees]
+      real(wp) :: angle(3) = [3.0_wp, 20.0_wp, 60.0_wp]  !! angle to the surface [degrees]
       real(wp) :: spin(3) = [-0.5_wp, 0.25_wp, 1.0_wp]   !! W/V [-]
    end type range_t
 
    !> Identity of an impact.
    type :: identity_t
-      integer :: place = 1        !! index of its layer among those given
+      integer :: place = 1        !! index of its layer in the array
       integer(i8) :: layer = 1    !! number of the layer, below 2**31
       integer(i8) :: point = 1    !! number of the point on the layer, below 2**32
       integer(i8) :: impact = 1   !! number of the impact at the point, below 2**32
@@ -87,7 +87,7 @@ contains
       shot%spin = between(range%spin, uniform(word(3)))
    end function draw_shot
 
-   !> Draw a number: half of the draws below the median, half above, uniform in each half.
+   !> Draw a number: half of the draws are below the median, and each half is uniform.
    pure real(wp) function between(limits, u)
       real(wp), intent(in) :: limits(3)  !! min, median, max, any [unit]
       real(wp), intent(in) :: u          !! uniform in (0, 1) [-]
@@ -99,13 +99,13 @@ contains
       end if
    end function between
 
-   !> Pack layers `first` to `first + size(layers) - 1`; the error is that of the first layer that failed.
+   !> Pack layers `first` to `first + size(layers) - 1`. An error is that of the first layer that fails.
    subroutine pack_layers(packing, material, key, first, threads, layers, error)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: first
-      integer, intent(in) :: threads  !! 0: all
+      integer, intent(in) :: threads  !! number of threads; 0: all
       type(layer_t), intent(out) :: layers(:)
       type(error_t), allocatable, intent(out) :: error
       type :: slot_t
@@ -136,7 +136,7 @@ contains
       type(range_t), intent(in) :: range
       type(random_key_t), intent(in) :: key
       type(identity_t), intent(in) :: ids(:)
-      integer, intent(in) :: threads  !! 0: all
+      integer, intent(in) :: threads  !! number of threads; 0: all
       type(shot_t), intent(out) :: shots(:)
       type(outcome_t), intent(out) :: outcomes(:)
       integer :: k

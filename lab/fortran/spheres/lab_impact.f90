@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Impact of a boulder, a sphere, on a layer. It starts at the first contact, and is followed until the boulder has left
-!> for good or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t the horizontal speed,
-!> V_n > 0 away from the surface, W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling. The turn of
-!> V_t is recorded separately.
+!> Impact of a boulder, a sphere, on a layer. It starts at the first contact, and ends when the boulder has finally left
+!> or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t the horizontal speed, V_n > 0
+!> away from the surface, W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling. The turn of V_t is
+!> recorded separately.
 module lab_impact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -17,12 +17,12 @@ module lab_impact
    public :: shot_t, state_t, outcome_t, fire, first_contact, check_shot, fits, will_meet
    public :: rebounded, lifted, rolled_on, exploded, misfit, status_names
 
-   !> Outcomes of an impact. Only the first three are results.
-   integer, parameter :: rebounded = 1  !! left upwards with a clear path
+   !> Outcomes of an impact. Only the first three count as results.
+   integer, parameter :: rebounded = 1  !! left upwards on a clear path
    integer, parameter :: lifted = 2     !! lost contact upwards, but touched the layer again
    integer, parameter :: rolled_on = 3  !! stayed in contact: rolled or ploughed
-   integer, parameter :: exploded = 4   !! see `trouble`; its numbers are meaningless
-   integer, parameter :: misfit = 5     !! the sphere or its path does not fit the layer
+   integer, parameter :: exploded = 4   !! unstable, see `trouble`; its numbers are meaningless
+   integer, parameter :: misfit = 5     !! the sphere or its path does not fit in the layer
    character(len=9), parameter :: status_names(5) = [character(len=9) :: &
       "rebounded", "lifted", "rolled_on", "exploded", "misfit"]
 
@@ -31,43 +31,42 @@ module lab_impact
       real(wp) :: radius = 1            !! R_b [m]
       real(wp) :: density = 2650        !! [kg/m3]
       real(wp) :: speed = 15            !! [m/s]
-      real(wp) :: angle = 45            !! of the path from the surface, 90 = perpendicular [degrees]
+      real(wp) :: angle = 45            !! angle of the path to the surface, 90 = perpendicular [degrees]
       real(wp) :: spin = 0              !! W/V [-]
-      real(wp) :: aim(2) = 0.5_wp       !! intersection of the path with the mean surface, over the width [-]
+      real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface, over the width [-]
       real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! in plan, a unit vector [-]
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
-      real(wp) :: patience = 6         !! max duration / ((R_b + R_m)/speed)
-      real(wp) :: spent = 1.0e-4_wp     !! fraction of the incident energy considered as none
-      real(wp) :: past = 0.5_wp !! fraction of its maximum upward energy below which the peak is past,
-      real(wp) :: wait = 0.5_wp              !! and time since the peak / ((R_b + R_m)/speed)
-      real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`: layers have no retries, shots do
-      integer :: retries = 3            !! maximum number of halvings of a step found too long
+      real(wp) :: patience = 6         !! maximum duration / ((R_b + R_m)/speed)
+      real(wp) :: spent = 1.0e-4_wp     !! fraction of the incident energy that counts as zero
+      real(wp) :: past = 0.5_wp !! the peak is past once this fraction of the maximum upward energy is left,
+      real(wp) :: wait = 0.5_wp              !! and this time has passed since the peak / ((R_b + R_m)/speed)
+      real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`; shots have retries, layers do not
+      integer :: retries = 3            !! maximum number of halvings of a step that is too long
    end type shot_t
 
    !> Motion of the boulder at an instant.
    type :: state_t
       real(wp) :: v(3) = 0              !! (V_t, V_n, W) [m/s]
-      real(wp) :: lateral = 0           !! sine of the angle of V_t from the heading before, left > 0 [-]
+      real(wp) :: lateral = 0           !! sine of the turn of V_t, > 0 to the left [-]
    end type state_t
 
    type :: outcome_t
       integer :: status = 0
       integer :: trouble = sound
       real(wp) :: incoming(3) = 0       !! (V_t, V_n, W) at the first contact [m/s]
-      type(state_t) :: peak             !! at maximum upward kinetic energy; if it never moved
-                                        !! up, at the end
-      type(state_t) :: loss             !! at the first upward loss of contact; else as peak
-      type(state_t) :: clear            !! when its path was clear; else as peak
-      real(wp) :: duration = 0          !! from the first contact to the peak [s]
-      real(wp) :: travel = 0            !! along the surface, up to the peak [m]
-      real(wp) :: depth = 0             !! of the lowest point of the sphere below the mean surface [m]
+      type(state_t) :: peak             !! at maximum upward kinetic energy; at the end if it never moved up
+      type(state_t) :: loss             !! at the first upward loss of contact; otherwise as peak
+      type(state_t) :: clear            !! when its path was clear; otherwise as peak
+      real(wp) :: duration = 0          !! time from the first contact to the peak [s]
+      real(wp) :: travel = 0            !! distance along the surface, up to the peak [m]
+      real(wp) :: depth = 0             !! maximum depth of the sphere's lowest point below the mean surface [m]
       real(wp) :: overlap = 0 !! maximum overlap / smaller radius, sampled at intervals
-      integer :: halvings = 0           !! of the step
+      integer :: halvings = 0           !! number of halvings of the step
       integer :: steps = 0
    end type outcome_t
 
-   real(wp), parameter :: opening_gap = 1.0e-9_wp  !! between sphere and layer at the start / R_b
-   integer, parameter :: max_retries = 30          !! the step is then 1e-9 of the initial one
+   real(wp), parameter :: opening_gap = 1.0e-9_wp  !! gap between sphere and layer at the start / R_b
+   integer, parameter :: max_retries = 30          !! reduces the step to 1e-9 of the initial one
    integer, parameter :: watch_interval = 32       !! steps between checks of the energy and of the exit path
 
 contains
@@ -158,7 +157,7 @@ contains
       v = incident(shot)
       d = v(1:3)/shot%speed
       p = [shot%aim*layer%box%width, layer%surface]
-      distance = (p(3) - shot%radius)/(-d(3))  ! to the floor, from the aim along the path
+      distance = (p(3) - shot%radius)/(-d(3))  ! distance to the floor, from the aim along the path
       far = (abs(distance) + (layer%top + 2*shot%radius)/(-d(3)))*sqrt(d(1)**2 + d(2)**2)
       images = 2 + int((far + shot%radius)/layer%box%width)
       do k = 1, size(layer%radius)
@@ -180,7 +179,7 @@ contains
    pure logical function fits(layer, packing, radius)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: radius  !! of the boulder [m]
+      real(wp), intent(in) :: radius  !! radius of the boulder [m]
 
       fits = max(3*radius, 2*(radius + largest_extent(layer) + skin_factor*packing%mean_radius)) &
          < layer%box%width
@@ -193,7 +192,7 @@ contains
       type(material_t), intent(in) :: material
       type(shot_t), intent(in) :: shot
       real(wp), intent(in) :: start(3), v(6)  !! [m], [m/s] and [rad/s]
-      real(wp), intent(in) :: factor          !! on the step [-]
+      real(wp), intent(in) :: factor          !! factor on the step [-]
       type(assembly_t), intent(out) :: s
       type(bodies_t) :: b
       real(wp) :: dt
@@ -209,7 +208,7 @@ contains
          call set_absorbing_base(s, packing%density*layer%solid*packing%base_speed)
    end subroutine load
 
-   !> Follow the sphere to the end of the impact.
+   !> Follow the sphere until the end of the impact.
    pure subroutine follow(layer, packing, shot, s, outcome)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -271,7 +270,7 @@ contains
       if (.not. lost) outcome%loss = outcome%peak
    end subroutine follow
 
-   !> Motion of the boulder in the frame of its heading; if it is thrown back, V_t < 0 and the frame is kept.
+   !> Motion of the boulder in the frame of its heading; if it is thrown back, V_t < 0 because the frame is kept.
    pure type(state_t) function state_of(s, shot) result(state)
       type(assembly_t), intent(in) :: s
       type(shot_t), intent(in) :: shot
@@ -289,9 +288,9 @@ contains
       end associate
    end function state_of
 
-   !> Return whether the boulder, or the sphere around it, would hit a body if all moved on in straight lines. In free
-   !> flight gravity does not change motion relative to flying bodies; if the boulder falls back to the layer, that is
-   !> its next impact. Considers images up to the next one on each side.
+   !> Return whether the boulder, or the sphere around it, would hit a body if all continued in straight lines. In free
+   !> flight, gravity does not change the motion relative to flying bodies; a fall back to the layer is the next impact.
+   !> Considers periodic images up to the next on each side.
    pure logical function will_meet(s)
       type(assembly_t), intent(in) :: s
       real(wp) :: centre(3), v(6), reach, p(3), u(3), along, square

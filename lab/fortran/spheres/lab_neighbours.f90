@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Neighbour search by Verlet lists: pairs, and bodies near the floor, whose gap was below a skin when the list was
-!> made. A gap shrinks by at most the displacements of its two bodies, so the list is valid as long as the two largest
+!> Neighbour search by Verlet lists: pairs of bodies, and bodies near the floor, with a gap below the skin when the list
+!> was built. A gap shrinks by at most the displacements of both bodies, so the list is valid as long as the two largest
 !> displacements together do not exceed the skin.
 module lab_neighbours
    use rockfall_kinds, only: wp
@@ -10,29 +10,29 @@ module lab_neighbours
 
    !> Floor at z = 0, periodic in x and y.
    type :: box_t
-      real(wp) :: width = 1     !! of both sides [m]; 0: not periodic
+      real(wp) :: width = 1     !! width of both sides [m]; 0: not periodic
       logical :: floor = .true.
    end type box_t
 
    type :: pair_t
       integer :: i = 0, j = 0      !! i < j
-      real(wp) :: shift(2) = 0     !! added to x, y of j to give the image nearest to i [m]
+      real(wp) :: shift(2) = 0     !! shift of x, y of j to the image nearest to i [m]
       real(wp) :: reach = 0        !! sum of the radii [m]
    end type pair_t
 
    type :: neighbours_t
-      real(wp) :: skin = 0      !! [m]
-      integer :: n_large = 0    !! the last bodies, compared with all others
-      integer, allocatable :: owner(:)      !! clump of each body, whose spheres are no pairs; 0: none
+      real(wp) :: skin = 0      !! maximum gap of listed pairs [m]
+      integer :: n_large = 0    !! number of bodies, the last ones, that are compared with all others
+      integer, allocatable :: owner(:)      !! clump of each body; 0: none. Spheres of a clump are no pairs
       integer :: n_pairs = 0
-      type(pair_t), allocatable :: pair(:)  !! (n_pairs or more), by i
+      type(pair_t), allocatable :: pair(:)  !! (n_pairs or more) pairs, sorted by i
       integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i
       integer, allocatable :: low(:)        !! indices of bodies near the floor
-      real(wp), allocatable :: x0(:, :)     !! centres when the list was made [m]
+      real(wp), allocatable :: x0(:, :)     !! centres when the list was built [m]
    end type neighbours_t
 
-   real(wp), parameter :: slack = 1.0e-12_wp  !! relative, for rounding
-   integer, parameter :: far = 2  !! range in grid cells of the largest small body
+   real(wp), parameter :: slack = 1.0e-12_wp  !! relative margin for rounding
+   integer, parameter :: far = 2  !! search range for the largest small body, in grid cells
    integer, parameter :: max_spans = ((2*far + 1)**3 + 1)/2
 
 contains
@@ -56,7 +56,7 @@ contains
       outdated = sqrt(max_distance2) + sqrt(second_distance2) > list%skin
    end function outdated
 
-   !> Rebuild the list; bodies that left the box return on its other side.
+   !> Rebuild the list; bodies that left the box re-enter on its other side.
    pure subroutine find_neighbours(list, box, x, radius)
       type(neighbours_t), intent(inout) :: list
       type(box_t), intent(in) :: box
@@ -89,18 +89,18 @@ contains
       if (box%width > 0) x(1:2, :) = x(1:2, :) - box%width*floor(x(1:2, :)/box%width)
    end subroutine fold_into_box
 
-   !> Shift of the plan position of a body to its image nearest to another body, both in the box.
+   !> Plan shift of a body to its image nearest to another body, both in the box.
    pure function nearest_image(box, d) result(shift)
       type(box_t), intent(in) :: box
-      real(wp), intent(in) :: d(2)  !! position relative to the other [m]
+      real(wp), intent(in) :: d(2)  !! position relative to the other body [m]
       real(wp) :: shift(2)
 
       shift = 0
       if (box%width > 0) shift = merge(-sign(box%width, d), 0.0_wp, abs(d) > 0.5_wp*box%width)
    end function nearest_image
 
-   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest. Each body is compared
-   !> with the later ones in its cell and with the bodies in the neighbouring cells that follow.
+   !> Find pairs among small bodies with a grid of cells half as wide as the range of the largest body. Each body is
+   !> compared with later bodies in its cell and with all bodies in the following neighbour cells.
    pure subroutine pair_small_bodies(list, box, x, radius, n_small, pairs, count)
       type(neighbours_t), intent(in) :: list
       type(box_t), intent(in) :: box
@@ -137,7 +137,7 @@ contains
       sorted_radius = radius(order)
       do l = 1, n_small
          call spans_after(box, cells, cell(:, order(l)), first, spans, n_spans)
-         spans(1, 1) = l + 1  ! of its own cell
+         spans(1, 1) = l + 1  ! later bodies in its own cell
          do k = 1, n_spans
             do m = spans(1, k), spans(2, k)
                d = abs(sorted_x(:, m) - sorted_x(:, l))
@@ -149,8 +149,8 @@ contains
       end do
    end subroutine pair_small_bodies
 
-   !> Places (ordered by cell) of the bodies in a cell and in the following half of its neighbours, as spans from first
-   !> to last. Spans of neighbouring cells along x are contiguous.
+   !> Positions, in the order of cells, of the bodies in a cell and in the following half of its neighbour cells, as
+   !> spans from first to last. Spans of neighbouring cells along x are contiguous.
    pure subroutine spans_after(box, cells, c, first, spans, n)
       type(box_t), intent(in) :: box
       integer, intent(in) :: cells(3), c(3), first(:)
@@ -179,7 +179,7 @@ contains
       end do
    end subroutine spans_after
 
-   !> Cells along one direction around a cell; 0: none.
+   !> Indices of the cells around a cell along one direction; 0: none.
    pure function cells_around(cell, cells, box) result(near)
       integer, intent(in) :: cell, cells
       type(box_t), intent(in) :: box
@@ -213,7 +213,7 @@ contains
       pairs(count) = pair_t(i, j, shift, reach)
    end subroutine add_if_near
 
-   !> Sort pairs by their first body, then by their second, for locality, fast search, and sums of forces in one order.
+   !> Sort pairs by first, then by second body: for locality, fast search, and a fixed order of summation.
    pure subroutine sort_pairs(list, n, pairs)
       type(neighbours_t), intent(inout) :: list
       integer, intent(in) :: n
@@ -231,7 +231,7 @@ contains
       call sort_by_body(n, by_second, by_second%i, list%row, list%pair)
    end subroutine sort_pairs
 
-   !> Sort pairs by one of their bodies, the others in their order: those of body k are row(k) to row(k + 1) - 1.
+   !> Sort pairs by one of their bodies, in stable order: pairs of body k are row(k) to row(k + 1) - 1.
    pure subroutine sort_by_body(n, pairs, body, row, sorted)
       integer, intent(in) :: n
       type(pair_t), intent(in) :: pairs(:)
@@ -248,7 +248,7 @@ contains
       end do
    end subroutine sort_by_body
 
-   !> First places of n groups in their order, and the end of the last.
+   !> First position of each of n groups, and the end of the last.
    pure function row_starts(n, group) result(row)
       integer, intent(in) :: n, group(:)
       integer :: row(n + 1), k
@@ -263,7 +263,7 @@ contains
       end do
    end function row_starts
 
-   !> Index of the pair (i, j), i < j, in the list; 0: not in the list.
+   !> Index of the pair (i, j), i < j, in the list; 0 if it is not listed.
    pure integer function find_pair(list, i, j) result(place)
       type(neighbours_t), intent(in) :: list
       integer, intent(in) :: i, j

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Soil of spheres, or of clumps of four spheres: radii are drawn from a grading, and the rocks fall on a floor in a
-!> periodic box until their energy is dissipated. The friction during settling controls the compaction: 0 gives a dense
-!> layer, large values a loose one; the solid fraction is a result.
+!> periodic box until their energy is dissipated. Friction during settling controls the compaction: 0 gives a dense
+!> layer, large values a loose layer. The solid fraction is a result.
 module lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail, our_fault
@@ -19,50 +19,50 @@ module lab_packing
    public :: packing_t, layer_t, pack_layer, stiffen_layer, check_packing, max_spheres, size_limits, draw_radius, &
       box_width, skin_factor, rocks_at_rest, largest_extent
 
-   integer(i8), parameter :: for_layer = 65, for_rock_attitude = 72  !! purposes of random numbers
+   integer(i8), parameter :: for_layer = 65, for_rock_attitude = 72  !! purposes of the random numbers
    real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the neighbour list / R_m
    real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres / volume of the layer
-   real(wp), parameter :: bodies_limit = 3.0e5_wp   !! maximum number in a layer
+   real(wp), parameter :: bodies_limit = 3.0e5_wp   !! maximum number of spheres in a layer
    ! A small boulder still needs rocks around it.
-   real(wp), parameter :: min_width = 10            !! of the box / R_m
+   real(wp), parameter :: min_width = 10            !! minimum width of the box / R_m
 
    ! Measures for fast settling; not used in impacts.
    real(wp), parameter :: drag = 0.5_wp             !! rate / sqrt(g/R_m): a terminal speed of 2 sqrt(g R_m)
-   real(wp), parameter :: resting_drag = 2          !! of a layer that springs back after the fall
+   real(wp), parameter :: resting_drag = 2          !! drag while a layer springs back after the fall
    real(wp), parameter :: settling_damping = 0.3_wp !! minimum fraction of critical damping of contacts
-   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall / that of the material,
-   integer, parameter :: stages = 12, stage_steps = 60 !! raised in stages once at rest
-   ! Kinetic energy / (mass g R_m) of a layer that has fallen, and of one at rest: the floor then carries the weight
-   ! within 1e-2, for large layers 1e-3.
+   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall / that of the material
+   integer, parameter :: stages = 12, stage_steps = 60 !! stages in which it is raised once the layer is at rest
+   ! Kinetic energy / (mass g R_m) at which a layer has fallen, and at which it is at rest. The floor then carries the
+   ! weight within 1e-2, or 1e-3 for large layers.
    real(wp), parameter :: fallen = 1.0e-4_wp, at_rest = 1.0e-5_wp
-   real(wp), parameter :: creep = 1.0e-3_wp         !! accepted as rest at the end of the time limit
-   real(wp), parameter :: patience = 300            !! time limit [sqrt(R_m/g)], in addition to the fall
-   integer, parameter :: watch_interval = 64        !! in steps
+   real(wp), parameter :: creep = 1.0e-3_wp         !! energy accepted as rest at the time limit
+   real(wp), parameter :: patience = 300            !! time limit after the fall [sqrt(R_m/g)]
+   integer, parameter :: watch_interval = 64        !! steps between checks
 
    !> Parameters of a layer.
    type :: packing_t
-      real(wp) :: mean_radius = 0.25_wp !! R_m, by number [m]
-      real(wp) :: ratio = 5             !! R_b/R_m of the boulder for which it is made
-      real(wp) :: grading = 5           !! max / min radius
-      logical :: by_mass = .false.      !! radii uniform in mass (number as r**-3), not in number
-      real(wp) :: width = 5             !! of the periodic box [R_b]
+      real(wp) :: mean_radius = 0.25_wp !! R_m, mean by number [m]
+      real(wp) :: ratio = 5             !! R_b/R_m of the boulder that the layer is made for
+      real(wp) :: grading = 5           !! maximum / minimum radius
+      logical :: by_mass = .false.      !! radii are uniform in mass (number ~ r**-3), not in number
+      real(wp) :: width = 5             !! width of the periodic box [R_b]
       real(wp) :: depth = 3             !! expected height of the surface [R_b]
       real(wp) :: density = 2650        !! [kg/m3]
-      real(wp) :: friction = 0.3_wp     !! during settling; rolling resistance in proportion
+      real(wp) :: friction = 0.3_wp     !! friction during settling; rolling resistance is in proportion
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
-      logical :: rigid_base = .false.   !! otherwise the base absorbs waves
-      real(wp) :: base_speed = 300      !! of waves in the ground below an absorbing base [m/s]
-      logical :: clumps = .false.       !! rocks are clumps; a radius is that of the sphere of the same volume
+      logical :: rigid_base = .false.   !! false: the base absorbs waves
+      real(wp) :: base_speed = 300      !! wave speed in the ground below an absorbing base [m/s]
+      logical :: clumps = .false.       !! rocks are clumps; their radius is that of the sphere of equal volume
    end type packing_t
 
    !> A settled layer.
    type :: layer_t
       real(wp), allocatable :: x(:, :)    !! (3, n) centres of spheres [m]
-      real(wp), allocatable :: radius(:)  !! [m]
-      type(clump_shape_t), allocatable :: rock  !! shape of the clumps that the spheres form, in their order
+      real(wp), allocatable :: radius(:)  !! (n) radii [m]
+      type(clump_shape_t), allocatable :: rock  !! shape of the clumps that consecutive spheres form
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
-      real(wp) :: top = 0                 !! of the highest body [m]
+      real(wp) :: top = 0                 !! height of the highest body [m]
       real(wp) :: solid = 0               !! volume of the rocks / (area * mean height of the surface)
       real(wp) :: floor_share = 0         !! force of the floor / weight
       integer :: steps = 0
@@ -164,10 +164,10 @@ contains
       end if
    end function draw_radius
 
-   !> Pack layer `number` of a seed: a pure function of its arguments.
+   !> Pack layer `number` of a seed. A pure function of its arguments.
    pure subroutine pack_layer(packing, material, key, number, layer, error)
       type(packing_t), intent(in) :: packing
-      type(material_t), intent(in) :: material  !! with the friction of impacts
+      type(material_t), intent(in) :: material  !! material for impacts, with its friction
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
       type(layer_t), intent(out) :: layer
@@ -192,8 +192,8 @@ contains
    !> Settle a layer again with stiffer rocks.
    pure subroutine stiffen_layer(packing, material, young, layer, error)
       type(packing_t), intent(in) :: packing
-      type(material_t), intent(in) :: material  !! that of the layer
-      real(wp), intent(in) :: young             !! above that of the material [Pa]
+      type(material_t), intent(in) :: material  !! material of the layer
+      real(wp), intent(in) :: young             !! new Young's modulus, above that of the material [Pa]
       type(layer_t), intent(inout) :: layer
       type(error_t), allocatable, intent(out) :: error
       type(assembly_t) :: s
@@ -218,8 +218,8 @@ contains
       integer(i8), intent(in) :: number
       type(bodies_t), intent(out) :: b
       real(wp), allocatable :: x(:, :), r(:), v(:, :)
-      real(wp), parameter :: apart = 1.001_wp  ! spacing of neighbouring rows
-      integer(i8) :: word(words_per_block), gap(words_per_block)  ! 1: radius; 2 to 4: velocity; 1: gap
+      real(wp), parameter :: apart = 1.001_wp  ! relative spacing of neighbouring rows
+      integer(i8) :: word(words_per_block), gap(words_per_block)  ! words 1: radius, 2 to 4: velocity; word 1: gap
       real(wp) :: width, volume, goal, corner(3), row, tallest, kick, extent, half
       integer :: n
 
@@ -230,9 +230,9 @@ contains
       n = max_spheres(packing)/spheres_per_rock(packing)
       allocate (x(3, n), r(n), v(3, n))
       volume = 0
-      corner = 0   ! position of the next body: along the row, across the rows, above the shelves
+      corner = 0   ! corner of the next body: along the row, across rows, above shelves
       row = 0      ! largest body of this row
-      tallest = 0  ! of this shelf
+      tallest = 0  ! largest body of this shelf
       n = 0
       do while (volume < goal)
          n = n + 1
@@ -284,10 +284,10 @@ contains
       call set_clumps(b, clump)
    end function hanging_clumps
 
-   !> Spheres of rocks that are clumps, before these place them.
+   !> Spheres of rocks that are clumps, before the clumps place them.
    pure type(bodies_t) function spheres_of_clumps(rock, radius, density) result(b)
       type(clump_shape_t), intent(in) :: rock
-      real(wp), intent(in) :: radius(:), density  !! of the rocks [m], [kg/m3]
+      real(wp), intent(in) :: radius(:), density  !! radii [m] and density [kg/m3] of rocks
       integer :: n, k
 
       n = size(rock%radius)*size(radius)
@@ -295,11 +295,11 @@ contains
                  spread(density, 1, n))
    end function spheres_of_clumps
 
-   !> Bodies of a settled layer, followed by the spheres of a boulder, which are bodies of their own.
+   !> Bodies of a settled layer, followed by the spheres of a boulder as separate bodies.
    pure type(bodies_t) function rocks_at_rest(layer, density, x, radius, boulder_density) result(b)
       type(layer_t), intent(in) :: layer
-      real(wp), intent(in) :: density                    !! of the rocks [kg/m3]
-      real(wp), intent(in) :: x(:, :), radius(:)         !! of the spheres of the boulder [m]
+      real(wp), intent(in) :: density                    !! density of the rocks [kg/m3]
+      real(wp), intent(in) :: x(:, :), radius(:)         !! centres and radii of the boulder's spheres [m]
       real(wp), intent(in) :: boulder_density            !! [kg/m3]
       real(wp) :: centres(3, size(layer%radius) + size(radius))
       integer :: n
@@ -325,7 +325,7 @@ contains
       allocate (clump(size(layer%radius)/each), x(3, each))
       do k = 1, size(clump)
          first = each*(k - 1) + 1
-         do j = 1, each  ! side by side, as the images in the box need not be
+         do j = 1, each  ! unfold: images in the box need not be side by side
             x(:, j) = layer%x(:, first + j - 1)
             x(1:2, j) = x(1:2, j) - width*anint((x(1:2, j) - x(1:2, 1))/width)
          end do
@@ -343,7 +343,7 @@ contains
       if (allocated(layer%rock)) extent = extent/layer%rock%radius(1)*layer%rock%reach
    end function largest_extent
 
-   !> Volume of the spheres of a layer, to be reached or slightly exceeded [m3].
+   !> Volume of spheres for a layer, to be reached or slightly exceeded [m3].
    pure real(wp) function solid_volume(packing)
       type(packing_t), intent(in) :: packing
 
@@ -385,7 +385,7 @@ contains
    pure subroutine settle(packing, drag, spent, s, steps, error)
       type(packing_t), intent(in) :: packing
       real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m) [-]
-      real(wp), intent(in) :: spent  !! kinetic energy considered as none / (mass g R_m) [-]
+      real(wp), intent(in) :: spent  !! kinetic energy that counts as zero / (mass g R_m) [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       type(error_t), allocatable, intent(out) :: error
@@ -413,15 +413,15 @@ contains
             if (energy < spent*unit) return
          end if
       end do
-      if (energy < creep*unit) return  ! a body at its slip limit creeps forever
+      if (energy < creep*unit) return  ! a body at its slip limit creeps without end
       call fail(error, "packing: the layer did not come to rest in time")
    end subroutine settle
 
-   !> Raise Young's modulus to that of the material, in stages, so that the layer springs back without being thrown up.
+   !> Raise Young's modulus to that of the material in stages, so that the layer springs back without being thrown up.
    pure subroutine harden(packing, material, softness, s, steps)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: softness  !! Young's modulus before / that of the material [-]
+      real(wp), intent(in) :: softness  !! initial Young's modulus / that of the material [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       real(wp) :: rate, factor
@@ -461,7 +461,7 @@ contains
       end associate
    end subroutine describe
 
-   !> Mean height of the surface, from a raster of points [m].
+   !> Mean height of the surface over a raster of points [m].
    pure real(wp) function mean_surface(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 100

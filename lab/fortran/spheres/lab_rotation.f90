@@ -19,7 +19,7 @@ contains
       m(:, 3) = [2*(q(2)*q(4) + q(1)*q(3)), 2*(q(3)*q(4) - q(1)*q(2)), 1 - 2*(q(2)**2 + q(3)**2)]
    end function rotation_matrix
 
-   !> Rotation `second` followed by `first`, as quaternions.
+   !> Product of rotations as quaternions: `second`, then `first`.
    pure function product_of(first, second) result(q)
       real(wp), intent(in) :: first(4), second(4)  !! (scalar, vector) [-]
       real(wp) :: q(4)
@@ -30,7 +30,7 @@ contains
       end associate
    end function product_of
 
-   !> The opposite rotation.
+   !> Inverse rotation.
    pure function conjugate(q) result(opposite)
       real(wp), intent(in) :: q(4)  !! (scalar, vector) [-]
       real(wp) :: opposite(4)
@@ -38,7 +38,7 @@ contains
       opposite = [q(1), -q(2:)]
    end function conjugate
 
-   !> Random orientation, uniform: the direction of a point that is uniform in a four-dimensional ball.
+   !> Uniform random orientation: the direction of a uniform point in a four-dimensional ball.
    pure function any_orientation(key, purpose, number, event) result(q)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: purpose, number, event
@@ -55,7 +55,7 @@ contains
       q = q/sqrt(square)
    end function any_orientation
 
-   !> Free rotation over a time by five rotations about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
+   !> Rotate freely over a time by five rotations about principal axes (Dullweber, Leimkuhler, McLachlan 1997).
    !> Conserves the angular momentum in space to rounding; the energy error stays bounded.
    pure subroutine rotate_free(q, momentum, inertia, dt)
       real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
@@ -69,8 +69,8 @@ contains
       q = q/sqrt(sum(q**2))
    end subroutine rotate_free
 
-   !> Rotate about body axis i, with j and k the other two in cyclic order. The tangent of the half angle is
-   !> approximated by the half angle, an error of third order in the step like that of the splitting.
+   !> Rotate about body axis i; j and k are the other two axes in cyclic order. The tangent of the half angle is
+   !> approximated by the half angle: a third-order error in the step, like that of the splitting.
    pure subroutine turn(q, momentum, inertia, i, j, k, dt)
       real(wp), intent(inout) :: q(4), momentum(3)  !! [-], in the body's axes [kg m2/s]
       real(wp), intent(in) :: inertia(3), dt        !! [kg m2], [s]

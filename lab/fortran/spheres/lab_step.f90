@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Time stepping of spheres and clumps in contact: velocity Verlet, with the step determined by the stiffest contact and
-!> checked at every step. An unstable run sets `trouble`, and cannot be used further.
+!> Time stepping of spheres and clumps in contact: velocity Verlet, with a step determined by the stiffest contact and
+!> checked at every step. An unstable run sets `trouble` and must not be continued.
 module lab_step
    use rockfall_kinds, only: wp
    use lab_contact, only: material_t, law_t, touch_t, pair_law, plane_law, press, stored_energy, &
@@ -15,20 +15,20 @@ module lab_step
       watch_energy, total_energy, deepest_share, safe_step, energy_tolerance, trouble_text
    public :: sound, leapt, too_soft, step_too_long, energy_grew
 
-   !> Trouble codes; the first one that occurs is kept.
+   !> Trouble codes; the first that occurs is kept.
    integer, parameter :: sound = 0, leapt = 1, too_soft = 2, step_too_long = 3, energy_grew = 4
 
-   real(wp), parameter :: steps_per_collision = 14 !! of the two smallest bodies at maximum speed
+   real(wp), parameter :: steps_per_collision = 14 !! for a collision of the two smallest bodies at maximum speed
    real(wp), parameter :: rayleigh_share = 0.2_wp     !! fraction of the Rayleigh time of the smallest body
    real(wp), parameter :: longest_leap = 0.2_wp       !! maximum displacement per step / radius of the body
-   real(wp), parameter :: deepest_overlap = 1 !! / smaller radius; Hertz's law fails long before
-   ! A body held by several such contacts oscillates up to 2.5 times as fast, its spin 1.7 times; Verlet requires < 2.
+   real(wp), parameter :: deepest_overlap = 1 !! maximum overlap / smaller radius; Hertz's law fails long before
+   ! A body with several such contacts oscillates up to 2.5 times faster, its spin 1.7 times; Verlet requires < 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
-   real(wp), parameter :: shortest_step = 1.0_wp/64   !! of a step that adapts / the first one
-   ! sqrt(k/m*) goes with overlap**(1/4): after lengthening the step every phase is at most 0.84 of the limit.
-   real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! of steps that adapt
-   real(wp), parameter :: shallow = 1.0_wp/8          !! maximum overlap / its limit for a longer step
-   real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative growth of the energy input
+   real(wp), parameter :: shortest_step = 1.0_wp/64   !! minimum of an adaptive step / first step
+   ! sqrt(k/m*) scales with overlap**(1/4): after lengthening the step, every phase is at most 0.84 of its limit.
+   real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! factor between adaptive steps
+   real(wp), parameter :: shallow = 1.0_wp/8          !! overlap / its limit, below which the step may be lengthened
+   real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative increase of the energy input
 
    !> Body supported by an absorbing base.
    type :: base_t
@@ -39,9 +39,9 @@ module lab_step
 
    !> Pairs in contact that are advanced together.
    type :: pairs_t
-      real(wp), dimension(batch_size) :: d, radius, fraction  !! of the centres; of the first, and of the overlap in it
-      real(wp), dimension(batch_size, 3) :: separation        !! of the centres, first to second [m]
-      real(wp), dimension(batch_size, 3) :: u, pull           !! velocity and acceleration of the second to the first
+      real(wp), dimension(batch_size) :: d, radius, fraction  !! distance; first radius; overlap fraction in first
+      real(wp), dimension(batch_size, 3) :: separation        !! between centres, first to second [m]
+      real(wp), dimension(batch_size, 3) :: u, pull           !! velocity, acceleration of second relative to first
       real(wp), dimension(batch_size, 3) :: spin, other_spin  !! [rad/s]
    end type pairs_t
 
@@ -52,24 +52,24 @@ module lab_step
       real(wp) :: gravity = 9.81_wp                !! [m/s2]
       real(wp) :: tilt(3) = 0                      !! additional gravity of the last body [m/s2]
       real(wp) :: tilt_work = 0                    !! work of the tilt so far [J]
-      real(wp) :: dt = 0, first_dt = 0             !! step, and that at the start [s]
+      real(wp) :: dt = 0, first_dt = 0             !! current step; step at the start [s]
       type(neighbours_t) :: near
-      type(law_t), allocatable :: law(:)           !! per pair
+      type(law_t), allocatable :: law(:)           !! contact law of each pair
       type(touch_t), allocatable :: touch(:)
-      real(wp), allocatable :: max_overlap(:)      !! limit by the step and by Hertz's law [m]
-      type(law_t), allocatable :: floor_law(:)     !! per body near the floor
+      real(wp), allocatable :: max_overlap(:)      !! limit from the step and Hertz's law [m]
+      type(law_t), allocatable :: floor_law(:)     !! contact law of each body near the floor
       type(touch_t), allocatable :: floor_touch(:)
       real(wp), allocatable :: floor_max_overlap(:)
-      type(base_t), allocatable :: base(:)         !! supported by an absorbing base
-      logical, allocatable :: on_base(:)           !! per body: it is supported by the base
+      type(base_t), allocatable :: base(:)         !! bodies supported by an absorbing base
+      logical, allocatable :: on_base(:)           !! for each body: it is supported by the base
       real(wp) :: floor_force = 0                  !! upward force of the floor [N]
-      real(wp) :: energy_limit = huge(1.0_wp)      !! [J]
+      real(wp) :: energy_limit = huge(1.0_wp)      !! total energy that counts as a gain [J]
       integer :: trouble = sound
    end type assembly_t
 
 contains
 
-   !> Safe step for bodies of radius `radius` or more that collide at `speed` or less [s].
+   !> Safe step for bodies with at least `radius` that collide with at most `speed` [s].
    elemental real(wp) function safe_step(material, radius, density, speed) result(dt)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, density, speed  !! [m], [kg/m3], > 0 [m/s]
@@ -121,7 +121,7 @@ contains
 
       associate (b => s%bodies)
          call drift(b%n, s%dt, b%radius, b%a, b%v, b%x, sound_step)
-         if (.not. sound_step) then  ! also reached for NaN
+         if (.not. sound_step) then  ! also true for NaN
             call note(s, leapt)
             return
          end if
@@ -134,7 +134,7 @@ contains
       end associate
    end subroutine advance
 
-   !> Shorten a step that the last one has found too long: the limit of the phase is well within that of stability.
+   !> Shorten a step that was just found too long: the phase limit is well within the stability limit.
    pure subroutine shorten_step(s)
       type(assembly_t), intent(inout) :: s
 
@@ -143,7 +143,7 @@ contains
       call set_step(s, s%dt/step_ratio)
    end subroutine shorten_step
 
-   !> Lengthen a step that has been shortened, if all contacts permit it.
+   !> Lengthen a shortened step, if all contacts permit it.
    pure subroutine lengthen_step(s)
       type(assembly_t), intent(inout) :: s
       integer :: n
@@ -163,7 +163,7 @@ contains
       call set_limits(s)
    end subroutine set_step
 
-   !> Move clumps, and place their spheres, which have moved as bodies of their own.
+   !> Move clumps, and place their spheres, which have already moved like separate bodies.
    pure subroutine move_clumps(s)
       type(assembly_t), intent(inout) :: s
       integer :: c
@@ -174,7 +174,7 @@ contains
       end do
    end subroutine move_clumps
 
-   !> Update velocities of clumps over a time, and those of their spheres.
+   !> Advance the velocities of clumps by a time, and update those of their spheres.
    pure subroutine accelerate_clumps(s, time)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: time  !! [s]
@@ -191,12 +191,12 @@ contains
       end do
    end subroutine accelerate_clumps
 
-   !> Move bodies to the end of the step with the velocity at its middle.
+   !> Move bodies to the end of the step with the velocity at the middle of the step.
    pure subroutine drift(n, dt, radius, a, v, x, sound_step)
       integer, intent(in) :: n
       real(wp), intent(in) :: dt, radius(n), a(6, n)  !! [s], [m], [m/s2] and [rad/s2]
       real(wp), intent(inout) :: v(6, n), x(3, n)     !! [m/s] and [rad/s], [m]
-      logical, intent(out) :: sound_step  !! no body moved too far
+      logical, intent(out) :: sound_step  !! no body has moved too far
       real(wp) :: leap(3)
       integer :: k
 
@@ -209,13 +209,13 @@ contains
       end do
    end subroutine drift
 
-   !> Compute accelerations from forces, and update velocities over a time.
+   !> Compute accelerations from forces, and advance velocities by `time`.
    pure subroutine accelerate(n, gravity, tilt, time, f, inverse, a, v)
       integer, intent(in) :: n
       real(wp), intent(in) :: gravity, time   !! [m/s2], [s]
-      real(wp), intent(in) :: tilt(3)         !! of the last body [m/s2]
+      real(wp), intent(in) :: tilt(3)         !! additional gravity of the last body [m/s2]
       real(wp), intent(in) :: f(6, n)         !! [N] and [N m]
-      real(wp), intent(in) :: inverse(6, n)   !! of mass [1/kg] and inertia [1/(kg m2)]
+      real(wp), intent(in) :: inverse(6, n)   !! inverse of mass [1/kg] and inertia [1/(kg m2)]
       real(wp), intent(out) :: a(6, n)        !! [m/s2] and [rad/s2]
       real(wp), intent(inout) :: v(6, n)      !! [m/s] and [rad/s]
       integer :: k
@@ -229,7 +229,7 @@ contains
       v(1:3, n) = v(1:3, n) + time*tilt
    end subroutine accelerate
 
-   !> Compute forces and accelerations of an initial state.
+   !> Compute forces and accelerations of the initial state.
    pure subroutine set_rates(s)
       type(assembly_t), intent(inout) :: s
 
@@ -240,7 +240,7 @@ contains
       end associate
    end subroutine set_rates
 
-   !> Record trouble; the first one is kept.
+   !> Record trouble; the first trouble is kept.
    elemental subroutine note(s, trouble)
       type(assembly_t), intent(inout) :: s
       integer, intent(in) :: trouble
@@ -261,7 +261,7 @@ contains
       if (beyond) call find_beyond(s)
    end subroutine find_forces
 
-   !> Find the pairs in contact, and their centre distances; the others lose their state.
+   !> Find the pairs in contact and their centre distances; other pairs lose their state.
    pure subroutine find_touching(n, n_pairs, pair, x, touch, count, place, distance)
       integer, intent(in) :: n, n_pairs
       type(pair_t), intent(in) :: pair(n_pairs)
@@ -346,8 +346,8 @@ contains
       end do
    end subroutine pair_forces
 
-   !> Compute normals and rates of the contacts of pairs, from their geometry at the end of the step and their motion at
-   !> the middle: the slip is that of the surfaces at the middle, where the normal was different.
+   !> Compute normals and rates of the contacts of pairs, from the geometry at the end of the step and the motion at its
+   !> middle: slip is computed at the middle, where the normal was different.
    pure subroutine find_rates(p, dt, b)
       type(pairs_t), intent(in) :: p
       real(wp), intent(in) :: dt           !! [s]
@@ -368,7 +368,7 @@ contains
          uz = p%u(k, 3)
          b%closing(k) = -((ux + 0.5_wp*dt*p%pull(k, 1))*nx + (uy + 0.5_wp*dt*p%pull(k, 2))*ny &
                           + (uz + 0.5_wp*dt*p%pull(k, 3))*nz)
-         mx = p%d(k)*nx - 0.5_wp*dt*ux  ! normal at the middle
+         mx = p%d(k)*nx - 0.5_wp*dt*ux  ! normal at the middle of the step
          my = p%d(k)*ny - 0.5_wp*dt*uy
          mz = p%d(k)*nz - 0.5_wp*dt*uz
          distance = max(sqrt(mx*mx + my*my + mz*mz), tiny(dt))
@@ -412,7 +412,7 @@ contains
             i = s%near%low(k)
             d = b%x(3, i)
             overlap = b%radius(i) - d
-            if (overlap <= 0 .or. s%on_base(i)) then  ! the base carries these bodies
+            if (overlap <= 0 .or. s%on_base(i)) then  ! bodies on the base are carried by it
                s%floor_touch(k) = touch_t()
                cycle
             end if
@@ -430,10 +430,9 @@ contains
       end associate
    end subroutine floor_forces
 
-   !> Compute the forces of an absorbing base: it carries the bodies that were on the floor with their force at that
-   !> time, and absorbs waves from above: a dashpot of impedance rho c per area (Lysmer & Kuhlemeyer 1969). Its force is
-   !> that of the velocity at the end of the step, which depends on it: stable for any impedance. All other forces come
-   !> before.
+   !> Compute the forces of an absorbing base. It supports the bodies that were on the floor with the force at that
+   !> time, and absorbs waves from above by dashpots of impedance rho c per area (Lysmer & Kuhlemeyer 1969). The force
+   !> is implicit in the velocity at the end of the step: stable for any impedance. Call after all other forces.
    pure subroutine base_forces(s)
       type(assembly_t), intent(inout) :: s
       real(wp) :: half, v(3)
@@ -445,7 +444,7 @@ contains
          do k = 1, size(s%base)
             i = s%base(k)%body
             b%f(3, i) = b%f(3, i) + s%base(k)%force
-            if (in_clump(b, i)) then  ! its clump decides how it moves
+            if (in_clump(b, i)) then  ! the motion of its clump determines the force
                v = b%v(1:3, i) + half*b%a(1:3, i)
             else
                v = b%v(1:3, i) + half*b%f(1:3, i)*b%inverse(1:3, i)
@@ -456,7 +455,7 @@ contains
       end associate
    end subroutine base_forces
 
-   !> Make the base absorbing from now on: bodies on the floor are supported by dashpots, which divide its area in
+   !> Make the base absorbing from now on: bodies on the floor are supported by dashpots, which share the area in
    !> proportion to the cross sections of the bodies. The energy check continues.
    pure subroutine set_absorbing_base(s, impedance)
       type(assembly_t), intent(inout) :: s
@@ -481,7 +480,7 @@ contains
       s%energy_limit = total_energy(s) + slack
    end subroutine set_absorbing_base
 
-   !> Find the reason for an excessive overlap: Hertz's law or the step.
+   !> Find the cause of an excessive overlap: Hertz's law or the step.
    pure subroutine find_beyond(s)
       type(assembly_t), intent(inout) :: s
       integer :: k
@@ -527,7 +526,7 @@ contains
       end do
    end subroutine renew
 
-   !> Parameters and limits of the pairs of a new list, without contacts.
+   !> Set parameters and limits of the pairs of a new list, without contacts.
    pure subroutine make_laws(s)
       type(assembly_t), intent(inout) :: s
       integer :: k, n
@@ -599,13 +598,13 @@ contains
    !> Maximum overlap permitted by Hertz's law and the step [m]: k = 1.5 hertz sqrt(overlap).
    elemental real(wp) function overlap_limit(law, radius, dt) result(limit)
       type(law_t), intent(in) :: law
-      real(wp), intent(in) :: radius, dt  !! of the smaller body [m], [s]
+      real(wp), intent(in) :: radius, dt  !! radius of the smaller body [m]; step [s]
 
       limit = min(deepest_overlap*radius, ((greatest_phase/dt)**2*law%mass/(1.5_wp*law%hertz))**2)
    end function overlap_limit
 
-   !> Kinetic, potential and elastic energy [J], less the work of the constant force of the base and of the tilt of
-   !> gravity on the last body.
+   !> Kinetic, potential and elastic energy [J], minus the work of the base's constant force and of the tilt of gravity
+   !> on the last body.
    pure real(wp) function total_energy(s) result(energy)
       type(assembly_t), intent(in) :: s
 
@@ -617,7 +616,7 @@ contains
       end associate
    end function total_energy
 
-   !> Maximum overlap of two bodies / the smaller radius, a measure of the validity of Hertz's law.
+   !> Maximum overlap / smaller radius over all pairs, a measure of the validity of Hertz's law.
    pure real(wp) function deepest_share(s) result(deepest)
       type(assembly_t), intent(in) :: s
       integer :: k
@@ -631,14 +630,14 @@ contains
       end associate
    end function deepest_share
 
-   !> Check that energy is not gained; called at intervals.
+   !> Check that no energy is gained; called at intervals.
    pure subroutine watch_energy(s)
       type(assembly_t), intent(inout) :: s
 
       if (.not. total_energy(s) <= s%energy_limit) call note(s, energy_grew)
    end subroutine watch_energy
 
-   !> Description of `trouble`, with advice.
+   !> Text for a trouble code, with advice.
    pure function trouble_text(trouble) result(text)
       integer, intent(in) :: trouble
       character(len=:), allocatable :: text

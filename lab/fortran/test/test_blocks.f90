@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A block: moments of solids known from theory, free rotation, and impacts on flat ground: no energy gained, none lost
-!> on elastic ground, no force outside the cone of friction, equal results with half the step, and mirrored results of
+!> Blocks: moments of solids known from theory, free rotation, and impacts on flat ground: no gain of energy, no loss on
+!> elastic ground, no force outside the friction cone, equal results with half the step, and mirrored results for
 !> mirrored input.
 program test_lab_blocks
    use rockfall_kinds, only: wp, i8
@@ -33,7 +33,7 @@ program test_lab_blocks
 
 contains
 
-   !> A box: vertices and facets.
+   !> Vertices and facets of a box.
    pure subroutine box(sides, x, corner)
       real(wp), intent(in) :: sides(3)
       real(wp), intent(out) :: x(3, 8)
@@ -67,7 +67,7 @@ contains
       call make_relief(reshape([0.0_wp], [1, 1]), 1.0_wp, relief, error)
    end subroutine flat
 
-   !> A box away from the origin, from closed forms.
+   !> Moments of a box away from the origin, from closed forms.
    subroutine test_box()
       type(solid_t) :: solid
       type(block_t) :: block
@@ -115,8 +115,8 @@ contains
       call check("a facet without a vertex is refused", allocated(error))
    end subroutine test_refusals
 
-   !> Angular momentum in space is kept to rounding, energy within a bound that does not grow; also about
-   !> the middle axis, which is unstable.
+   !> Angular momentum in space is conserved to rounding, and the energy error stays bounded; also about the unstable
+   !> middle axis.
    subroutine test_free_rotation()
       real(wp), parameter :: inertia(3) = [1.0_wp, 2.0_wp, 2.5_wp]
       real(wp) :: q(4), momentum(3), before(3), energy, worst
@@ -165,7 +165,7 @@ contains
       end do
    end subroutine test_submerged_part
 
-   !> The slope is that of the height, across the edge of the patch too.
+   !> The slope is the derivative of the height, also across the edge of the patch.
    subroutine test_relief()
       type(relief_t) :: relief
       type(error_t), allocatable :: error
@@ -196,14 +196,14 @@ contains
       call check("six cells are refused", allocated(error))
    end subroutine test_relief
 
-   !> One impact on flat ground, without gravity, followed for 1.5 times its duration.
+   !> One impact on flat ground without gravity, followed for 1.5 times its duration.
    subroutine strike(block, ground, number, speed, angle_sine, step, m, energy)
       type(block_t), intent(in) :: block
       type(ground_t), intent(in) :: ground
-      integer, intent(in) :: number             !! of its orientation and spin
+      integer, intent(in) :: number             !! number of its orientation and spin
       real(wp), intent(in) :: speed, angle_sine, step
       type(motion_t), intent(out) :: m
-      real(wp), intent(out) :: energy           !! kinetic, after / before
+      real(wp), intent(out) :: energy           !! kinetic energy after / before
       real(wp) :: q(4), v(3), spin(3), u(8)
       integer(i8) :: draw
 
@@ -242,7 +242,7 @@ contains
       energy = kinetic_energy(block, m)/before
    end subroutine follow
 
-   !> Elastic ground without friction returns all energy, for any attitude and spin.
+   !> Elastic ground without friction returns all energy for any attitude and spin.
    subroutine test_elastic_drop()
       type(block_t) :: block
       type(motion_t) :: m
@@ -257,7 +257,7 @@ contains
       end do
    end subroutine test_elastic_drop
 
-   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most that of
+   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most that by
    !> friction.
    subroutine test_no_gain(plough)
       logical, intent(in) :: plough
@@ -285,7 +285,7 @@ contains
       call check("and none is lost for nothing", most > 0.3_wp)
    end subroutine test_no_gain
 
-   !> The restitution is about 1 without yielding, and falls with increasing speed.
+   !> Restitution is about 1 without yielding, and decreases with speed.
    subroutine test_restitution()
       type(block_t) :: block
       type(motion_t) :: m
@@ -294,7 +294,7 @@ contains
       real(wp), parameter :: q(4) = [0.8880738339771153_wp, 0.3250575836718681_wp, -0.3250575836718681_wp, 0.0_wp]
       integer :: k
 
-      call box_block([1.0_wp, 1.0_wp, 1.0_wp], block)  ! its diagonal is upright in this attitude
+      call box_block([1.0_wp, 1.0_wp, 1.0_wp], block)  ! in this attitude, the diagonal is upright
       do k = 1, 3
          call follow(block, ground_t(yield_pressure=3.0e7_wp, restitution=0.5_wp, friction=0.0_wp, &
                                      soil_density=0.0_wp, plough=.false.), q, [0.0_wp, 0.0_wp, -speed(k)], &
@@ -306,7 +306,7 @@ contains
       call check("faster: less", e(3) < 0.8_wp*e(2))
    end subroutine test_restitution
 
-   !> Half the step changes means by at most 0.002 of the speed.
+   !> Halving the step changes means by at most 0.002 of the speed.
    subroutine test_half_the_step()
       type(block_t) :: block
       type(motion_t) :: m
@@ -337,9 +337,9 @@ contains
       integer :: k
 
       call box([1.0_wp, 0.9_wp, 0.8_wp], x, corner)
-      do k = 1, 2  ! y -> -y turns q into (q0, -q1, q2, -q3), spin alike
+      do k = 1, 2  ! y -> -y turns q into (q0, -q1, q2, -q3); spin likewise
          associate (s => real(3 - 2*k, wp))
-            if (k == 2) then  ! its facets too
+            if (k == 2) then  ! mirror the facets too
                x(2, :) = -x(2, :)
                corner = corner([1, 3, 2], :)
             end if
@@ -353,8 +353,7 @@ contains
       call check("and it did turn aside", abs(m(1)%v(2)) > 1.0e-3_wp)
    end subroutine test_mirror
 
-   !> A block placed on a slope below the angle of friction stays, up to small oscillations; on a steeper slope it
-   !> slides.
+   !> A block on a slope below the friction angle stays, up to small oscillations; on a steeper slope it slides.
    subroutine test_rest()
       type(block_t) :: block
       type(motion_t) :: m

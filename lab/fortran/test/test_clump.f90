@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Clumps: volume and inertia of unions of spheres by closed forms, free motion, one sphere as a clump of one, layers at
-!> rest, and throws that lose energy.
+!> Clumps: volume and inertia of unions of spheres by closed forms, free motion, clumps of one sphere, layers at rest,
+!> and throws that lose energy.
 program test_lab_clump
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -28,7 +28,7 @@ program test_lab_clump
 
 contains
 
-   !> Volume of four equal spheres by inclusion and exclusion of pairs and triples, and of a box with rounded edges.
+   !> Volumes of four equal spheres, by inclusion and exclusion of pairs and triples, and of a box with rounded edges.
    subroutine test_shapes()
       type(clump_shape_t) :: rock, block
       real(wp) :: half(3), inner(3), edge, volume
@@ -45,7 +45,7 @@ contains
          edge = block%radius(1)
          inner = maxval(block%x, 2)
          half = inner + edge
-         ! a smooth box with rounded edges and corners: spheres side by side leave notches between them
+         ! box with smooth rounded edges and corners: the spheres leave notches in between
          volume = 8*product(inner) + 8*edge*(inner(1)*inner(2) + inner(2)*inner(3) + inner(3)*inner(1)) &
                   + 2*pi*edge**2*sum(inner) + 4*pi/3*edge**3
          call check(trim(shape_names(k))//": notches of at most 5 %", volume > 4*pi/3 .and. volume < 1.05_wp*4*pi/3)
@@ -57,7 +57,7 @@ contains
       end do
    end subroutine test_shapes
 
-   !> Volume by a lattice of points, which shares nothing with the columns of the module.
+   !> Volume by a lattice of points, independent of the columns in the module.
    real(wp) function union_by_points(x, radius) result(volume)
       real(wp), intent(in) :: x(:, :), radius
       integer, parameter :: n = 80
@@ -77,7 +77,7 @@ contains
       volume = inside*(2*size_of/n)**3
    end function union_by_points
 
-   !> Without forces momentum stays, and energy within the order of the step.
+   !> Without forces, momentum is conserved, and energy to the order of the step.
    subroutine test_free_motion()
       type(clump_t) :: clump
       real(wp) :: before, momentum(3)
@@ -97,7 +97,7 @@ contains
       call check("and turns", abs(clump%q(1)) < 1)
    end subroutine test_free_motion
 
-   !> A clump of one sphere meets the floor as the sphere does.
+   !> A clump of one sphere hits the floor like the sphere.
    subroutine test_one_sphere()
       type(assembly_t) :: alone, clumped
       type(bodies_t) :: b
@@ -137,7 +137,7 @@ contains
       call set_motion(spinning, v)
    end function spinning
 
-   !> A block that falls on the floor without friction and damping keeps its energy: part of it turns into spin.
+   !> A block that falls on the floor without friction and damping conserves energy, part of which becomes rotation.
    subroutine test_fall()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -168,7 +168,7 @@ contains
       call check_close("its motion along the floor stays", v(1), 2.0_wp, 1.0e-9_wp)
    end subroutine test_fall
 
-   !> A layer of clumps is at rest, and remains so; boulders thrown at it lose energy.
+   !> A layer of clumps is at rest and stays at rest; boulders thrown at it lose energy.
    subroutine test_layer()
       type(packing_t) :: packing
       type(material_t) :: stone
@@ -205,7 +205,7 @@ contains
          call follow_on_rocks(layer, packing, stone, boulder, throw, random_key(3_i8), int(k, i8), found, n, complete)
          if (n < 1) cycle
          made = made + n
-         do l = 1, n  ! what it loses in height it may gain
+         do l = 1, n  ! the energy of its fall may be gained
             square = max(sum(found(l)%incoming(1:2)**2), 1.0e-3_wp)
             loses = loses .and. found(l)%energy < 1 + 2*9.81_wp*max(0.0_wp, -found(l)%rise)/square
          end do

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contact model and its stepping against theory, in space: Hertz's collision, restitution of the viscous part,
-!> oblique impacts on a plane and of a pair between gross slip and stick, springs that turn with the contact, no gain of
-!> energy, second order in the step.
+!> Contact model and time stepping compared with theory: Hertz's collision, restitution of the viscous part, oblique
+!> impacts on a plane and of a pair from gross slip to stick, springs that rotate with the contact, no gain of energy,
+!> second order in the step.
 program test_lab_contact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -16,7 +16,7 @@ program test_lab_contact
    implicit none
 
    real(wp), parameter :: density = 2650
-   real(wp), parameter :: slanted(3) = [0.48_wp, 0.6_wp, 0.64_wp]  !! a unit vector
+   real(wp), parameter :: slanted(3) = [0.48_wp, 0.6_wp, 0.64_wp]  !! unit vector
 
    call test_hertz()
    call test_elastic_energy()
@@ -40,7 +40,7 @@ program test_lab_contact
 
 contains
 
-   !> Two spheres, 1 m and 0.4 m, about to touch along a slanted line; the second one moves.
+   !> Two spheres of 1 m and 0.4 m about to touch along a slanted line; the second moves.
    function pair(material, v, dt) result(s)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: v(6, 2), dt
@@ -127,8 +127,8 @@ contains
       end do
    end subroutine test_elastic_energy
 
-   !> A step that is too long for the collision is shortened within it, which costs some of the energy, and is
-   !> lengthened after it.
+   !> A step that is too long for the collision is shortened within it, at the cost of some energy, and lengthened
+   !> afterwards.
    subroutine test_adaptive_step()
       type(assembly_t) :: s
       type(material_t) :: material
@@ -154,8 +154,8 @@ contains
       call check_close("the energy is nearly kept", total_energy(s), before, 5.0e-2_wp)
    end subroutine test_adaptive_step
 
-   !> In terms of overlap**1.25 the collision is that of a linear oscillator, which lets go when its
-   !> force is zero (Schwager & Poeschel 2007): the same restitution at every speed.
+   !> In terms of overlap**1.25, the collision is that of a linear oscillator that is released at zero force (Schwager &
+   !> Poeschel 2007): the restitution does not depend on speed.
    subroutine test_restitution()
       type(assembly_t) :: s
       type(material_t) :: material
@@ -182,8 +182,8 @@ contains
       end do
    end subroutine test_restitution
 
-   !> A sphere of radius 1 m thrown at the floor: velocity and spin after. Steps: as many as the
-   !> collision has, and half as many again.
+   !> Velocity and spin of a sphere of radius 1 m after it is thrown at the floor. `steps`: as many as the collision
+   !> takes, plus half.
    function bounce(material, v, steps) result(after)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: v(6)
@@ -204,7 +204,7 @@ contains
       after = s%bodies%v(:, 1)
    end function bounce
 
-   !> The six velocities of (V_t, V_n, W) at a heading, R = 1 m, and back; `rest` has the other components.
+   !> Six velocities of (V_t, V_n, W) for a heading, R = 1 m, and the inverse; `rest` has the other components.
    pure function headed(v, angle) result(six)
       real(wp), intent(in) :: v(3), angle
       real(wp) :: six(6)
@@ -220,8 +220,7 @@ contains
       rest = maxval(abs(six - headed(v, angle)))
    end subroutine along
 
-   !> A contact that slips all the time gives dv_t = -mu dv_n, and R domega = 5/2 mu dv_n, along its
-   !> slip, whatever its direction.
+   !> A contact that always slips gives dv_t = -mu dv_n and R domega = 5/2 mu dv_n along its slip, in any direction.
    subroutine test_gross_slip()
       type(material_t) :: material
       real(wp) :: after(3), rest, angle, six(6), slip(2)
@@ -245,10 +244,10 @@ contains
          material%damping = 0.2_wp
          call along(bounce(material, headed([6.0_wp, -2.0_wp, 0.0_wp], angle), 500), angle, after, rest)
          call check("viscous: e < 0.6", after(2) > 0 .and. after(2) < 1.2_wp)
-         ! the viscous force, overlap**0.25, comes before the tangential spring can follow
+         ! the viscous force, overlap**0.25, acts before the tangential spring can follow
          call check_close("gross slip with e < 1", after(1), 6 - 0.2_wp*(after(2) + 2), 1.0e-3_wp)
       end do
-      ! velocity along x, spin about x: the surface slips along (0.6, 0.8), the spin about z is kept
+      ! velocity along x, spin about x: the surface slips along (0.6, 0.8), and the spin about z is unchanged
       material%damping = 0
       six = bounce(material, [6.0_wp, 0.0_wp, -2.0_wp, 8.0_wp, 0.0_wp, 3.0_wp], 500)
       slip = [0.6_wp, 0.8_wp]
@@ -259,8 +258,8 @@ contains
       call check_close("side spin: about z", six(6), 3.0_wp, 0.0_wp)
    end subroutine test_gross_slip
 
-   !> Velocities, before and after, of the pair of `pair` hitting at 2 m/s with another velocity
-   !> across, and spins about everything; young in Pa.
+   !> Velocities before and after an impact of the spheres of `pair` at 2 m/s, with another velocity across and spins
+   !> about all axes; young in Pa.
    subroutine hit(material, across, before, after)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: across(3)
@@ -280,7 +279,7 @@ contains
       after = s%bodies%v
    end subroutine hit
 
-   !> Tangential velocity of the surface of the first over that of the second, rigid.
+   !> Tangential velocity of the first surface relative to the second, for rigid spheres.
    pure function slip_of(v) result(slip)
       real(wp), intent(in) :: v(6, 2)
       real(wp) :: slip(3)
@@ -288,7 +287,7 @@ contains
       slip = in_plane(v(1:3, 1) - v(1:3, 2) + cross(v(4:6, 1) + 0.4_wp*v(4:6, 2), slanted), slanted)
    end function slip_of
 
-   !> Impulse on the first body, and its effect on spins if it acts on the line between centres.
+   !> Check the impulse on the first body, and its effect on spins, which acts on the line between centres.
    subroutine check_impulse(name, before, after, impulse)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: before(6, 2), after(6, 2)
@@ -323,10 +322,10 @@ contains
       end do
    end subroutine test_gross_slip_of_pair
 
-   !> Without slip the tangential spring oscillates freely. The reference integrates the same equations separately:
-   !> Runge-Kutta in the overlap, the velocities and the force of the spring. Rigid bodies would roll off at 5/7 v_t;
-   !> the compliance sends the surface back instead, so v_t ends between 3/7 (fully back) and 1. Two directions in the
-   !> plane are independent.
+   !> Without slip the tangential spring oscillates freely. The reference integrates the same equations independently,
+   !> by Runge-Kutta in overlap, velocities and spring force. Rigid bodies would leave rolling at 5/7 v_t; with
+   !> compliance the surface is driven back, so v_t ends between 3/7 (fully back) and 1. The two directions in the plane
+   !> are independent.
    subroutine test_stick()
       type(material_t) :: material
       real(wp) :: six(6), judge(3), after(3), rest
@@ -348,7 +347,7 @@ contains
       call check_close("stick: straight on", rest, 0.0_wp, 1.0e-10_wp)
    end subroutine test_stick
 
-   !> For stiff bodies the ratio of slip after and before depends only on Poisson's ratio; here for the sphere on the
+   !> For stiff bodies, the ratio of slip after and before depends only on Poisson's ratio; here for a sphere on the
    !> floor.
    subroutine test_stick_of_pair()
       type(material_t) :: material
@@ -363,7 +362,7 @@ contains
          0.0_wp, 3.0e-3_wp)
    end subroutine test_stick_of_pair
 
-   !> (V_t, V_n, W) after an impact on the floor without slip, R = 1 m.
+   !> Reference (V_t, V_n, W) after an impact on the floor without slip, R = 1 m.
    function judged(material, v) result(after)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: v(3)
@@ -383,7 +382,7 @@ contains
          k4 = rates(law, mass, y + dt*k3, unloads)
          y = y + dt/6*(k1 + 2*k2 + 2*k3 + k4)
          if (y(1) <= 0 .and. y(2) < 0) exit
-         ! from now on the length of the spring is kept, not its force
+         ! from here on, the length of the spring is kept, not its force
          if (y(2) < 0 .and. .not. unloads) then
             unloads = .true.
             y(5) = y(5)/(law%mindlin*sqrt(y(1)))
@@ -392,7 +391,7 @@ contains
       after = [y(3), -y(2), y(4)]
    end function judged
 
-   !> Rates of overlap, its rate, V_t, W, and the force of the spring along V_t (its length / law).
+   !> Rates of overlap, its rate, V_t, W, and of the spring force along V_t (or its length / law).
    pure function rates(law, mass, y, unloads) result(dy)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: mass, y(5)
@@ -409,8 +408,8 @@ contains
       dy(5) = -merge(1.0_wp, stiffness, unloads)*(y(3) - (1 - d)*y(4))
    end function rates
 
-   !> A sphere thrown along the floor hops until it rolls: v = 5/7 v_t, whatever friction and
-   !> damping. On average: nothing damps the tangential spring once it no longer slips.
+   !> A sphere thrown along the floor hops until it rolls at v = 5/7 v_t, whatever friction and damping; only on
+   !> average, because nothing damps the tangential spring without slip.
    subroutine test_rolling_end()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -439,9 +438,9 @@ contains
    end subroutine test_rolling_end
 
    !> Halving the step quarters the error: Hertz alone, with friction, with rolling resistance, without slip. The
-   !> viscous force starts as time**0.25, which allows no more than the order 1.25, of which the slope over a few
-   !> halvings is above 1. Where a force turns while it slips the order is 1. The grid of the step moves over the ends
-   !> of the contact, so the order is that of all halvings together, not of each.
+   !> viscous force starts as time**0.25, which limits the order to 1.25; over a few halvings the measured order is
+   !> above 1. If a force rotates while it slips, the order is 1. Steps do not coincide with the ends of the contact, so
+   !> the order is measured over all halvings together.
    subroutine test_order()
       type(material_t) :: material
       real(wp) :: exact(6), error(0:6), order, v(6)
@@ -466,8 +465,7 @@ contains
       end do
    end subroutine test_order
 
-   !> The same for two soft spheres that graze, spin, and turn about each other while they touch, out
-   !> of every plane.
+   !> Order for two soft spheres that graze, spin, and rotate about each other in contact, out of any coordinate plane.
    subroutine test_order_of_pair()
       type(material_t) :: material
       real(wp) :: exact(12), error(0:6), order
@@ -490,7 +488,7 @@ contains
       end do
    end subroutine test_order_of_pair
 
-   !> Velocities and spins of two spheres after they met off centre; about `steps` steps of contact.
+   !> Velocities and spins of two spheres after an off-centre contact of about `steps` steps.
    function graze(material, steps) result(after)
       type(material_t), intent(in) :: material
       integer, intent(in) :: steps
@@ -513,8 +511,8 @@ contains
       after = [s%bodies%v(:, 1), s%bodies%v(:, 2)]
    end function graze
 
-   !> Springs of a contact that turns in any manner keep their lengths and stay in the plane; about a
-   !> fixed normal they turn by the angle.
+   !> Springs of a contact that rotates in any manner keep their lengths and stay in the plane; about a fixed normal
+   !> they turn by the angle.
    subroutine test_turning_springs()
       type(touch_t) :: touch
       type(law_t) :: law
@@ -559,7 +557,7 @@ contains
       u = all(:3)
    end function uniform3
 
-   !> Two spheres that turn as one body about any axis: after a full turn the spring is as it was.
+   !> Two spheres rotate as one body about any axis: after a full turn the spring is unchanged.
    subroutine test_rigid_rotation()
       real(wp) :: error(2), grown(2)
       real(wp), parameter :: axes(3, 3) = reshape([slanted, [0.0_wp, 0.0_wp, 1.0_wp], &
@@ -576,8 +574,8 @@ contains
       end do
    end subroutine test_rigid_rotation
 
-   !> One full turn of two heavy spheres, held together: relative change of the spring's force and
-   !> growth of the stored energy.
+   !> One full turn of two heavy spheres held together: relative change of the spring force, and growth of the stored
+   !> energy.
    subroutine turn_round(axis, steps, error, grown)
       real(wp), intent(in) :: axis(3)
       integer, intent(in) :: steps
@@ -609,7 +607,7 @@ contains
       grown = stored_energy(s%law(1), s%touch(1))/before - 1
    end subroutine turn_round
 
-   !> A vector turned about an axis (Rodrigues).
+   !> Vector rotated about an axis (Rodrigues).
    pure function turned(v, axis, angle)
       real(wp), intent(in) :: v(3), axis(3), angle
       real(wp) :: turned(3)
@@ -617,7 +615,7 @@ contains
       turned = cos(angle)*v + sin(angle)*cross(axis, v) + (1 - cos(angle))*dot_product(axis, v)*axis
    end function turned
 
-   !> Over any path of overlap, slip and turn the contact returns no more energy than it received.
+   !> For any path of overlap, slip and rotation, a contact returns no more energy than it received.
    subroutine test_no_gain()
       type(material_t) :: material
       type(law_t) :: law
@@ -657,8 +655,7 @@ contains
          scale > 0.1_wp*0.4_wp*law%hertz*(2.0e-3_wp)**2*sqrt(2.0e-3_wp))
    end subroutine test_no_gain
 
-   !> The rolling spring: stiffness 2.25 k_n (rolling R*)**2 up to the moment rolling R* F, against
-   !> the turn, and back.
+   !> Rolling spring: stiffness 2.25 k_n (rolling R*)**2 up to the moment rolling R* F, against the rotation, and back.
    subroutine test_rolling()
       type(material_t) :: material
       type(law_t) :: law

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Impacts on layers in space: first contact, signs, scaling with speed, turned and mirrored layers, the definition of a
-!> rebound, extremes, reported explosions, and equal bits for any threads and chunks.
+!> Impacts on layers: first contact, signs, scaling with speed, rotated and mirrored layers, the definition of a
+!> rebound, extremes, reported explosions, and identical results for any threads and chunks.
 program test_lab_impact
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -49,7 +49,7 @@ contains
       call check("a layer for the test", .not. allocated(error))
    end function soil
 
-   !> A unit vector in plan.
+   !> Unit vector in plan.
    pure function direction(angle)
       real(wp), intent(in) :: angle
       real(wp) :: direction(2)
@@ -57,8 +57,8 @@ contains
       direction = [cos(angle), sin(angle)]
    end function direction
 
-   !> At the start the sphere touches one body, and overlaps none in any image; its path met none before, and it moves
-   !> along its heading to its aim.
+   !> At the start the sphere touches one body and overlaps no image of any body; its path met no body before, and it
+   !> moves along its heading to its aim.
    subroutine test_first_contact()
       type(shot_t) :: shot
       real(wp) :: start(3), back(3), aim(3)
@@ -85,7 +85,7 @@ contains
       call check("on the line through the aim", aims)
    end subroutine test_first_contact
 
-   !> Smallest gap to a body in any image, or the floor.
+   !> Smallest gap to a body in any image, or to the floor.
    real(wp) function nearest_gap(x, radius)
       real(wp), intent(in) :: x(3), radius
       real(wp) :: d(3)
@@ -99,8 +99,8 @@ contains
       end do
    end function nearest_gap
 
-   !> A layer of one small sphere on the floor, hit beside it: the floor gives the answer, e = 1 without damping, and
-   !> gross slip turns the sphere forward: W > 0. For any heading.
+   !> Layer of one small sphere on the floor, hit next to it: the floor determines the outcome, e = 1 without damping,
+   !> and gross slip spins the sphere forward (W > 0), for any heading.
    subroutine test_one_body()
       type(layer_t) :: bare
       type(shot_t) :: shot
@@ -138,8 +138,8 @@ contains
       end do
    end subroutine test_one_body
 
-   !> What comes back is in the frame of the heading: rolling without slip is W = V_t; thrown back by
-   !> a steep face is V_t < 0; thrown to the left of the heading is lateral > 0.
+   !> Outgoing states are relative to the heading. Rolling without slip gives W = V_t, a rebound backwards from a steep
+   !> face gives V_t < 0, and a deflection to the left gives lateral > 0.
    subroutine test_states_of()
       type(layer_t) :: step
       type(shot_t) :: shot
@@ -153,7 +153,7 @@ contains
       allocate (step%x(3, 1), step%radius(1))
       do l = 1, 3
          do k = 0, 2
-            ! a body so heavy that it does not move, with its centre next to the path
+            ! a body too heavy to move, with its centre next to the path
             heading = direction(0.4_wp + 2*k)
             left = [-heading(2), heading(1)]
             step%x = reshape([10.0_wp, 10.0_wp, 4.0_wp], [3, 1])
@@ -181,7 +181,7 @@ contains
             end associate
          end do
       end do
-      ! over the top of the body, to the left: V_t > 0
+      ! over the top of the body to the left: V_t > 0
       heading = direction(0.4_wp)
       left = [-heading(2), heading(1)]
       step%x(:, 1) = [10 - 2*left(1), 10 - 2*left(2), 4.0_wp]
@@ -190,7 +190,7 @@ contains
       call fire(step, ground, material_t(young=1.0e11_wp, friction=0.0_wp), shot, outcome)
       call check("thrown to the left", outcome%status == rebounded .and. outcome%peak%v(1) > 0 &
          .and. outcome%peak%lateral > 0.1_wp)
-      ! rolling in without slip rolls out
+      ! rolling in without slip gives rolling out
       step%x(:, 1) = [1.0_wp, 1.0_wp, 0.1_wp]
       step%radius = [0.1_wp]
       step%top = 0.2_wp
@@ -242,7 +242,7 @@ contains
       energy = v(1)**2 + v(2)**2 + 0.4_wp*v(3)**2
    end function energy
 
-   !> With strong damping some spheres that fall vertically never leave the contact upwards.
+   !> With strong damping, some spheres that fall vertically never lose contact upwards.
    subroutine test_rolling_on()
       type(shot_t) :: shot
       type(outcome_t) :: outcome
@@ -266,7 +266,7 @@ contains
       call check("with little upward motion, of one state", spent)
    end subroutine test_rolling_on
 
-   !> The layer without the overlaps of its weight, for impacts without gravity.
+   !> Layer without overlaps from its weight, for impacts without gravity.
    type(layer_t) function weightless(of)
       type(layer_t), intent(in) :: of
 
@@ -275,8 +275,7 @@ contains
       weightless%x(3, :) = of%x(3, :)
    end function weightless
 
-   !> Without gravity and with stiffness in proportion to speed**2 the problem has no scale: all
-   !> velocities are in proportion.
+   !> Without gravity and with stiffness in proportion to speed**2, all velocities are proportional.
    subroutine test_linearity()
       type(shot_t) :: shot
       type(outcome_t) :: slow, fast
@@ -312,7 +311,7 @@ contains
       lateral = [outcome%peak%lateral, outcome%loss%lateral, outcome%clear%lateral]
    end function laterals_of
 
-   !> Heading and layer turned by quarters of a circle: the same outcome up to rounding.
+   !> Heading and layer rotated by quarter turns give the same outcome up to rounding.
    subroutine test_turned()
       type(shot_t) :: shot
       type(outcome_t) :: a, b
@@ -337,7 +336,7 @@ contains
       end do
    end subroutine test_turned
 
-   !> Heading and layer in a mirror: the same, to the other side.
+   !> A mirrored heading and layer give the mirrored outcome.
    subroutine test_mirrored()
       type(shot_t) :: shot
       type(outcome_t) :: a, b
@@ -363,7 +362,7 @@ contains
       call check("some went aside", sideways)
    end subroutine test_mirrored
 
-   !> A step 20 times too long: reported if it is fixed, halved until it is stable if it may change.
+   !> A step 20 times too long: a fixed step is reported, an adaptive step is halved until it is stable.
    subroutine test_explosion()
       type(shot_t) :: shot
       type(outcome_t) :: outcome, sound_one
@@ -382,8 +381,8 @@ contains
          all(abs(states_of(outcome) - states_of(sound_one)) <= 0))
    end subroutine test_explosion
 
-   !> Stiffness 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends with at most the energy of the impact
-   !> and of gravity, or as an explosion with its reason.
+   !> Stiffness 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends with at most its own energy plus that
+   !> of gravity, or as an explosion with its reason.
    subroutine test_extremes()
       type(layer_t) :: wide
       type(shot_t) :: shot
@@ -426,7 +425,7 @@ contains
       call check("soft ones at high speed are found out", softness > 0)
    end subroutine test_extremes
 
-   !> A sphere that would touch two images of a body, or itself.
+   !> A sphere that would touch two images of a body, or its own image.
    subroutine test_misfit()
       type(shot_t) :: shot
       type(outcome_t) :: outcome
@@ -448,8 +447,8 @@ contains
       call check("this one fits", outcome%status <= rolled_on)
    end subroutine test_misfit
 
-   !> All impacts at a point have one aim and heading; half of the speeds, angles and spins lie below
-   !> the median, evenly on either side; headings go everywhere.
+   !> All impacts at a point have the same aim and heading. Half of the speeds, angles and spins are below the median,
+   !> and each half is uniform; headings go in all directions.
    subroutine test_draws()
       type(shot_t) :: shot, other
       type(range_t) :: range
@@ -503,7 +502,7 @@ contains
       call check("another point, another aim", all(abs(shot%aim - other%aim) > 0))
    end subroutine test_draws
 
-   !> The same bits for 1 and 2 threads, one call or two.
+   !> Results are identical for 1 and 2 threads, and for one or two calls.
    subroutine test_threads()
       integer, parameter :: n = 24
       type(layer_t) :: layers(2), again(2), single(1)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Layers in space: sizes by their distribution, at rest, carried by the floor, looser with more friction during
-!> settling, equal bits for equal seeds.
+!> Layers: sizes follow their distribution, the rocks are at rest on the floor, more friction during settling gives a
+!> looser layer, and equal seeds give identical layers.
 program test_lab_packing
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -20,7 +20,7 @@ program test_lab_packing
 
 contains
 
-   !> Both distributions have the mean radius by number; one is even in number, the other in mass.
+   !> Both distributions have the mean radius by number; one is uniform in number, the other in mass.
    subroutine test_sizes()
       type(packing_t) :: packing
       real(wp) :: limits(2), u, r, mean, mass, low
@@ -77,7 +77,7 @@ contains
       call check_close("the surface is that of the bodies", layer%surface, mean, 5.0e-3_wp)
    end subroutine test_layer
 
-   !> Mean height of the highest body over 20000 points of a lattice that matches no raster.
+   !> Mean height of the highest body over 20000 points of a lattice unlike any raster.
    pure real(wp) function mean_height(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 20000
@@ -120,7 +120,7 @@ contains
       end do
    end function overlap
 
-   !> Bodies with nothing below that touches them.
+   !> Number of bodies that touch nothing below them.
    integer function floating(layer)
       type(layer_t), intent(in) :: layer
       integer :: i, j
@@ -137,7 +137,7 @@ contains
       end do
    end function floating
 
-   !> The more friction while settling, the looser the layer.
+   !> More friction during settling gives a looser layer.
    subroutine test_compaction()
       type(layer_t) :: layer
       real(wp), parameter :: friction(3) = [0.0_wp, 0.3_wp, 1.0_wp]

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Boulders thrown at rocks: a drop equals a single impact, flights are exact, mirrored throws have mirrored paths,
-!> contacts on flat ground lose energy, a layer under the slope's gravity flows, facets, and equal bits for any threads.
+!> contacts on flat ground lose energy, a layer under tilted gravity flows, facets, independence of threads.
 program test_lab_rocks
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -46,7 +46,7 @@ program test_lab_rocks
 
 contains
 
-   !> The first contacts of a throw.
+   !> First contacts of a throw.
    subroutine thrown(throw, found, n, of, relief)
       type(throw_t), intent(in) :: throw
       type(contact_t), intent(out) :: found(:)
@@ -75,7 +75,7 @@ contains
                       spin=0.1_wp*mod(k, 8))
    end function aimed
 
-   !> One contact of a throw on level ground is a single impact, if that left the layer for good.
+   !> On level ground, the contact of a throw equals a single impact, if the impact left the layer for good.
    subroutine test_drop()
       type(contact_t) :: found(1)
       type(throw_t) :: throw
@@ -93,7 +93,7 @@ contains
                    angle=throw%angle, spin=throw%spin, aim=throw%place/layer%box%width, heading=throw%downhill, &
                    step_factor=boulder%step_factor), outcome)
          if (n < 1 .or. outcome%status /= rebounded .or. found(1)%exit /= flies) cycle
-         if (found(1)%duration > 0.05_wp) cycle  ! it rolled before it flew, or touched again
+         if (found(1)%duration > 0.05_wp) cycle  ! skip: it rolled before its flight, or touched again
          alike = alike + 1
          worst = max(worst, maxval(abs(found(1)%outgoing - outcome%clear%v))/throw%speed)
       end do
@@ -101,7 +101,7 @@ contains
       call check("a drop on level ground is the single impact", worst < 0.05_wp)
    end subroutine test_drop
 
-   !> Entries and exits follow one another, and only the last contact stops.
+   !> Entries follow exits, and only the last contact stops.
    subroutine test_course()
       type(contact_t) :: found(8)
       integer :: k, l, n
@@ -127,7 +127,7 @@ contains
       call check("flights begin upwards and end downwards", down)
    end subroutine test_course
 
-   !> From the end of the first contact to the beginning of the second only gravity acts.
+   !> From the end of the first contact to the beginning of the second, only gravity acts.
    subroutine test_flight()
       type(contact_t) :: found(2)
       type(throw_t) :: throw
@@ -144,7 +144,7 @@ contains
          flights = flights + 1
          call sine_cosine(throw%slope*degree, s, c)
          associate (a => found(1), b => found(2), g => throw%gravity)
-            ! with the work of gravity along the fall line, removed before; the heading was downhill
+            ! add the work of gravity along the fall line, which was removed; the heading was downhill
             before = a%outgoing(1)**2 + 2*a%outgoing(1)*sqrt(1 - a%lateral**2)*g*s*a%duration &
                      + (g*s*a%duration)**2 + a%outgoing(2)**2
             before = before + 2*g*(s*(b%downhill - a%downhill - a%advance) - c*(b%height - a%height - a%rise))
@@ -179,7 +179,7 @@ contains
       call check("a mirrored throw has a mirrored contact", worst < 1.0e-4_wp)
    end subroutine test_mirrored
 
-   !> On level ground no energy is gained except by the fall during the contact, with facets or without.
+   !> On level ground, only the fall during a contact can add energy, with or without facets.
    subroutine test_flat()
       type(contact_t) :: found(4)
       real(wp) :: most, square
@@ -198,7 +198,7 @@ contains
       call check("no contact on level ground gains energy", most <= 1.0_wp)
    end subroutine test_flat
 
-   !> A throw at rocks that are too soft fails, unless it adapts: then it equals a throw at rocks four times as stiff.
+   !> A throw at rocks that are too soft fails. An adaptive throw instead equals a throw at rocks four times as stiff.
    subroutine test_adaptive()
       type(boulder_t) :: adaptive
       type(throw_t) :: throw
@@ -229,7 +229,7 @@ contains
       call check("it is the throw at stiffer rocks", all(found%energy == again%energy) .and. m == n)
    end subroutine test_adaptive
 
-   !> A layer of stiffer rocks carries its weight with smaller overlaps, in nearly the same place.
+   !> A layer of stiffer rocks supports its weight with smaller overlaps, at nearly the same positions.
    subroutine test_stiffer_layer()
       type(layer_t) :: other
       type(error_t), allocatable :: error
@@ -242,7 +242,7 @@ contains
       call check_close("by little", other%surface, layer%surface, 1.0e-2_wp)
    end subroutine test_stiffer_layer
 
-   !> Before the first touch of a path with the layer nothing is touched, on straight paths and parabolas.
+   !> A path, straight or parabolic, touches nothing before its first contact with the layer.
    subroutine test_touch()
       real(wp) :: x(3), v(3), g(3), time, highest, t
       integer :: k, l
@@ -279,19 +279,19 @@ contains
       do k = 1, 4000
          call draw_facet(10.0_wp, random_key(5_i8), int(k, i8), 1_i8, [0.0_wp, 0.0_wp, -3.0_wp], facet, faces)
          turns = turns .and. faces .and. maxval(abs(out_of_facet(facet, into_facet(facet, v)) - v)) < 1.0e-12_wp
-         slope = facet%axis(2)/facet%cosine  ! along x
+         slope = facet%axis(2)/facet%cosine  ! slope along x
          square = square + slope**2/4000
          call draw_facet(10.0_wp, random_key(5_i8), int(k, i8), 2_i8, [3.0_wp, 0.0_wp, -0.5_wp], facet, faces)
          turns = turns .and. sum(into_facet(facet, [3.0_wp, 0.0_wp, -0.5_wp])*[0.0_wp, 0.0_wp, 1.0_wp]) < 0
-         facing = facing + facet%axis(2)/facet%cosine/4000  ! how much it rises along x
+         facing = facing + facet%axis(2)/facet%cosine/4000  ! mean rise along x
       end do
       call check("a facet turns there and back", turns)
       call check_close("facets have their slope", sqrt(square), 0.95_wp*tan(10*degree), 0.04_wp)
       call check("what comes in flat meets facets that face it", facing > 0.08_wp)
    end subroutine test_facets
 
-   !> Why gravity is tilted for the boulder alone: with the slope's gravity on all of it, a layer of spheres moves off
-   !> on steep slopes of the laboratory. Rocks on the base are carried.
+   !> Reason for tilting gravity only for the boulder: if the slope's gravity acts on all rocks, a layer of spheres
+   !> flows on steep slopes of the laboratory. Rocks on the base are supported.
    subroutine test_flow()
       call check("a layer as it settled stays", creep(0.0_wp) < 0.01_wp)
       call check("and flows where its weight is tilted", creep(45.0_wp) > 0.3_wp)
@@ -319,7 +319,7 @@ contains
       creep = sum(abs(s%bodies%v(1, :)))/n
    end function creep
 
-   !> Throws on one thread and on two, in another order and in smaller parts.
+   !> Throws on one and on two threads, in another order, and in smaller parts.
    subroutine test_threads()
       type(thrown_t) :: one(6), two(6), part(2)
       integer(i8) :: number(6)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many spheres: no contact is missed by the list of neighbours, momentum and its moment are conserved, a layer keeps
-!> its energy over an impact, an absorbing base absorbs as in theory, and too long a step is detected.
+!> Many spheres: the neighbour list misses no contact, momentum and angular momentum are conserved, a layer conserves
+!> energy over an impact, an absorbing base agrees with theory, and too long a step is detected.
 program test_lab_step
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -34,9 +34,9 @@ program test_lab_step
 
 contains
 
-   !> A gas of 256 spheres and a large one, in disorder and fast. After every few steps the list must
-   !> hold each pair that overlaps, as found by comparing all with all; and momentum is kept, with
-   !> friction and damping. Width 0: nothing is periodic, over a floor.
+   !> Fast, disordered gas of 256 spheres and a large sphere. Every few steps, the list must contain each overlapping
+   !> pair, found by comparing all spheres; momentum is conserved, with friction and damping. Width 0: not periodic,
+   !> with a floor.
    subroutine test_neighbours(width)
       real(wp), intent(in) :: width
       integer, parameter :: n = 257
@@ -85,7 +85,7 @@ contains
       call check_close("momentum is kept", maxval(abs(after - momentum))/scale, 0.0_wp, 1.0e-12_wp)
    end subroutine test_neighbours
 
-   !> Overlapping pairs, and the pairs among them that the list lacks.
+   !> Overlapping pairs, and the number of these missing in the list.
    subroutine compare(s, missed, met)
       type(assembly_t), intent(in) :: s
       integer, intent(inout) :: missed, met
@@ -111,7 +111,7 @@ contains
       end associate
    end subroutine compare
 
-   !> In a box of few cells, and across its corner, each image is found, as far from its sides.
+   !> In a box with few cells, each image is found, also across a corner, as far from its sides.
    subroutine test_narrow_box()
       type(assembly_t) :: s, far
       type(bodies_t) :: b
@@ -135,7 +135,7 @@ contains
       call check_close("as if there were no sides", maxval(abs(s%bodies%v - b%v)), 0.0_wp, 1.0e-10_wp)
    end subroutine test_narrow_box
 
-   !> Two spheres of radius 0.4 m, the first at rest, the second at 1 m/s, off centre.
+   !> Two spheres of radius 0.4 m meet off centre: the first at rest, the second at 1 m/s.
    type(bodies_t) function meeting(x, d) result(b)
       real(wp), intent(in) :: x(3, 2), d(3)
 
@@ -144,7 +144,7 @@ contains
       b%v(4:6, 2) = d
    end function meeting
 
-   !> The frequency of rebuilding the list does not matter: contacts keep their springs of friction and rolling.
+   !> The frequency of rebuilding the list has no effect: contacts keep their springs of friction and rolling.
    subroutine test_memory()
       type(layer_t) :: layer
       type(material_t) :: material
@@ -169,8 +169,8 @@ contains
          maxval(abs(often%bodies%v - seldom%bodies%v)) < 1.0e-6_wp)
    end subroutine test_memory
 
-   !> Two unequal spheres that graze: the sum of spin and orbital moment is conserved, in all directions, also with
-   !> friction and rolling resistance.
+   !> For two unequal grazing spheres, the sum of spin and orbital angular momentum is conserved in all directions, also
+   !> with friction and rolling resistance.
    subroutine test_angular_momentum()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -197,7 +197,7 @@ contains
          /sqrt(sum(before**2)), 0.0_wp, 1.0e-12_wp)
    end subroutine test_angular_momentum
 
-   !> Moment of momentum about the origin [kg m2/s].
+   !> Angular momentum about the origin [kg m2/s].
    pure function turning(s)
       type(assembly_t), intent(in) :: s
       real(wp) :: turning(3)
@@ -211,8 +211,8 @@ contains
       end associate
    end function turning
 
-   !> 200 spheres without friction or damping: at the default step the energy is kept to 1e-4 of the
-   !> sphere's, at every moment of an impact, and several times better with half the step.
+   !> 200 spheres without friction or damping: at the default step, energy is conserved at every moment of an impact to
+   !> 1e-4 of that of the sphere, and several times better with half the step.
    subroutine test_energy_of_layer()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -262,7 +262,7 @@ contains
       end do
    end subroutine run
 
-   !> A layer of a few hundred bodies.
+   !> Layer of a few hundred bodies.
    pure type(packing_t) function small()
       small = packing_t(ratio=2.0_wp, depth=1.5_wp)
    end function small
@@ -277,13 +277,13 @@ contains
       if (allocated(error)) print "(a)", error%message
    end function soil
 
-   !> A sphere three times the mean size about to hit a layer at 45 degrees and 20 m/s.
+   !> Sphere of three times the mean size about to hit a layer at 45 degrees and 20 m/s.
    function struck(layer, material, share, input, skin) result(s)
       type(layer_t), intent(in) :: layer
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: share  !! of the safe step
+      real(wp), intent(in) :: share  !! fraction of the safe step
       real(wp), intent(out) :: input
-      real(wp), intent(in), optional :: skin  !! of the list of neighbours [m]
+      real(wp), intent(in), optional :: skin  !! skin of the neighbour list [m]
       type(assembly_t) :: s
       type(bodies_t) :: b
       type(shot_t) :: shot
@@ -303,7 +303,7 @@ contains
                     input)
    end function struck
 
-   !> One body on a dashpot c: a kick decays as exp(-c t/m), whatever the step, in every direction.
+   !> The velocity of one body on a dashpot c decays as exp(-c t/m), for any step and direction.
    subroutine test_dashpot()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -319,7 +319,7 @@ contains
          rate = merge(1.0e6_wp, 30.0_wp, stiff == 1)
          call set_absorbing_base(s, rate*b%mass(1)/100)
          s%bodies%v(1:3, 1) = kick
-         ! as if it had moved at this speed before
+         ! acceleration as if it had moved at this speed before
          s%bodies%a(1:3, 1) = -rate*kick
          if (stiff == 1) s%bodies%a = 0
          do k = 1, 1000
@@ -339,13 +339,13 @@ contains
       hertz_of = law%hertz
    end function hertz_of
 
-   !> A column of spheres exactly on top of each other in a box of 1 m2, pressed by a heavy one, at rest:
-   !> overlaps under the weights above.
+   !> Column of spheres exactly on top of each other in a box of 1 m2, at rest under a heavy sphere: overlaps carry the
+   !> weights above.
    function column(n, impedance_factor, z, energy) result(s)
       integer, intent(in) :: n
-      real(wp), intent(in) :: impedance_factor !! of the base, of that of the column; < 0: rigid
+      real(wp), intent(in) :: impedance_factor !! impedance of the base over that of the column; < 0: rigid
       real(wp), intent(out) :: z               !! impedance of the column [N s/m]
-      real(wp), intent(out) :: energy          !! when a kick has come to the lower half [J]
+      real(wp), intent(out) :: energy          !! energy when a kick has reached the lower half [J]
       type(assembly_t) :: s
       type(bodies_t) :: b
       type(material_t) :: material
@@ -392,7 +392,7 @@ contains
    end subroutine test_base_at_rest
 
    !> The base reflects the fraction ((Z - c)/(Z + c))**2 of the energy of a long compression wave in a column of
-   !> impedance Z; a rigid floor reflects all of it.
+   !> impedance Z; a rigid floor reflects all.
    subroutine test_waves()
       integer, parameter :: n = 121
       real(wp), parameter :: share(5) = [1.0_wp, 3.0_wp, 1/3.0_wp, 10.0_wp, -1.0_wp], sigma = 8
@@ -406,7 +406,7 @@ contains
             s%bodies%v(3, k) = -3.0e-3_wp*exp(-((k - 60)/sigma)**2)
          end do
          put = total_energy(s) - still
-         ! half goes up and is reflected by the weight, and both come down: 180 + 60 spheres, and back
+         ! half goes up and is reflected by the weight, and both halves come down: 180 + 60 spheres, and back
          do k = 1, nint(260*s%bodies%mass(1)/z/s%dt)
             call advance(s)
          end do
@@ -419,8 +419,7 @@ contains
       end do
    end subroutine test_waves
 
-   !> An impact on a layer over an absorbing base never gains energy, and loses more than over a rigid
-   !> one.
+   !> An impact on a layer over an absorbing base never gains energy, and loses more than over a rigid base.
    subroutine test_base_loses_energy()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -445,7 +444,7 @@ contains
       call check("and takes much of it", last < before - 0.2_wp*input)
    end subroutine test_base_loses_energy
 
-   !> Too long a step is detected by some check; 20 times is far too long.
+   !> Some check detects too long a step; 20 times is far too long.
    subroutine test_long_steps()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -466,7 +465,7 @@ contains
       end do
    end subroutine test_long_steps
 
-   !> Each check detects its own fault: gained energy, a jump.
+   !> Each check detects its own fault: a gain of energy, a jump.
    subroutine test_watches()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -492,7 +491,7 @@ contains
       call check("so is a huge one", s%trouble == leapt)
    end subroutine test_watches
 
-   !> Very soft spheres at high speed would pass through each other: independent of the step.
+   !> Very soft spheres at high speed would pass through each other, for any step.
    subroutine test_too_soft()
       type(layer_t) :: layer
       type(assembly_t) :: s

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cases of the block laboratory: blocks, ground and throws.
 
-A namelist file whose group &lab names a ground; the groups &block, &ground and &throw change single
-values. Names, defaults and limits of the physics are the kernel's; strength and relief of the
-grounds are in data/grounds.csv.
+A case is a namelist file whose group &lab has a ground; the groups &block, &ground and &throw
+change single values. The kernel defines names, defaults and limits of the physics; data/grounds.csv
+has strength and relief of the grounds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall_lab._lab import lab_f2py as _lab
 from rockfall_lab.case import THROWN, like, names, names_ground, range_values
 
-PLANNED = {  # keys of the plan, by group
+PLANNED = {  # keys of the kernel's plan_t, by group
     "block": ("radius", "density", "count", "edge"),
     "ground": (
         "relief", "shortest", "longest", "hurst", "patches", "rest_angle", "yield_exponent",
@@ -36,22 +36,22 @@ PLANNED = {  # keys of the plan, by group
     "throw": ("step_factor",),
 }  # fmt: skip
 WHOLE = "count", "patches"
-#: Shapes that the user gives, each by a key of &block of the same name, and an example of it.
+#: Shapes given by the user in a key of &block with the same name, with an example.
 GIVEN_SHAPES = {"axes": "0.5, 0.4, 0.3", "points": "'FILE.csv'"}
 
 
-STIFFNESS = 120.0  # of the foundation, times R_b over the yield pressure
+STIFFNESS = 120.0  # stiffness of the foundation, times R_b over the yield pressure
 
 
 @cache
 def grounds() -> dict[str, dict[str, Any]]:
-    """Values of &ground of each shipped ground, by name."""
+    """Values of &ground for each shipped ground, by name."""
     rows = shipped_rows()
     return {name: ground_values(*yielding_ground(rows.rows[name])) for name in rows.yielding}
 
 
 def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
-    """Values of &ground of a yielding ground, at its median strength."""
+    """Values of &ground for a yielding ground, at its median strength."""
     grows = bool(ground.strength_radius)
     radius = ground.strength_radius or ground.relief_radius
     return {
@@ -66,13 +66,13 @@ def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
 
 
 def restitution_of(pressure: float, density: float) -> float:
-    """Restitution at 5 m/s, as the laboratory defines it, of ground of STIFFNESS."""
+    """Restitution at 5 m/s, as defined in the laboratory, of ground with STIFFNESS."""
     return float(f"{(0.06 * pressure / density) ** 0.25 / STIFFNESS**0.5:.4g}")
 
 
 @cache
 def _defaults() -> dict[str, dict[str, Any]]:
-    """Default of every key except those of a ground."""
+    """Default of every key except the keys of a ground."""
     plan = dict(zip(names("plan"), _lab.defaults("plan").tolist(), strict=False))
     limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
     seed, throws, contacts = (int(value) for value in _lab.defaults("block_case")[:3])
@@ -90,17 +90,17 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def is_block_case(path: str | Path) -> bool:
-    """Return True if the case in a file names a ground."""
+    """Return True if the case in a file has a ground."""
     return names_ground(read_text(path), str(path))
 
 
 def read_block_case(path: str | Path) -> BlockCase:
-    """Read the case of the block laboratory in a namelist file."""
+    """Read a block-laboratory case from a namelist file."""
     return block_case_of(read_text(path), str(path), Path(path).parent)
 
 
 def block_case_of(text: str, name: str, folder: Path = Path()) -> BlockCase:
-    """Parse a case from a text; file names are relative to a folder."""
+    """Parse a block-laboratory case from a text; file names are relative to a folder."""
     _check(text, name)
     return BlockCase(name=name, folder=folder, **read_groups(text, name))
 
@@ -110,7 +110,7 @@ def _check(text: str, name: str) -> None:
 
 
 class BlockCase:
-    """A case of the block laboratory, group by group: `case.ground["friction"]`."""
+    """Case of the block laboratory, group by group: `case.ground["friction"]`."""
 
     def __init__(
         self, *, name: str = "case of blocks", folder: Path = Path(), **groups: Mapping[str, Any]
@@ -129,7 +129,7 @@ class BlockCase:
             }
             for group, values in (_defaults() | shipped).items()
         }
-        for group, values in given.items():  # including unknown keys
+        for group, values in given.items():  # with unknown keys
             self._groups[group] = {**values, **self._groups.get(group, {})}
         _check(self.text(), name)
         shape, shapes = self.lab["shape"], (*SHAPES, *GIVEN_SHAPES)
@@ -154,7 +154,7 @@ class BlockCase:
 
     def replace(self, **groups: Mapping[str, Any]) -> BlockCase:
         """Return a copy with other values: `case.replace(ground={"friction": 0.6})`. Another ground
-        brings all its own values: changes to the previous one are dropped."""
+        replaces all values of &ground, including changes to the previous ground."""
         kept = dict(self._groups)
         if groups.get("lab", {}).get("ground", self.lab["ground"]) != self.lab["ground"]:
             del kept["ground"]
@@ -162,8 +162,8 @@ class BlockCase:
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def at_radius(self, radius: float) -> BlockCase:
-        """Copy with blocks of another R_b [m], on their ground: with the same relief over R_b, and
-        equal or proportional strength."""
+        """Return a copy with blocks of another R_b [m] on the same ground, with equal relief over
+        R_b and equal or proportional strength."""
         ground, factor = self.ground, radius / self.ground["fitted_radius"]
         growth = factor ** ground["yield_exponent"]
         pressure = ground["yield_pressure"] * growth
@@ -186,7 +186,7 @@ class BlockCase:
         return np.array([float(values[key]) for key in names(kind)])
 
     def spectrum(self) -> Spectrum:
-        """Spectrum of the ground's relief."""
+        """Spectrum of the relief of the ground."""
         ground = self.ground
         return Spectrum(ground["relief"], ground["shortest"], ground["longest"], ground["hurst"])
 
@@ -202,7 +202,7 @@ class BlockCase:
 
 
 def relief_keys(spectrum: Spectrum) -> dict[str, float]:
-    """Keys of &ground that give a relief with a spectrum."""
+    """Keys of &ground that define a relief by its spectrum."""
     return {
         "relief": round(spectrum.slope, 2),
         "shortest": spectrum.shortest,
@@ -212,7 +212,7 @@ def relief_keys(spectrum: Spectrum) -> dict[str, float]:
 
 
 def _points(path: Path) -> tuple[np.ndarray, str]:
-    """Points (n, 3) of a CSV file with columns x, y, z, in any unit of length, and its name."""
+    """Points (n, 3) of a CSV file with columns x, y, z in any unit of length, and its name."""
     where, columns, rows = read_table(path)
     for name in "xyz":
         if name not in columns:

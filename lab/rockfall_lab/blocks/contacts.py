@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulation of block throws, with records of their contacts."""
+"""Simulation of block throws, and records of their contacts."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from rockfall_lab.contact_records import contact_columns, contact_dataset
 if TYPE_CHECKING:
     import xarray as xr
 
-THROWS_IN_CHUNK = 256  # per thread: about a second
+THROWS_IN_CHUNK = 256  # throws per thread in a chunk: about a second
 
 
 def run_throws(
     case: BlockCase, *, progress: bool = False, threads: int = 0, step: float = 1.0
 ) -> xr.Dataset:
-    """All contacts of a case, one after the other: an xarray.Dataset over `contact`.
+    """Simulate a case and return all contacts, throw by throw: an xarray.Dataset over `contact`.
 
-    Velocities are over |V_in|, lengths over R_b. The result does not depend on threads. Raises
+    Velocities are relative to |V_in|, lengths to R_b. The result does not depend on threads. Raises
     KeyboardInterrupt on Ctrl-C.
     """
     check_team(threads)

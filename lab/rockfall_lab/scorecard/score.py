@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Comparison of impact sets with published data on rebounds on rocky slopes.
 
-The data are those printed by Bourrier et al. (2009): R_t and R_n of their impacts, and the results
-of their methods A and B on the slope of Vaujany, here on the stand-in of cases/vaujany. A stand-in
-has bumps that differ from the site, so each number is a mean over slopes of the same recipe.
+The data are published by Bourrier et al. (2009): R_t and R_n of their impacts, and results of their
+methods A and B on the slope of Vaujany, here on the stand-in of cases/vaujany. Because its bumps
+differ from the site, each statistic is a mean over slopes with the same parameters.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from rockfall_lab.scorecard.site import QUANTITIES, Site
 from rockfall_lab.scorecard.talus import Talus
 
 INF = float("inf")
-FIRST_SEED = 1000  # seed of slopes and boulders: no calibration has used those from here on
-REDRAWN = 8  # sets with perturbed means, each on some of the slopes
-SLOPE_BOULDERS = 400  # of a neutral slope
-BOUNDS = {"": 0.10, "_std": 0.25, "_max": 0.20}  # relative bounds of the numbers of table 2
+FIRST_SEED = 1000  # seed of slopes and boulders; no calibration has used seeds from here on
+REDRAWN = 8  # sets with perturbed means, each run on some of the slopes
+SLOPE_BOULDERS = 400  # boulders for a neutral slope
+BOUNDS = {"": 0.10, "_std": 0.25, "_max": 0.20}  # relative tolerances of the values in table 2
 UNITS = {"speed": "m/s", "passing_height": "m", "energy_translational": "kJ"}
 
 
 @dataclass(frozen=True)
 class Target:
-    """Target range of a number: from `low` to `high`, or one-sided; `printed` is the value in
+    """Target range of a statistic: from `low` to `high`, or one-sided; `printed` is the value in
     the paper."""
 
     name: str
@@ -39,7 +39,7 @@ class Target:
     low: float
     high: float
     printed: str
-    held_out: bool = False  # from every calibration
+    held_out: bool = False  # not used in any calibration
 
 
 OTHERS = (
@@ -55,7 +55,7 @@ OTHERS = (
     Target("B_EL2_rotational_share", "EL2, B: E_rot / E_tot, mean", 0.04, 0.12, "0.08", True),
     Target("B_EL2_rotational_share_std", "EL2, B: E_rot / E_tot, std", 0.04, 0.12, "0.08", True),
 )
-#: Printed without a target, since the paper gives none.
+#: Statistics without a target, because the paper gives no value.
 BESIDE = {
     "B_EL1_passing": "EL1, B: fraction passing", "B_EL2_passing": "EL2, B: fraction passing",
     "A_EL1_passing": "EL1, A: fraction passing", "A_EL2_passing": "EL2, A: fraction passing",
@@ -67,7 +67,7 @@ BESIDE = {
 
 
 def targets(folder: str | Path) -> list[Target]:
-    """All targets: those of table 2 from paper.csv of the site's folder, and OTHERS."""
+    """All targets: those from table 2 (paper.csv in the site's folder), and OTHERS."""
     path = Path(folder) / "paper.csv"
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
@@ -96,8 +96,8 @@ def targets(folder: str | Path) -> list[Target]:
 
 @dataclass(frozen=True)
 class Score:
-    """Numbers of sets over slopes: (slopes,) each, NaN where too few boulders pass; and their
-    standard errors from the uncertainty of the sets, where known."""
+    """Statistics of sets on each slope, (slopes,), NaN if too few boulders pass; and, where known,
+    their standard errors due to the uncertainty of the sets."""
 
     name: str
     numbers: dict[str, np.ndarray]
@@ -107,8 +107,8 @@ class Score:
         return _quiet(np.nanmean, self.numbers[name])
 
     def error(self, name: str) -> float:
-        """Standard error of the mean: from slopes and boulders, which decreases with more slopes,
-        and from the sets."""
+        """Standard error of the mean: one part from slopes and boulders, which decreases with more
+        slopes, one from the sets."""
         values = self.numbers[name]
         count = np.isfinite(values).sum()
         if count < 2:
@@ -123,7 +123,7 @@ class Score:
 
 
 def _quiet(function: Callable, values: np.ndarray, *args, **options):
-    """Apply a function to values; NaN without a warning if none is finite."""
+    """Apply a function to values; NaN without a warning if no value is finite."""
     if not np.isfinite(values).any():
         return np.full(np.shape(args[0]) if args else (), np.nan)
     return function(values, *args, **options)
@@ -133,8 +133,8 @@ def score(
     draws: Sequence[Sets], site: Site, slopes: int, advance: Callable[[int], None] = lambda _: None,
     **how,
 ) -> Score:  # fmt: skip
-    """Numbers of sets on the given number of slopes, each with its own boulders; several draws of
-    the sets take turns. If a single set has standard errors, perturbed sets are run as well."""
+    """Statistics of sets on a number of slopes, each with its own boulders; several draws of the
+    sets are used in turn. If a single set has standard errors, perturbed sets are run too."""
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)
@@ -172,13 +172,13 @@ def _between(off: np.ndarray, group: np.ndarray) -> float:
 
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
-    """Numbers on the slope and with the boulders of a seed."""
+    """Statistics for the slope and boulders of a seed."""
     numbers = site.numbers(sets, seed=seed, talus=Talus(seed), **how)
     return numbers | neutral_slopes(sets, seed)
 
 
 def neutral_slopes(sets: Sets, seed: int = 1) -> dict[str, float]:
-    """Neutral slope of each ratio, and the maximum rise from one to the next [degrees]."""
+    """Neutral slope of each ratio, and its maximum increase between ratios [degrees]."""
     slopes = [
         neutral_slope(set_rebound(mean, covariance), SLOPE_BOULDERS, seed)
         for mean, covariance in zip(sets.mean, sets.covariance, strict=True)
@@ -189,7 +189,7 @@ def neutral_slopes(sets: Sets, seed: int = 1) -> dict[str, float]:
 
 
 def verdict(target: Target, value: float, error: float) -> str:
-    """met, NOT, or undecided: the standard error straddles a bound."""
+    """Verdict on a target: met, NOT, or undecided if the standard error straddles a limit."""
     if not np.isfinite(value):
         return "NOT"
     if min(abs(value - target.low), abs(value - target.high)) < error:
@@ -198,7 +198,7 @@ def verdict(target: Target, value: float, error: float) -> str:
 
 
 def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
-    """The scorecard, as text."""
+    """Scorecard as text."""
     scores = list(scores)
     width = max(26, *(len(score.name) + 2 for score in scores))
     lines = [
@@ -234,7 +234,7 @@ def table(scores: Iterable[Score], wanted: Sequence[Target]) -> str:
 
 
 def by_ratio(sets: Sets) -> str:
-    """R_t and R_n of each ratio, without spin: mean +- deviation over admissible draws."""
+    """R_t and R_n of each ratio, without spin: mean +- standard deviation over admissible draws."""
     angles = 10.0, 15.0, 22.5, 30.0, 90.0
     lines = [f"{sets.name}: R_t | R_n at incidence angles, no spin, mean +- deviation"]
     lines.append("  R_b/R_m" + "".join(f"{angle:>32g}" for angle in angles))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets on the slope of cases/vaujany, by methods A and B of the paper: the numbers printed
-by Bourrier et al. (2009), and additional ones."""
+"""Impact sets on the slope of cases/vaujany, by methods A and B of the paper: statistics printed by
+Bourrier et al. (2009), and additional ones."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from rockfall_lab.sets.setfile import write_sets
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Quantities of table 2, with their variables and the units of the paper.
+#: Quantities of table 2, with their variables and units in the paper.
 QUANTITIES = {
     "speed": ("line_speed", 1.0),
     "passing_height": ("line_passing_height", 1.0),
     "energy_translational": ("line_energy_translational", 1e-3),
 }
 CASES = {"A": "case_A.nml", "B": "case.nml"}
-TURNS = 22.5, 45.0  # limits of the classes of turns [degree]
-SHORT = 20.0, 40.0  # from the release along the slope [m]: where boulders slid to a stop
+TURNS = 22.5, 45.0  # limits between classes of turns [degree]
+SHORT = 20.0, 40.0  # from the release along the slope to where boulders slid to a stop [m]
 TANGENTIAL = 0.75  # fraction of the incident energy
-MIN_PASSED = 20  # boulders needed for a mean
-MIN_REBOUNDS = 20  # rebounds needed for a mean, in a class of incidence angles and a ratio
+MIN_PASSED = 20  # minimum number of boulders for a mean
+MIN_REBOUNDS = 20  # minimum number of rebounds for a mean, per incidence class and ratio
 
 
 class Site:
-    """The stand-in for the experimental slope."""
+    """Stand-in for the experimental slope."""
 
     def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
         folder = Path(folder)
@@ -59,7 +59,7 @@ class Site:
         talus: Talus | None = None, reading: str = "radius", turning: str = "past_aspect",
         threads: int = 0, methods: str = "AB", ratio: str = "nearest",
     ) -> dict[str, xr.Dataset]:  # fmt: skip
-        """Results by method, on the terrain of the case or on a slope of the same recipe."""
+        """Results by method, on the terrain of the case or a slope with the same parameters."""
         import rasterio
 
         terrain = {}
@@ -82,7 +82,7 @@ class Site:
         return results
 
     def numbers(self, sets: Sets, **how) -> dict[str, float]:
-        """Numbers for the sets; `how` as in `run`."""
+        """Statistics of the sets; `how` as in `run`."""
         results = self.run(sets, **how)
         numbers: dict[str, float] = {}
         for method, result in results.items():
@@ -103,7 +103,7 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
-    """Numbers at the lines, by a method."""
+    """Statistics at the lines, by one of the methods."""
     numbers: dict[str, float] = {}
     dense = crossed(result)
     for line in dense["line"].values:
@@ -112,7 +112,7 @@ def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
 
 
 def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
-    """Mean, deviation and maximum of each quantity, and more; NaN where too few boulders pass."""
+    """Mean, deviation, maximum of each quantity, and others; NaN if too few boulders pass."""
     passed = at["line_speed"].notnull().values
     numbers = {f"{name}_passing": _mean(passed)}
     if passed.sum() < MIN_PASSED:
@@ -132,11 +132,11 @@ def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
 
 
 def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
-    """R_t, R_n and turns of the rebounds of the recorded trajectories; fractions of all.
+    """R_t, R_n and turns of rebounds in the recorded trajectories, and fractions of all rebounds.
 
-    R_n by class of incidence is the mean for each R_b/R_m separately, then over the ratios,
-    weighted with their frequency among all rebounds. Without this standardisation a class would
-    reflect the ground of its few steep rebounds rather than the dependence of R_n on the angle.
+    R_n by incidence class is averaged for each R_b/R_m separately, then over the ratios, weighted
+    with their frequency among all rebounds. Without this standardisation, a class would reflect the
+    ground of its few steep rebounds rather than the effect of the angle.
     """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values
     hit = np.isfinite(t) & (t > 0) & (n < 0)
@@ -171,7 +171,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
 
 
 def _turns(result: xr.Dataset) -> np.ndarray:
-    """Turns of the path in plan at the contacts of the recorded trajectories [degree]."""
+    """Turns in plan at the contacts of the recorded trajectories [degree]."""
     boulder, leg = result["trajectory_boulder"].values, result["trajectory_leg"].values
     met = are_met(boulder, leg)
     x, y = (result[f"trajectory_velocity_{axis}"].values[met] for axis in "xy")
@@ -184,8 +184,8 @@ def _turns(result: xr.Dataset) -> np.ndarray:
 
 
 def tangential_above(result: xr.Dataset, limit: float) -> float:
-    """Fraction of the rebounds whose tangential fraction of the incident energy is larger; values
-    in the bin that contains the limit are taken as uniform."""
+    """Fraction of rebounds whose tangential fraction of the incident energy exceeds a limit; values
+    in the bin of the limit are assumed uniform."""
     rebounds = result["tangential_share_histogram"].values
     low, high = result["tangential_share_bin_bounds"].values.T
     above = np.clip((high - limit) / (high - low), 0, 1)

@@ -2,7 +2,7 @@
 """Stand-in for the experimental slope of Bourrier et al. (2009), whose terrain model was never
 published: a talus slope with a channel, roads and a valley floor, as the paper describes it.
 
-Properties that the paper does not give are fields of `Talus`, so that a calibration can vary them.
+Properties not given in the paper are fields of `Talus`, so that a calibration can vary them.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from rockfall.terrain.synthetic import relief
 CELL, NX, NY = 2.5, 80, 240  # [m]: 200 m across the slope, 600 m down it
 WEST, NORTH = 0.0, 600.0  # [m]: outer edges of the upper left cell
 BENDS = [0, 20, 330, 400, 460, 520, 600]  # plan distance from the top edge [m]
-ROADS = {14: (90, 4.0), 4: (295, 4.5), 10: (450, 5.0)}  # zone: plan distance, width [m]
+ROADS = {14: (90, 4.0), 4: (295, 4.5), 10: (450, 5.0)}  # zone id: (plan distance, width) [m]
 
 
 @dataclass(frozen=True)
 class Talus:
     """Unknown properties of the slope."""
 
-    seed: int = 20090601  # of the relief
-    relief: float = 0.3  # standard deviation [m]
-    channel: float = 2.0  # depth [m]
-    roads: float = 0.9  # fraction of the fall across a road that the road removes
-    angle: float = 38.0  # of the talus [degree]
+    seed: int = 20090601  # seed of the relief
+    relief: float = 0.3  # standard deviation of the relief [m]
+    channel: float = 2.0  # depth of the channel [m]
+    roads: float = 0.9  # fraction of the fall across a road that the road levels
+    angle: float = 38.0  # slope of the talus [degree]
 
     def natural(self, s: np.ndarray) -> np.ndarray:
         """Elevation [m] along the slope at plan distance `s` [m] from its top, without roads."""
@@ -47,7 +47,7 @@ class Talus:
         return z
 
     def elevation(self) -> np.ndarray:
-        """(NY, NX), north first [m]."""
+        """Elevation (NY, NX), northern row first [m]."""
         s, off_axis = _place()
         depth = np.interp(s, [0, 30, 250, 330], [self.channel / 4, self.channel, self.channel, 0])
         z = (
@@ -59,16 +59,16 @@ class Talus:
 
 
 def zones() -> np.ndarray:
-    """Ids of the zones of table 1, (NY, NX), north first."""
+    """Zone ids of table 1, (NY, NX), northern row first."""
     s, off_axis = _place()
     x = CELL * (np.arange(NX) + 0.5)[None, :]
     ids = np.full((NY, NX), 3)  # talus
-    ids[np.abs(off_axis) <= 5] = 1  # the channel
+    ids[np.abs(off_axis) <= 5] = 1  # channel
     for begin, zone in (300, 5), (470, 11), (540, 12):  # rougher talus, soils, fine soils
         ids[s[:, 0] > begin] = zone
     for zone, (axis, width) in ROADS.items():
         ids[np.abs(s[:, 0] - axis) < width / 2] = zone
-    ids[np.abs(s - (568 + 5 * np.sin(x / 25))) < 4] = 2  # the river, 8 m wide
+    ids[np.abs(s - (568 + 5 * np.sin(x / 25))) < 4] = 2  # river, 8 m wide
     return ids.astype("u1")
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets fitted to impacts, of the laboratory or measured, and their files."""
+"""Impact sets fitted to simulated or measured impacts, and their files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets from contacts measured in the field or on a rig: lab/docs/validation.md."""
+"""Impact sets from contacts measured in the field or on a rig (lab/docs/validation.md)."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from rockfall_lab.case import COEFFICIENTS
 from rockfall_lab.sets.fit import GROUPS, Impacts, ImpactSet, as_rebounds, fit_set
 from rockfall_lab.sets.lateral import incidence
 
-LIMITS = {  # of each number required for a contact [m/s]
+LIMITS = {  # limits of each number required for a contact [m/s]
     "vt_in": (0.0, 1000.0), "vn_in": (-1000.0, -0.001), "w_in": (-1000.0, 1000.0),
     "vt_out": (-1000.0, 1000.0), "vn_out": (0.0, 1000.0), "w_out": (-1000.0, 1000.0),
 }  # fmt: skip
-TIED = "run", "point"  # contacts with the same are not independent
+TIED = "run", "point"  # contacts with equal values are not independent
 OPTIONAL = "ratio", "ground", *TIED, "lateral", "note"
-RATIOS = range(1, 6)  # of a set file
-ALL = 0  # in place of a ratio if none was measured
+RATIOS = range(1, 6)  # ratios R_b/R_m of a set file
+ALL = 0  # used instead of a ratio if none was measured
 UNMEASURED = "a set needs the spin before and after: one that is assumed makes up a3 and a6 to a9"
-CONTACTS_MARK = "! Measured contacts: "  # the file, which is next to the set file
+CONTACTS_MARK = "! Measured contacts: "  # precedes the name of the file, next to the set file
 CHECKSUM_MARK = "! SHA-256 of the contacts: "
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts of a file, as rebounds: `ratio` (n,) is the class of R_b/R_m of each contact, None
-    if the file has no ratios; `beyond` is the number of contacts with R_b/R_m below 0.5 or above
-    5.5, which no set covers."""
+    """Contacts from a file, as rebounds. `ratio` (n,) is the class of R_b/R_m of each contact, or
+    None if the file has no ratios. `beyond` is the number of contacts with R_b/R_m below 0.5 or
+    above 5.5, which no set covers."""
 
     name: str
     checksum: str
@@ -46,7 +46,7 @@ class Contacts:
     beyond: int
 
     def by_ratio(self) -> dict[int, Impacts]:
-        """Contacts of each ratio with contacts, or of `ALL`."""
+        """Contacts of each ratio that has any, or of `ALL`."""
         if self.ratio is None:
             return {ALL: self.impacts}
         classes = np.unique(self.ratio).tolist()
@@ -104,7 +104,7 @@ def _speed(row: Row, name: str) -> float:
 
 
 def _ground(rows: list[Row]) -> str:
-    """The single ground of all contacts."""
+    """Single ground of all contacts."""
     first = rows[0].text("ground")
     if not first.isprintable():
         rows[0].refuse("ground", "must be printable text")
@@ -115,7 +115,7 @@ def _ground(rows: list[Row]) -> str:
 
 
 def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
-    """Groups (n,) of dependent contacts: those with the same name in any of the `ties`, directly or
+    """Groups (n,) of dependent contacts: those that share a name in any of the `ties`, directly or
     through other contacts."""
     which = [np.unique(names, return_inverse=True)[1] for names in ties]
     group = np.arange(n)
@@ -130,8 +130,8 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
 
 
 def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactSet]:
-    """Fit the sets of all five ratios. A ratio without contacts is refused, or with `nearest` takes
-    the set of the nearest ratio that has contacts."""
+    """Fit the sets for all five ratios. A ratio without contacts is an error; with `nearest`, it
+    gets the set of the nearest ratio that has contacts."""
     given = contacts.by_ratio()
     for ratio in RATIOS:
         if not (ratio in given or ALL in given or nearest):
@@ -146,8 +146,8 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
 
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
-    """Fit a set with valid standard errors: they need groups to leave out, and where they exceed
-    the standard deviation of their quantity, the most likely set may diverge."""
+    """Fit a set with valid standard errors. These need groups to omit; if one exceeds the standard
+    deviation of its quantity, the most likely set may diverge."""
     try:
         impact_set = fit_set(impacts)
     except RockfallError as error:
@@ -170,18 +170,18 @@ def _fit(where: str, impacts: Impacts) -> ImpactSet:
 
 
 def _nearest(ratio: int, given: Iterable[int]) -> int:
-    """Nearest ratio with contacts; of two equally near ratios the larger, for which boulders travel
-    farther."""
+    """Nearest ratio with contacts; of two equally near ratios the larger, with which boulders
+    travel farther."""
     return min(given, key=lambda candidate: (abs(candidate - ratio), -candidate))
 
 
 def title(ratio: int) -> str:
-    """Title of the set of a ratio."""
+    """Title of the set for a ratio."""
     return "all ratios" if ratio == ALL else f"R_b/R_m = {ratio}"
 
 
 def contacts_provenance(contacts: Contacts) -> list[str]:
-    """Provenance lines of a set file: enough to reproduce it from the contacts."""
+    """Provenance lines of a set file, sufficient to reproduce it from the contacts."""
     lines = [
         "Means and covariances of a1..a9 from measured contacts of boulders with the ground.",
         f"Made by rockfall {__version__}; `rockfall lab remake FILE` makes it again.",
@@ -221,8 +221,8 @@ def _about(impacts: Impacts) -> str:
 
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:
-    """Contacts from which a set file with this text was made, which must be next to it unchanged;
-    None for a set file not made from contacts."""
+    """Contacts from which a set file with this text was made; their file must be next to it and
+    unchanged. None if the set file was not made from contacts."""
     name, checksum = (
         next((line[len(mark) :] for line in text.splitlines() if line.startswith(mark)), "")
         for mark in (CONTACTS_MARK, CHECKSUM_MARK)

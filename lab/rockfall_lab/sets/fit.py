@@ -2,15 +2,15 @@
 """Fit of an impact set to many impacts: means and covariances of a1..a9, with standard errors.
 
 The trajectory model draws A ~ N(M, C) at every rebound (Bourrier et al. 2009, eqs 4 to 7),
-repeatedly until V_out = A V_in leaves the surface and does not gain energy. So for a given V_in the
-distribution of V_out is normal, with mean M V_in and covariance X C X^T, truncated by
+repeatedly until V_out = A V_in leaves the surface and does not gain energy. For a given V_in, the
+distribution of V_out is thus normal with mean M V_in and covariance X C X^T, truncated by
 admissibility. M and C maximise the likelihood of the impacts under this distribution, by
-expectation and maximisation (Dempster, Laird & Rubin 1977): the missing data are the matrix of each
-impact, and the draws rejected before it. A normal distribution fitted first and truncated
-afterwards would not have these moments. Noise e within an impact, V_out = A V_in + |V_in| e with
-covariance S, has for each V_in the distribution of C + S (x) I_3: the fit contains it.
+expectation maximisation (Dempster, Laird & Rubin 1977); the missing data are the matrix of each
+impact and the draws rejected before it. A normal distribution fitted first and truncated afterwards
+would not have these moments. Noise e within an impact, V_out = A V_in + |V_in| e with covariance S,
+gives the same distribution as C + S (x) I_3 and is thus included in the fit.
 
-Impacts on one layer are not independent: standard errors leave out groups of layers (jackknife).
+Impacts on one layer are not independent: standard errors omit groups of layers in turn (jackknife).
 """
 
 from __future__ import annotations
@@ -28,35 +28,35 @@ from rockfall_lab.spheres.experiment import ENDED, STATES, STATUS
 if TYPE_CHECKING:
     import xarray as xr
 
-GROUPS = 10  # of layers, left out in turn
-DRAWS = 64  # per impact, for the rejected rebounds
+GROUPS = 10  # groups of layers, omitted in turn
+DRAWS = 64  # draws per impact, for the rejected rebounds
 LEAPS = 60  # maximum number of iterations of three steps each
-MIN_EIGENVALUE = 1e-9  # of a covariance after a leap, over its max
+MIN_EIGENVALUE = 1e-9  # minimum over maximum, of a covariance after a leap
 SETTLED = 5e-5  # change of every mean in a step at convergence
-MIN_SCATTER = 1e-10  # of V_out / |V_in|, squared: the effect of rounding
-MIN_IMPACTS = 60  # fewer cannot separate a mean from its scatter
+MIN_SCATTER = 1e-10  # squared scatter of V_out / |V_in| due to rounding
+MIN_IMPACTS = 60  # with fewer impacts, mean and scatter cannot be separated
 
 
 @dataclass(frozen=True)
 class ImpactSet:
-    """Mean (9,) and covariance (9, 9) of a1..a9, their standard errors, and their origin."""
+    """Mean (9,) and covariance (9, 9) of a1..a9, with standard errors and origin."""
 
     mean: np.ndarray
     covariance: np.ndarray
     mean_error: np.ndarray
     covariance_error: np.ndarray
     impacts: int
-    redrawn: float  # mean number of draws rejected per rebound, over the impacts
-    lateral: Lateral | None = None  # where lateral deviations are known
-    error_covariance: np.ndarray | None = None  # (9, 9) of the errors of the means
-    speed_range: tuple[float, float] | None = None  # incident, of the impacts [m/s]
-    angle_range: tuple[float, float] | None = None  # [degree]
+    redrawn: float  # mean number of rejected draws per rebound
+    lateral: Lateral | None = None  # if lateral deviations are known
+    error_covariance: np.ndarray | None = None  # covariance (9, 9) of the errors of the means
+    speed_range: tuple[float, float] | None = None  # range of incident speeds [m/s]
+    angle_range: tuple[float, float] | None = None  # range of incidence angles [degree]
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """Data for the fit of a set: V_in and V_out (n, 3) [m/s], the layer or run of each, (n,), and
-    the amount of its lateral deviation, (n,) [degrees], NaN where unknown."""
+    """Data for the fit of a set: V_in and V_out (n, 3) [m/s], layer or run of each impact (n,), and
+    absolute lateral deviation (n,) [degrees], NaN if unknown."""
 
     v_in: np.ndarray
     v_out: np.ndarray
@@ -64,15 +64,15 @@ class Impacts:
     lateral: np.ndarray | None = None
 
     def some(self, these: np.ndarray) -> Impacts:
-        """Impacts for which `these` (n,) is true."""
+        """Impacts for which the mask `these` (n,) is true."""
         lateral = None if self.lateral is None else self.lateral[these]
         return Impacts(self.v_in[these], self.v_out[these], self.group[these], lateral)
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
-    """Impacts as rebounds of the model: impacts that did not leave the surface leave it with 1 % of
-    their speed, like forced rebounds; impacts that gained energy by falling into the layer are left
-    out."""
+    """Impacts as rebounds of the model. Impacts that did not leave the surface leave it with 1 % of
+    their speed, like forced rebounds; impacts that gained energy by falling into the layer are
+    omitted."""
     speed = np.sqrt((impacts.v_in[:, :2] ** 2).sum(axis=1))
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
@@ -81,7 +81,7 @@ def as_rebounds(impacts: Impacts) -> Impacts:
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
-    """Completed impacts at a ratio, in one of the three states recorded for each."""
+    """Completed impacts at a ratio, in one of the three recorded states."""
     if state not in STATES:
         raise RockfallError(f"state {state!r}: must be one of {', '.join(STATES)}")
     impacts = data.sel(ratio=ratio)
@@ -97,7 +97,7 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
-    """Fit the sets of all ratios."""
+    """Fit the sets for all ratios."""
     sets = {}
     for ratio in data["ratio"].values:
         if ratio != int(ratio) or not 1 <= ratio <= 5:
@@ -108,7 +108,7 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
     """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
-    noise of an impact, equal for all points."""
+    noise of an impact, assumed equal for all points."""
     impacts = data.sel(ratio=ratio)
     ended = np.isin(impacts["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
@@ -132,15 +132,15 @@ def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.nda
 
 
 def fit_set(impacts: Impacts, groups: int = GROUPS) -> ImpactSet:
-    """Maximum-likelihood M and C, with standard errors from `groups` groups of layers; NaN without
-    groups.
+    """Fit M and C by maximum likelihood, with standard errors from `groups` groups of layers (NaN
+    without groups).
 
     The result is bitwise independent of the number of threads. A RockfallError reports too few
     impacts, or incident velocities that are too similar.
     """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(1, "blas"):  # with more threads the order of summation differs
+    with threadpool_limits(1, "blas"):  # more threads would change the order of summation
         return _fit_set(impacts, groups)
 
 
@@ -152,7 +152,7 @@ def _fit_set(impacts: Impacts, groups: int) -> ImpactSet:
         raise RockfallError("the incident velocities are too much alike to tell a map from them")
     if np.linalg.eigvalsh(_about_one_map(x, y)[1]).min() < MIN_SCATTER:
         raise RockfallError("the outgoing velocities do not scatter about one map of the incident")
-    # the same numbers in every step, for convergence
+    # equal random numbers in every step, for convergence
     z = np.random.default_rng(1).standard_normal((len(x), DRAWS, 3))
     mean, covariance, redrawn = _likeliest(x, y, z, np.ones(len(x)))
     kinds, group = np.unique(impacts.group, return_inverse=True)
@@ -177,14 +177,14 @@ def _fit_set(impacts: Impacts, groups: int) -> ImpactSet:
 
 
 def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
-    """Min and max speed [m/s] and incidence angle [degree]."""
+    """Minimum and maximum speed [m/s] and incidence angle [degree]."""
     both = np.hypot(v_in[:, 0], v_in[:, 1]), incidence(v_in)
     return [(float(values.min()), float(values.max())) for values in both]
 
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
-    """V_in and V_out over the length of V_in: the model is linear in speed, so scatter grows with
-    it."""
+    """V_in and V_out divided by the length of V_in: the model is linear in speed, so scatter is
+    proportional to speed."""
     length = np.sqrt((impacts.v_in**2).sum(axis=1, keepdims=True))
     if not (length > 0).all():
         raise RockfallError("an impact without incident velocity has no linear map")
@@ -192,7 +192,7 @@ def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _about_one_map(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least-squares map (3, 3) of V_in to V_out, and the covariance (3, 3) about it."""
+    """Least-squares map (3, 3) from V_in to V_out, and covariance (3, 3) about it."""
     a = np.linalg.lstsq(x, y, rcond=None)[0].T
     return a, np.cov((y - x @ a.T).T)
 
@@ -201,7 +201,7 @@ def _likeliest(
     x: np.ndarray, y: np.ndarray, z: np.ndarray, weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """M and C of weighted impacts, and the draws rejected for each of them."""
+    """M and C of weighted impacts, and the number of draws rejected for each impact."""
     if start is None:
         a, scatter = _about_one_map(x, y)
         mean, covariance = a.ravel(), np.kron(scatter, np.eye(3))
@@ -220,13 +220,13 @@ def _likeliest(
 
 
 def _parts(both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (9,) and covariance (9, 9) of a vector of both."""
+    """Mean (9,) and covariance (9, 9) from the vector that contains both."""
     return both[:9], both[9:].reshape(9, 9)
 
 
 def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited so that the
-    covariance remains valid."""
+    """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited such that
+    the covariance remains valid."""
     change, bend = first - start, second - 2 * first + start
     length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:
@@ -239,8 +239,8 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _rejections(bad: np.ndarray) -> np.ndarray:
-    """Number of draws rejected before an admissible one, (n, draws), averaged over the starting
-    point in the ring of draws: an unbiased estimate of the rejections before a rebound."""
+    """Number of draws rejected before an admissible draw, (n, draws), averaged over start points in
+    the ring of draws: an unbiased estimate of the rejections before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
     times = np.zeros(bad.shape)
@@ -253,9 +253,9 @@ def _rejections(bad: np.ndarray) -> np.ndarray:
 def _step(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, z: np.ndarray, both: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """One step of expectation and maximisation, and the draws rejected for each impact."""
+    """One step of expectation maximisation, and the number of draws rejected for each impact."""
     mean, covariance = _parts(both)
-    c = covariance.reshape(3, 3, 3, 3)  # rows and columns of A, twice
+    c = covariance.reshape(3, 3, 3, 3)  # twice: rows and columns of A
     gain = np.einsum("ikjl,nl->nikj", c, x)  # Cov(A_ik, y_j)
     sigma = np.einsum("nikj,nk->nij", gain, x)  # Cov(y)
     sigma = (sigma + sigma.transpose(0, 2, 1)) / 2 + 1e-12 * np.eye(3)
@@ -269,9 +269,9 @@ def _step(
     solved = np.linalg.solve(sigma, gain.transpose(0, 2, 1)).transpose(0, 2, 1)  # C X^T Sigma^-1
     rest = covariance - np.einsum("nai,nbi->nab", solved, gain)  # covariance of A given y
     expected = x @ mean.reshape(3, 3).T
-    # the matrix of each impact
+    # matrix of each impact
     a = mean + np.einsum("nai,ni->na", solved, y - expected)
-    # and of the draws rejected before it
+    # matrices of the draws rejected before it
     thrown = np.einsum("nij,ndj->ndi", root, z)
     drawn = (expected[:, None] + thrown).reshape(-1, 3)
     bad = ~admissible(np.repeat(x, z.shape[1], axis=0), drawn).reshape(z.shape[:2])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebounds on a plane by resampled impacts, to compare with those by a set."""
+"""Rebounds on a plane from resampled impacts, for comparison with a set."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -7,15 +7,15 @@ from scipy.spatial import cKDTree
 from rockfall.analysis.planes.plane_bounce import Rebound, speed_of
 from rockfall.scene.rebounds.rebound import limited
 
-NEAREST = 20  # impacts among which one is drawn
+NEAREST = 20  # number of impacts to draw from
 
 
 def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
-    """Rebounds drawn from impacts: one of those nearest in angle and spin, scaled to the speed.
+    """Draw rebounds from the impacts nearest in angle and spin, scaled to the speed.
 
-    The least-squares map of all impacts transforms it from its own incidence to that of the
-    boulder: without this, angles and spins would smear, and boulders would lose about 0.02 more of
-    their speed per bounce.
+    The least-squares map of all impacts transforms an impact from its own incidence to that of the
+    boulder. Without this, angles and spins would be smeared, and boulders would lose about 0.02
+    more of their speed per bounce.
     """
     tree = cKDTree(_place(v_in))
     x, ratio = v_in / speed_of(v_in)[:, None], v_out / speed_of(v_in)[:, None]
@@ -31,6 +31,6 @@ def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
 
 
 def _place(v: np.ndarray) -> np.ndarray:
-    """Angle and spin of an impact, scaled so that distances are comparable."""
+    """Angle and spin of an impact, scaled to comparable distances."""
     angle = np.arctan2(-v[:, 1], v[:, 0])
     return np.stack([np.log(np.maximum(angle, 1e-3)), 1.5 * v[:, 2] / speed_of(v)], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of impact sets, written with their provenance, so that they can be reproduced."""
+"""Impact-set files, written with the provenance needed to reproduce them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from rockfall_lab.sets.fit import ImpactSet
     from rockfall_lab.sets.lateral import Lateral
 
-CASE_MARK = "! | "  # prefix of the lines of a set file that hold its laboratory case
+CASE_MARK = "! | "  # prefix of lines of a set file that contain its laboratory case
 STATE_MARK = "! Outgoing state: "
 
 
 def provenance(data: xr.Dataset, state: str) -> list[str]:
-    """Provenance lines of a set file: enough to reproduce it."""
+    """Provenance lines of a set file, sufficient to reproduce it."""
     if missing := int((data["status"].values == STATUS["not_done"]).sum()):
         raise RockfallError(f"{missing} of {data['status'].size} impacts are not done: no set yet")
     case = lab_case_of(data.attrs["lab_case"], "impacts")
@@ -56,7 +56,7 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
 
 
 def origin(path: str | Path) -> tuple[LabCase, str]:
-    """Laboratory case from which a set file was made, and the state that its sets use."""
+    """Laboratory case from which a set file was made, and the boulder state that its sets use."""
     lines = read_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     state = [line[len(STATE_MARK) :] for line in lines if line.startswith(STATE_MARK)]
@@ -68,8 +68,8 @@ def origin(path: str | Path) -> tuple[LabCase, str]:
 def write_sets(
     path: str | Path, sets: dict[int, ImpactSet], provenance: list[str], *more: dict[int, ImpactSet]
 ) -> None:
-    """Write an impact-set file: `provenance` as comments, then a group for each ratio; for an
-    ensemble, for each of its draws: `sets` and `more`."""
+    """Write an impact-set file: `provenance` as comments, then one group per ratio. For an
+    ensemble, write the groups of each draw: `sets`, then `more`."""
     text = [f"! {line}".rstrip() for line in provenance]
     for draw, draw_sets in enumerate((sets, *more), 1):
         for ratio, impact_set in sorted(draw_sets.items()):
@@ -79,8 +79,7 @@ def write_sets(
 
 
 def _group(ratio: int, impact_set: ImpactSet, draw: int | None = None) -> list[str]:
-    """Text of a set, with twelve digits per number, enough for a covariance to remain
-    semidefinite."""
+    """Text of a set, with twelve digits per number so that its covariance remains semidefinite."""
     text = []
     if impact_set.impacts:
         text += [f"! {impact_set.impacts} impacts; standard errors of the means:"]
@@ -101,7 +100,7 @@ def _group(ratio: int, impact_set: ImpactSet, draw: int | None = None) -> list[s
 
 
 def _lateral_lines(lateral: Lateral) -> list[str]:
-    """Keys of lateral deviations; a single class has no angles between classes."""
+    """Keys of lateral deviations; a single class has no limits."""
     behind = ", ".join(f"{number}" for number in lateral.impacts)
     between = [f"  incidence = {_numbers(lateral.incidence)}"] if lateral.incidence.size else []
     head = f"  lateral =   ! quantiles [degrees] for each class, of {behind} impacts"
@@ -113,7 +112,7 @@ def _rows(rows: Iterable[np.ndarray]) -> str:
 
 
 def _lower(matrix: np.ndarray) -> list[np.ndarray]:
-    """The lower triangle by rows."""
+    """Lower triangle by rows."""
     return [matrix[k, : k + 1] for k in range(len(matrix))]
 
 

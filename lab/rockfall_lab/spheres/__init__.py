@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Spheres and clumps of them: impacts on a layer of rocks, and throws along one."""
+"""Spheres and clumps of spheres: impacts on a layer of rocks, and throws along the layer."""

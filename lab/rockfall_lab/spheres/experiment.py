@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 STATUS = {name: k for k, name in enumerate(("not_done", *names("status")))}
-ENDED = "rebounded", "lifted", "rolled_on"  # results; the others are counted, never averaged in
+ENDED = "rebounded", "lifted", "rolled_on"  # results; other impacts are counted, not averaged
 STATES = {
     "peak": "at the max upward kinetic energy, at the end if there was none",
     "loss": "at the first loss of contact upwards, as at the peak if there was none",
     "clear": "when nothing lay in the way, as at the peak if that never was",
 }
-SHOTS_IN_CHUNK = 16  # per kernel call and thread, some seconds
-SAVE_SECONDS = 30.0  # between saves of a long experiment
+SHOTS_IN_CHUNK = 16  # shots per thread and kernel call, some seconds
+SAVE_SECONDS = 30.0  # time between saves of a long experiment
 
 UNITS = {"speed": "m s-1", "angle": "degree", "duration": "s", "travel": "m", "depth": "m"}
 UNITS |= {"surface": "m", "top": "m", "width": "m"}
@@ -71,7 +71,7 @@ for _symbol, _meaning in {
 
 
 class Layers:
-    """Settled layers, in the form the kernel uses."""
+    """Settled layers, in the form used by the kernel."""
 
     def __init__(self, x: np.ndarray, radius: np.ndarray, bodies: np.ndarray, facts: np.ndarray):
         self.x, self.radius, self.bodies, self.facts = x, radius, bodies, facts
@@ -88,8 +88,8 @@ class Layers:
 def pack_layers(
     case: LabCase, ratio: float, first: int = 1, count: int = 1, threads: int = 0
 ) -> Layers:
-    """Layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a boulder
-    of this R_b/R_m, dropped and settled."""
+    """Pack layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a
+    boulder of a given R_b/R_m: dropped and settled rocks."""
     check_team(threads)
     room, code, message = _lab.room_for_layer(case.row("packing", ratio))
     check_kernel(code, message, case.name)
@@ -109,11 +109,11 @@ def run_impacts(
     path: str | Path | None = None,
     resume: bool = False,
 ) -> xr.Dataset:
-    """All impacts of a case: an xarray.Dataset over (ratio, layer, point, impact).
+    """Simulate all impacts of a case: an xarray.Dataset over (ratio, layer, point, impact).
 
-    With `path` it is also written to a file, every half minute, at the end, and on Ctrl-C, which
-    raises KeyboardInterrupt; `resume` continues from such a file. The result does not depend on
-    threads, interruptions or resumptions.
+    With `path`, the dataset is also written to a file every half minute, at the end, and on Ctrl-C,
+    which raises KeyboardInterrupt; `resume` continues from such a file. The result does not depend
+    on threads, interruptions or resumptions.
     """
     check_team(threads)
     if path is not None and resume and Path(path).exists():
@@ -149,7 +149,7 @@ def save_impacts(data: xr.Dataset, path: str | Path) -> None:
 
 
 def load_measured(path: str | Path, what: str) -> xr.Dataset:
-    """Load a netCDF file of the laboratory; `what` names its contents in messages."""
+    """Load a netCDF file of the laboratory; `what` describes its contents in messages."""
     try:
         data = load_dataset(path)
     except RockfallError:
@@ -180,7 +180,7 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def _blank(case: LabCase) -> xr.Dataset:
-    """Dataset of an experiment before its first impact."""
+    """Empty dataset of an experiment."""
     import xarray as xr
 
     plan = case.lab
@@ -213,13 +213,13 @@ def _about(name: str) -> dict[str, Any]:
 def _chunks(
     case: LabCase, data: xr.Dataset, threads: int, interrupted: Callable[[], bool]
 ) -> Iterator[int]:
-    """Simulate the remaining impacts, a layer per thread at a time; yields their numbers."""
+    """Simulate the remaining impacts, one layer per thread at a time. Yield their numbers."""
     team = max(1, _lab.team(threads))
     status = data["status"].values
     for k, ratio in enumerate(case.lab["ratios"]):
         for first in range(0, case.lab["layers"], team):
             these = slice(first, min(first + team, case.lab["layers"]))
-            todo = np.argwhere(status[k, these] == 0)  # layer, point, impact
+            todo = np.argwhere(status[k, these] == 0)  # indices of layer, point, impact
             if not todo.size:
                 continue
             if interrupted():
@@ -242,7 +242,7 @@ def _fire(
     case: LabCase, data: xr.Dataset, layers: Layers, k: int, first: int, shots: np.ndarray,
     threads: int,
 ) -> None:  # fmt: skip
-    """Simulate some impacts (layer, point, impact: (shots, 3)) of a ratio, and store them."""
+    """Simulate impacts (layer, point, impact), (shots, 3), at a ratio, and store them."""
     ratio = case.lab["ratios"][k]
     place, point, number = (shots + 1).T.astype("i8")
     outcome, counts, code, message = _lab.impact(

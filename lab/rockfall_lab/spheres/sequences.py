@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Throws of boulders at layers of rocks, with records of their contacts: for tables of impacts, and
-for sets."""
+"""Throws of boulders at layers of rocks, with records of their contacts, for impact tables and
+impact sets."""
 
 from __future__ import annotations
 
@@ -35,20 +35,21 @@ if TYPE_CHECKING:
     import xarray as xr
 
 GROUND = "rocks"
-END = "end of contact"  # state of the boulder for sets from throws
-THROWS_IN_CHUNK = 2  # per thread: up to minutes for large R_b/R_m
-COUNTERS = "done", "unfinished", "solid", "cpu_seconds"  # attributes, one number per ratio
+END = "end of contact"  # boulder state for sets from throws
+THROWS_IN_CHUNK = 2  # throws per thread in a chunk: up to minutes for large R_b/R_m
+COUNTERS = "done", "unfinished", "solid", "cpu_seconds"  # attributes with one number per ratio
 
 
 def run_sequences(
     case: LabCase, *, progress: bool = False, threads: int = 0, path: str | Path | None = None,
     resume: bool = False,
 ) -> xr.Dataset:  # fmt: skip
-    """All contacts of a case that throws, one after the other: an xarray.Dataset over `contact`.
+    """Simulate a case with throws and return all contacts, throw by throw: an xarray.Dataset over
+    `contact`.
 
-    Velocities are over |V_in|, lengths over R_b. With a path, the result is saved at intervals, at
-    the end, and on Ctrl-C, which raises KeyboardInterrupt; `resume` continues from such a file,
-    with as many throws or fewer. The result does not depend on threads, interruptions or
+    Velocities are relative to |V_in|, lengths to R_b. With `path`, the result is saved at
+    intervals, at the end, and on Ctrl-C (raises KeyboardInterrupt); `resume` continues from such a
+    file with at most as many throws. The result does not depend on threads, interruptions or
     resumptions.
     """
     check_team(threads)
@@ -79,7 +80,7 @@ def run_sequences(
 def _start(
     case: LabCase, path: str | Path | None
 ) -> tuple[list[dict[str, np.ndarray]], dict[str, np.ndarray]]:
-    """Contacts that already exist, ratio by ratio, and counters of each ratio."""
+    """Existing contacts, ratio by ratio, and the counters of each ratio."""
     if path is None or not Path(path).exists():
         return [], {name: np.zeros(len(case.lab["ratios"])) for name in COUNTERS}
     data = open_sequences(path)
@@ -95,7 +96,7 @@ def _start(
     )
     if (counters["done"] > asked).any():
         raise RockfallError(f"{path}: has more throws than the case asks for: cannot resume")
-    counters["solid"] *= before / asked  # each throw adds its part of the mean
+    counters["solid"] *= before / asked  # each throw contributes its share of the mean
     columns = {str(name): values.values for name, values in data.items()}
     return [columns] if data.sizes["contact"] else [], counters
 
@@ -104,14 +105,14 @@ def _chunks(
     case: LabCase, total: list[int], counters: dict[str, np.ndarray], threads: int,
     interrupted: Callable[[], bool],
 ) -> Iterator[tuple[dict[str, np.ndarray], int]]:  # fmt: skip
-    """Simulate the remaining throws, in the order of ratios and throws; yields contacts and the
-    number of throws."""
+    """Simulate the remaining throws by ratio, then throw number. Yield the contacts and the number
+    of throws."""
     team = max(1, _lab.team(threads))
     on_layer = case.throw["on_layer"]
     for k, ratio in enumerate(case.lab["ratios"]):
         while counters["done"][k] < total[k]:
             first = int(counters["done"][k])  # counted from 0
-            layer = first // on_layer  # one layer per thread at a time
+            layer = first // on_layer  # each thread takes one layer at a time
             end = min(total[k], (layer + team) * on_layer)
             clock = time.process_time()
             layers = pack_layers(case, ratio, layer + 1, (end - 1) // on_layer - layer + 1, threads)
@@ -134,7 +135,7 @@ def _chunks(
 def _throw(
     case: LabCase, ratio: float, layers: Layers, first_layer: int, numbers: np.ndarray, threads: int
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Contacts of some throws, numbered from 0, and the number of throws that were cut short."""
+    """Contacts of some throws, numbered from 0, and the number of truncated throws."""
     layer = numbers // case.throw["on_layer"]
     rows, counts, n_contacts, complete, code, message = _lab.throw_at_rocks(
         case.row("material"), case.row("packing", ratio), case.row("boulder", ratio),
@@ -151,7 +152,7 @@ def _throw(
 def _dataset(
     case: LabCase, parts: list[dict[str, np.ndarray]], counters: dict[str, np.ndarray]
 ) -> xr.Dataset:
-    """All contacts so far, in the order of ratios and throws."""
+    """All contacts so far, ordered by ratio, then throw number."""
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     ranks = np.array([case.lab["ratios"].index(ratio) for ratio in columns["ratio"]])
     columns = {name: values[ranks.argsort(kind="stable")] for name, values in columns.items()}
@@ -174,8 +175,8 @@ def open_sequences(path: str | Path) -> xr.Dataset:
 
 
 def rebounds_of(data: xr.Dataset, name: str) -> Contacts:
-    """Contacts at the ends of flights, as rebounds for sets of R_b/R_m = 1 to 5; other ratios are
-    left out. Contacts on one layer are dependent."""
+    """Contacts after flights, as rebounds for sets of R_b/R_m = 1 to 5; other ratios are omitted.
+    Contacts on the same layer are dependent."""
     from_flight = (data["entry"].values == 0) & np.isin(data["ratio"].values, RATIOS)
     if not from_flight.any():
         raise RockfallError(f"{name}: no contacts of R_b/R_m = 1, 2, 3, 4 or 5, of which sets are")
@@ -200,7 +201,7 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def sequences_provenance(data: xr.Dataset, contacts: Contacts) -> list[str]:
-    """Provenance lines of a set file: enough to reproduce it."""
+    """Provenance lines of a set file, sufficient to reproduce it."""
     case = lab_case_of(data.attrs["lab_case"], contacts.name)
     done = dict(
         zip(np.atleast_1d(data.attrs["ratios"]), np.atleast_1d(data.attrs["done"]), strict=True)

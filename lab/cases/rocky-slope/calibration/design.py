@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The laboratory at many settings of its physical parameters: the training data of the emulator.
+"""Laboratory runs at many settings of the physical parameters: training data of the emulator.
 
     python design.py WORK            # fire; continues an interrupted run
     python design.py WORK --fit      # sets of all settings that are done, into design.nc
 
 The settings are in settings.csv: a first wave from a Sobol sequence over the prior, later waves
-from the posterior of the earlier ones (`posterior.py --wave`). All have the same seed, and so the
-same radii, places, angles and speeds (common random numbers).
+from the posterior of the earlier ones (`posterior.py --wave`). All settings have the same seed, and
+so the same radii, positions, angles and speeds (common random numbers).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from rockfall_lab.sets.fit import as_rebounds, fit_set, impacts_of
 from rockfall_lab.spheres.experiment import STATES, open_impacts, run_impacts
 
 HERE = Path(__file__).parent
-#: Each parameter: group and key of the laboratory case, ends of its range, and whether it is its
-#: logarithm that is spread evenly.
+#: Each parameter: group and key of the laboratory case, ends of its range, and whether its
+#: logarithm is uniform.
 PARAMETERS = {
     "friction": ("material", "friction", 0.35, 0.7, False),
     "rolling": ("material", "rolling", 0.0, 0.4, False),
@@ -40,7 +40,7 @@ EFFORT = {"ratios": [5, 1, 2, 3], "layers": 12, "points": 5, "impacts": 6}
 
 
 def settings() -> np.ndarray:
-    """(settings, parameters) in the units of the laboratory case."""
+    """Settings (settings, parameters) in the units of the laboratory case."""
     return np.loadtxt(SETTINGS, delimiter=",", skiprows=1, ndmin=2)
 
 
@@ -74,7 +74,7 @@ def to_unit(values: np.ndarray) -> np.ndarray:
 
 
 def lab_case(values: np.ndarray) -> LabCase:
-    """The laboratory case of a setting."""
+    """Laboratory case of a setting."""
     case = read_lab_case(HERE.parent / "lab.nml").replace(lab=EFFORT)
     for value, (group, key, *_) in zip(values, PARAMETERS.values(), strict=True):
         case = case.replace(**{group: {key: float(value)}})
@@ -95,7 +95,7 @@ def fire(work: Path) -> None:
 
 
 def fit(work: Path, path: Path) -> None:
-    """Means, covariances and their standard errors over (setting, ratio, state)."""
+    """Means, covariances and their standard errors, over (setting, ratio, state)."""
     rows = []
     for number in range(len(settings())):
         if not impacts_file(work, number).exists():

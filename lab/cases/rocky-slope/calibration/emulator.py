@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets at any setting of the laboratory, from those at the settings of design.nc.
+"""Impact sets at any setting of the laboratory, interpolated from the settings in design.nc.
 
-    python emulator.py               # how well each setting is known from the others
+python emulator.py # accuracy of each setting, predicted from the others
 
-A set is a vector of means and covariances, in the directions of impacts; its principal components
-over the settings, all ratios together, are Gaussian processes of the parameters (scikit-learn).
-R_b/R_m = 4 is half way between 3 and 5.
+A set is a vector of means and covariances of V_out for given incident directions. Its principal
+components over the settings, for all ratios together, are Gaussian processes of the parameters
+(scikit-learn). R_b/R_m = 4 is the mean of 3 and 5.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from rockfall.analysis.planes.plane_bounce import growth, neutral_slope, set_reb
 from rockfall_lab.spheres.experiment import STATES
 
 COMPONENTS = 10
-#: Incidence angles [degrees] and spins W/V that a set is seen at: those of rebounds on slopes.
+#: Incidence angles [degrees] and spins W/V at which sets are compared: those of rebounds on slopes.
 ANGLES, SPINS = (5.0, 10.0, 15.0, 20.0, 30.0), (0.0, 0.4, 0.8)
 LOWER = np.tril_indices(9)
 
 
 def metric() -> tuple[np.ndarray, np.ndarray]:
-    """The root of the mean of x x^T over incident directions x, and its inverse."""
+    """Root of the mean of x x^T over incident directions x, and its inverse."""
     x = np.array([(np.cos(a), -np.sin(a), s) for a in np.radians(ANGLES) for s in SPINS])
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(x.T @ x / len(x))
@@ -41,7 +41,7 @@ ROOT, BACK = metric()
 
 
 def to_vector(mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(..., 54) from means (..., 9) and covariances (..., 9, 9)."""
+    """Vectors (..., 54) from means (..., 9) and covariances (..., 9, 9)."""
     seen = np.kron(np.eye(3), ROOT)
     return np.concatenate([mean @ seen, (seen @ covariance @ seen)[..., *LOWER]], axis=-1)
 
@@ -58,7 +58,7 @@ def from_vector(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Emulator:
-    """Five sets as a function of the parameters, in 0 to 1, for one state of the boulder."""
+    """Emulator of five sets as a function of the parameters (0 to 1), for one boulder state."""
 
     def __init__(self, table: xr.Dataset, state: str = "peak") -> None:
         self.unit = to_unit(np.stack([table[name].values for name in PARAMETERS], axis=1))
@@ -69,8 +69,8 @@ class Emulator:
         self.scores = self.pca.transform(flat)
         self.processes = [process(self.unit, score) for score in self.scores.T]
         off = [self._left_out_scores(number) for number in range(len(self.unit))]
-        # how many of its deviations each component is off, settings left out; of the middle ones:
-        # the loosest layers are far from all others
+        # median error of each left-out component, in predicted deviations; robust, because the
+        # loosest layers are far from all others
         self.scale = np.maximum(1.0, 1.48 * np.median(np.abs(off), axis=0)[1])
 
     def predict(self, unit: np.ndarray, z: np.ndarray | None = None) -> tuple:
@@ -85,12 +85,12 @@ class Emulator:
         return five(self.pca.inverse_transform(score[None]).reshape(-1, 54))
 
     def left_out(self, number: int) -> tuple:
-        """The sets of a setting predicted from the others."""
+        """Sets of a setting, predicted from the others."""
         score, _ = self._left_out_scores(number)
         return five(self.pca.inverse_transform(score[None]).reshape(-1, 54))
 
     def _left_out_scores(self, number: int) -> np.ndarray:
-        """Scores predicted from the other settings, and deviations in standard errors, (2, n)."""
+        """Scores predicted from the other settings, and errors in standard deviations, (2, n)."""
         others = np.arange(len(self.unit)) != number
         found = []
         for one, values in zip(self.processes, self.scores.T, strict=True):
@@ -101,12 +101,12 @@ class Emulator:
         return np.array(found).T
 
     def fitted(self, number: int) -> tuple:
-        """The fitted sets of a setting."""
+        """Fitted sets of a setting."""
         return five(self.vectors[number])
 
 
 def process(unit: np.ndarray, values: np.ndarray) -> GaussianProcessRegressor:
-    """A Gaussian process of the parameters, with the noise of the fits."""
+    """Gaussian process of the parameters, with the noise of the fits."""
     scales = np.full(unit.shape[1], 2.0)
     smooth = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(scales, (0.5, 10.0))
     kernel = smooth + WhiteKernel(0.1, (1e-2, 2))
@@ -124,14 +124,14 @@ def unknown(one: GaussianProcessRegressor, std: float) -> float:
 
 
 def five(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sets of R_b/R_m = 1, 2, 3, 4, 5 from those of 1, 2, 3, 5 (4, 54)."""
+    """Sets for R_b/R_m = 1, 2, 3, 4, 5 from those for 1, 2, 3, 5 (4, 54)."""
     all_five = np.stack([*vectors[:3], (vectors[2] + vectors[3]) / 2, vectors[3]])
     return from_vector(all_five)
 
 
 def check(table: xr.Dataset, state: str) -> None:
-    """Compare each setting by its fit and by the others: neutral slopes and growth at 38
-    degrees."""
+    """Compare each setting's own fit with its prediction from the others: neutral slopes, and
+    growth at 38 degrees."""
     emulator = Emulator(table, state)
     print(
         f"state {state}: the components explain {emulator.pca.explained_variance_ratio_.round(3)}"

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Inference of the laboratory's parameters from the slope of the paper, by emcee.
+"""Inference of the laboratory's parameters from the paper's slope, by emcee.
 
-    python posterior.py WORK --prior 512      # numbers of the site over the prior: prior.csv
-    python posterior.py WORK --wave 8         # settings to learn from next, into settings.csv
-    python posterior.py WORK --steps 100      # the chain; continues an interrupted one
-    python posterior.py WORK --draws 24       # states of the posterior: posterior.csv
+python posterior.py WORK --prior 512 # site statistics over the prior: prior.csv python posterior.py
+WORK --wave 8 # next training settings, into settings.csv python posterior.py WORK --steps 100 # the
+chain; continues an interrupted one python posterior.py WORK --draws 24 # states of the posterior:
+posterior.csv
 
-A state is a setting of the laboratory, the state of the boulder that counts as its rebound, and the
-unknown properties of the slope. Its likelihood combines the printed numbers of EL1 by methods A and
-B, the printed rebounds, and the rule that larger boulders are not less mobile on the same ground;
-the boulders of all states have the same seeds. The standard error of the modelled site is half of
-the bounds of the scorecard (for energies the whole bounds); A and B, on the same slopes, count as
-one number, all others as independent. The variance of the emulator is added.
+A state is a laboratory setting, the boulder state used as its rebound, and the unknown properties
+of the slope. Its likelihood combines the published statistics at EL1 by methods A and B, the
+published rebounds, and the rule that larger boulders are not less mobile on the same ground.
+Boulders have the same seeds in all states. The standard error of the modelled site is half the
+tolerance of the scorecard (for energies, the full tolerance). A and B, on the same slopes, count as
+one observation, all others as independent. The variance of the emulator is added.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from rockfall_lab.scorecard.talus import Talus
 from rockfall_lab.spheres.experiment import STATES
 
 VAUJANY = HERE.parents[1] / "vaujany"
-#: What is not known besides, with the ends of its range.
+#: Further unknown parameters, with the ends of their ranges.
 NUISANCES = {
     "state": (0, len(STATES)), "relief": (0.2, 0.5), "channel": (1.0, 2.0), "roads": (0.3, 1.0),
 }  # fmt: skip
 TERRAINS = 1, 2  # seeds of the relief
 BOULDERS = 400
 WALKERS = 32
-#: What the paper prints of EL1 by A and B, and the relative deviation of a stand-in.
+#: Values published for EL1 by A and B, and the relative standard deviation of a stand-in slope.
 PRINTED = {
     "speed": ((11.5, 12.7), 0.05), "speed_std": ((4.2, 4.3), 0.125),
     "passing_height": ((1.2, 1.4), 0.05), "passing_height_std": ((0.9, 1.0), 0.125),
     "energy_translational": ((175, 213), 0.10), "energy_translational_std": ((126, 152), 0.25),
 }  # fmt: skip
-REBOUNDS = {"rt": (0.7, 0.025), "tangential": (0.93, 0.015)}  # and their deviation
-#: One-sided: bound, sign of what is allowed, softness.
+REBOUNDS = {"rt": (0.7, 0.025), "tangential": (0.93, 0.015)}  # values and deviations
+#: One-sided constraints: limit, sign of the allowed side, softness.
 BOUNDS = {"rn_5_15": (1.0, 1, 0.05), "stop_short": (0.04, -1, 0.01)}
 BOUNDS |= {f"gain_{k}": (0.0, 1, 0.01) for k in (2, 3, 4, 5)}
-SLOPE = 36.0  # of the plane on which ratios are compared [degrees]
+SLOPE = 36.0  # plane on which ratios are compared [degrees]
 NAMES = (*PARAMETERS, *NUISANCES)
 
 
@@ -71,18 +71,18 @@ def site() -> Site:
 
 
 def nuisances(u: np.ndarray) -> dict[str, float]:
-    """Nuisance parameters of a state of the chain, in their units."""
+    """Nuisance parameters of a chain state, in their units."""
     ends = zip(NUISANCES.items(), u[len(PARAMETERS) :], strict=True)
     return {name: low + one * (high - low) for (name, (low, high)), one in ends}
 
 
 def state_of(u: np.ndarray) -> str:
-    """Index of the state of the boulder that is used."""
+    """Index of the boulder state that is used."""
     return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
 
 
 def sets_of(u: np.ndarray, z: np.ndarray | None = None) -> Sets:
-    """The sets of a state of the chain; `z` as for the emulator."""
+    """Impact sets of a chain state; `z` as for the emulator."""
     return Sets("", *emulators()[state_of(u)].predict(u[: len(PARAMETERS)], z))
 
 
@@ -92,8 +92,8 @@ def slopes(u: np.ndarray) -> list[Talus]:
 
 
 def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
-    """Numbers of the site in the mean over its slopes, and the log growth of a bounce of each ratio
-    relative to the next smaller one."""
+    """Site statistics averaged over the slopes, and for each ratio the log growth of a bounce
+    relative to the next smaller ratio."""
     each = [
         site().numbers(sets, seed=one.seed, talus=one, threads=1, reading="diameter")
         for one in slopes(u)
@@ -107,22 +107,22 @@ def numbers(sets: Sets, u: np.ndarray) -> dict[str, float]:
 
 
 def log_likelihood(found: dict[str, float], unknown: dict[str, float]) -> float:
-    """Log-likelihood of the numbers of a site; `unknown` are the emulator's standard deviations."""
+    """Log-likelihood of a site's statistics; `unknown` are the emulator's standard deviations."""
     total = 0.0
     for name, (values, share) in PRINTED.items():
         for method, value in zip("AB", values, strict=True):
             key = f"{method}_EL1_{name}"
             deviation = np.hypot(share * value, unknown.get(key, 0.0))
-            total -= 0.25 * ((found[key] - value) / deviation) ** 2  # half of each method
+            total -= 0.25 * ((found[key] - value) / deviation) ** 2  # half the weight per method
     for key, (value, error) in REBOUNDS.items():
         total -= 0.5 * ((found[key] - value) / np.hypot(error, unknown.get(key, 0.0))) ** 2
     for key, (bound, sign, error) in BOUNDS.items():
         total += log_ndtr(sign * (found[key] - bound) / np.hypot(error, unknown.get(key, 0.0)))
-    return float(total) if np.isfinite(total) else -np.inf  # too few boulders passed
+    return float(total) if np.isfinite(total) else -np.inf  # -inf if too few boulders passed
 
 
 class Likelihood:
-    """Likelihood of a state of the chain, with the emulator's errors, for a pool of processes."""
+    """Likelihood of a chain state, with the emulator's errors, for a pool of processes."""
 
     def __init__(self, unknown: dict[str, float]) -> None:
         self.unknown = unknown
@@ -134,7 +134,7 @@ class Likelihood:
 
 
 def over_prior(u: np.ndarray) -> dict[str, float]:
-    """Numbers of a state, and the same by other readings of the paper."""
+    """Statistics of a state, and with other readings of the paper."""
     sets = sets_of(u)
     found = numbers(sets, u)
     radius, aspect = dict(found), dict(found)
@@ -155,7 +155,7 @@ def over_prior(u: np.ndarray) -> dict[str, float]:
 
 
 def prior(count: int, pool) -> None:
-    """Numbers over the first states of a Sobol sequence."""
+    """Statistics over the first states of a Sobol sequence."""
     u = qmc.Sobol(len(NAMES), rng=np.random.default_rng(5)).random(count)
     rows = pool.map(over_prior, u, chunksize=4)
     pd.DataFrame(rows).to_csv(HERE / "prior.csv", index=False, float_format="%.5g")
@@ -167,7 +167,7 @@ def best_of_prior(count: int) -> np.ndarray:
 
 
 def wave(count: int) -> None:
-    """The most likely states of the prior that are far from each other."""
+    """Most likely states of the prior that are far from each other."""
     unit = best_of_prior(6 * count)[:, : len(PARAMETERS)]
     chosen = [0]
     while len(chosen) < count:
@@ -182,7 +182,7 @@ def emulator_error(numbered: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
 
 
 def run(work: Path, steps: int, pool) -> None:
-    """Continue the chain up to this number of steps."""
+    """Continue the chain up to a number of steps."""
     start, errors = best_of_prior(WALKERS), work / f"unknown-{learnt_from()}.csv"
     if not errors.exists():
         z = np.random.default_rng(7).standard_normal((24, 16))
@@ -205,7 +205,7 @@ def run(work: Path, steps: int, pool) -> None:
 
 
 def learnt_from() -> str:
-    """Identity of the chain: another emulator or prior begins another chain."""
+    """Identity of the chain: with another emulator or prior, a new chain is started."""
     digest = hashlib.sha256()
     for name in "design.nc", "prior.csv", "emulator.py":
         digest.update((HERE / name).read_bytes())
@@ -213,7 +213,7 @@ def learnt_from() -> str:
 
 
 def sample(work: Path) -> np.ndarray:
-    """States of the second half of the chain."""
+    """States in the second half of the chain."""
     backend = emcee.backends.HDFBackend(work / f"chain-{learnt_from()}.h5", read_only=True)
     times = backend.get_autocorr_time(discard=backend.iteration // 2, tol=0)
     print(f"{backend.iteration} steps; autocorrelation time {times.min():.0f} to {times.max():.0f}")
@@ -221,14 +221,14 @@ def sample(work: Path) -> np.ndarray:
 
 
 def centre(u: np.ndarray) -> np.ndarray:
-    """State nearest to the mean of all, without regard to the state of the boulder."""
+    """State nearest to the mean of all states, ignoring the boulder state."""
     reals = np.array(NAMES) != "state"
     off = ((u - u.mean(0)) / u.std(0))[:, reals]
     return u[(off**2).sum(1).argmin()]
 
 
 def likeliest(u: np.ndarray, pool) -> np.ndarray:
-    """A state with the likeliest state of the boulder."""
+    """State with its most likely boulder state."""
     each = np.tile(u, (len(STATES), 1))
     each[:, NAMES.index("state")] = (np.arange(len(STATES)) + 0.5) / len(STATES)
     values = pool.map(Likelihood({}), each)
@@ -237,8 +237,7 @@ def likeliest(u: np.ndarray, pool) -> np.ndarray:
 
 
 def in_units(u: np.ndarray) -> pd.DataFrame:
-    """States of the chain in the units of the laboratory case, and the selected state of the
-    boulder."""
+    """Chain states in the units of the laboratory case, and the selected boulder state."""
     table = pd.DataFrame(physical(u[:, : len(PARAMETERS)]), columns=list(PARAMETERS))
     for one, (name, (low, high)) in zip(u[:, len(PARAMETERS) :].T, NUISANCES.items(), strict=True):
         table[name] = low + one * (high - low)
@@ -247,8 +246,8 @@ def in_units(u: np.ndarray) -> pd.DataFrame:
 
 
 def draws(work: Path, count: int, pool) -> None:
-    """Write states of the posterior to posterior.csv: the one nearest to the centre, then equally
-    likely ones, where walkers ended; and its description to posterior.md."""
+    """Write states of the posterior to posterior.csv (first the state nearest to the centre, then
+    equally likely states, at the ends of walkers), and its description to posterior.md."""
     u = sample(work)
     ends = u[-WALKERS:][np.random.default_rng(11).permutation(WALKERS)[:count]]
     picked = np.vstack([likeliest(centre(u), pool), ends])
@@ -268,7 +267,7 @@ def quantiles(table: pd.DataFrame) -> list[str]:
 
 
 def summary(whole: pd.DataFrame, found: pd.DataFrame) -> list[str]:
-    """The ridge: quantiles, correlations, and the numbers of the draws."""
+    """Description of the ridge: quantiles, correlations, and the parameters of the draws."""
     reals = whole.drop(columns="counts")
     text = ["# The posterior", "", "Written by posterior.py. The parameters, over the chain:", ""]
     text += [*quantiles(reals), "", f"The numbers of {len(found) - 1} draws:", ""]

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The sets that are shipped, from the posterior and from the impacts of ../lab.nml.
+"""Make the shipped sets, from the posterior and from the impacts of ../lab.nml.
 
     python ship.py IMPACTS.nc
 
-`laboratory-spheres` is the case ../lab.nml, whose parameters are near the centre of the posterior,
-by the likeliest state of the boulder. `laboratory-spheres-ensemble` has a draw for each row of
-posterior.csv but the first, the centre: the emulator's sets there. Lateral deviations and fitted
-ranges are those of `laboratory-spheres` in all.
+`laboratory-spheres` is fitted to the case ../lab.nml, whose parameters are near the centre of the
+posterior, with the most likely boulder state. `laboratory-spheres-ensemble` has one draw, from the
+emulator, for each row of posterior.csv except the first (the centre). All draws share the lateral
+deviations and fitted ranges of `laboratory-spheres`.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ SHIPPED = HERE.parents[2] / "python" / "rockfall" / "data" / "impact_sets"
 
 
 def likeliest_state(data: xr.Dataset) -> str:
-    """The state of the boulder whose sets the evidence favours, on slopes in the middle of their
-    uncertainty."""
+    """Boulder state whose sets the evidence favours, on slopes with median values of the unknown
+    parameters."""
     values = {}
     for state in STATES:
         fits = [
