@@ -3,7 +3,7 @@
 
 from importlib import import_module
 
-_MODULES = {  # module of each public name, and its name there if different
+_MODULES = {  # public name -> its module, and its name there if different
     "Case": "case.case",
     "Batch": "session.batch",
     "Interrupted": "simulation.simulate",
@@ -64,7 +64,8 @@ __all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name on first use: `rockfall --help` needs no NumPy (PEP 562)."""
+    """Import a public name on first use, so that `rockfall --help` works without NumPy (PEP
+    562)."""
     if name not in _MODULES:
         raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
     module, _, own = _MODULES[name].partition(":")

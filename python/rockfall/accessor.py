@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of the package as methods of results: `result.rockfall.exceedance("road")`."""
+"""Package functions as methods of a result: `result.rockfall.exceedance("road")`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OF_RESULTS = (
 
 
 class Accessor:
-    """Functions of `OF_RESULTS` as methods; each takes the Dataset as its first argument."""
+    """The functions in `OF_RESULTS` as methods; each takes the Dataset as its first argument."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
@@ -34,7 +34,7 @@ class Accessor:
 
 
 def add_accessor() -> None:
-    """Give every xarray.Dataset the attribute `rockfall`; called where results are made or read."""
+    """Register the accessor `rockfall` on xarray.Dataset; called where results are made or read."""
     import xarray as xr
 
     if not hasattr(xr.Dataset, "rockfall"):

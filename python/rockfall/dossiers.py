@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case: its pages, its tables as a workbook and a document, and the hazards."""
+"""Dossier of a case: report pages, tables as a workbook and a document, and hazard files."""
 
 from __future__ import annotations
 
@@ -57,13 +57,14 @@ def dossier(
     **arrays: Any,
 ) -> list[Path]:
     """Run the scenarios of each variant of a case and write the dossier to `folder`: dossier.pdf,
-    with the answer to be signed on page 1, the same tables as dossier.xlsx and dossier.docx, and
-    each hazard; returns the files.
+    with the answer for signature on page 1, its tables as dossier.xlsx and dossier.docx, and a
+    hazard file for each variant. Return the files.
 
-    The first variant is run by a second model, too, if its ground admits one, unless `one_model`.
-    `return_period` [year], one of 10, 30, 100, 300 and 1,000, applies to the answers and to the
-    boulders that pass the advised barrier; `costs` is a table of prices of barriers, as in
-    `rockfall.design`; the other arguments are as in `rockfall.hazard` and `rockfall.report`.
+    The first variant is also run with a second rebound model if its ground allows one, unless
+    `one_model` is True. `return_period` [year], one of 10, 30, 100, 300 and 1,000, applies to the
+    answers and to the boulders that pass the advised barrier. `costs` is a table of barrier
+    prices, as in `rockfall.design`. The other arguments are as in `rockfall.hazard` and
+    `rockfall.report`.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -96,8 +97,8 @@ def report_hazard(
     return_period: float = YEARS,
     **imprint: Any,
 ) -> Path:
-    """Write the hazard of a file hazard.nc as the pages of a dossier (.pdf, or .html); `dem` is the
-    terrain under its maps, by default that of its case. Returns the path of the pages."""
+    """Write a hazard file (hazard.nc) as the pages of a dossier (.pdf or .html). `dem` is the
+    terrain under the maps (default: the case's terrain). Return the path of the pages."""
     page, hazard = Path(page), read_hazard(path)
     language = imprint.pop("language", "en")
     catalogue(language)
@@ -110,13 +111,13 @@ def report_hazard(
 
 
 def check_needs(language: str) -> None:
-    """Refuse a dossier that cannot be written, before the work starts."""
+    """Raise an error for a dossier that cannot be written, before the computation starts."""
     check_page_needs(PAGES)
     check_tables(FORMATS, language)
 
 
 def hazard_name(variant: str) -> str:
-    """File name of the hazard of a variant."""
+    """File name for the hazard of a variant."""
     return f"hazard_{variant}.nc" if variant else "hazard.nc"
 
 
@@ -127,13 +128,13 @@ def dossier_files(variants: Sequence[str]) -> list[str]:
 
 
 def terrain_of_inputs(inputs: DossierInputs) -> Terrain | None:
-    """Terrain under the maps: that of the first variant, unless it is read in windows."""
+    """Terrain under the maps: the first variant's, unless it is read in windows."""
     rasters = next(iter(inputs.studies.values())).scene.rasters
     return (rasters.z, rasters.grid) if rasters.z.size else None
 
 
 def designs_of(made: Dossier, costs: str | Path | None = None) -> dict[str, YearlyDesign]:
-    """Design of barriers at the lines of each hazard that has lines."""
+    """Barrier designs for the hazards that have evaluation lines."""
     return {
         name: yearly_design(hazard, made.period, costs)
         for name, hazard in made.hazards.items()
@@ -149,7 +150,7 @@ def put_dossier(
     parties: Parties,
     language: str,
 ) -> Iterator[Path]:
-    """Write the files of a dossier, with the designs of its barriers, into a new folder."""
+    """Write the files of a dossier, including the barrier designs, to a new folder."""
     hazards = [folder / hazard_name(name) for name in made.hazards]
     results = [*made.hazards.values()]
     if made.second:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The exception that users of rockfall see, and shared functions that raise it."""
+"""The exception that rockfall raises for users, and functions that raise it."""
 
 from importlib import import_module
 
@@ -7,14 +7,14 @@ BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kern
 OUR_FAULT = 1  # exit status of internal errors
 
 
-FAULT_MARK = "\x1e"  # separator of the kernel between several faults
+FAULT_MARK = "\x1e"  # separates several errors in a kernel message
 
 
 class RockfallError(ValueError):
-    """One line that names the problem, its place, and what is allowed; if a case has several
-    problems, `faults` has a line for each.
+    """A one-line message with the problem, its place, and the allowed values. If a case has
+    several problems, `faults` has a line for each.
 
-    `code` is the exit status, `BAD_INPUT` or `OUR_FAULT`: 2 or 1.
+    `code` is the exit status: `BAD_INPUT` (2) or `OUR_FAULT` (1).
 
     >>> import rockfall
     >>> try:
@@ -34,14 +34,14 @@ class RockfallError(ValueError):
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
-    """Raise an error of the kernel for the scene; `name` precedes lines without a name."""
+    """Raise a kernel error for the scene; lines without a file name get `name` in front."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """Raise an error if packages are missing; `extra` is the extra that installs them."""
+    """Raise an error if packages are missing; installing `extra` provides them."""
     try:
         for package in packages:
             import_module(package)

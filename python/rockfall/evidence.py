@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evidence on the validity of the models: `data/field_evidence.csv`, the one table of observations
-and of the program's numbers for them. Messages read it here, pages through `tools/document.py`."""
+"""Evidence on the validity of the models: `data/field_evidence.csv`, the single table of observed
+and simulated numbers. Messages read it here, pages through `tools/document.py`."""
 
 import importlib.resources
 from collections.abc import Iterable
@@ -18,11 +18,11 @@ TABLE = Path(str(importlib.resources.files("rockfall") / "data" / "field_evidenc
 
 @dataclass(frozen=True)
 class Evidence:
-    """A quantity at a site by a model.
+    """An observed quantity at a site, and the error of a model.
 
-    `place` is a line, a half of the data or a slope; `error` and its standard error are in % of
-    what was `observed`, in `unit`. Where `observed` is NaN, as for distances of distributions and
-    numbers of a made-up slope, `error` is the number itself. `command` gave it with the program of
+    `place` is a line, one half of the data, or a slope. `observed` is in `unit`; `error` and its
+    standard error are in % of it. If `observed` is NaN (distances between distributions, results
+    on a synthetic slope), `error` is the simulated value. `command` produced it with program
     `version` (and commit).
     """
 
@@ -45,7 +45,7 @@ class Evidence:
 
     @property
     def simulated(self) -> float:
-        """Number of the model, in `unit`."""
+        """Simulated value, in `unit`."""
         return self.error if np.isnan(self.observed) else self.observed * (1 + self.error / 100)
 
     @property
@@ -58,13 +58,13 @@ class Evidence:
 def evidence(
     site: str = "*", place: str = "*", quantity: str = "*", model: str = "*"
 ) -> list[Evidence]:
-    """Rows of the table whose columns match these patterns (of `fnmatch`), in its order."""
+    """Rows of the table whose columns match these `fnmatch` patterns, in table order."""
     patterns = site, place, quantity, model
     return [row for row in table() if all(map(fnmatchcase, row.key, patterns))]
 
 
 def only(site: str, place: str, quantity: str, model: str) -> Evidence:
-    """The only row with these columns; a LookupError if missing."""
+    """The only row with these columns; a LookupError if there is none or more than one."""
     rows = evidence(site, place, quantity, model)
     if len(rows) != 1:
         raise LookupError(f"{len(rows)} rows of {site}, {place}, {quantity}, {model}")
@@ -72,7 +72,7 @@ def only(site: str, place: str, quantity: str, model: str) -> Evidence:
 
 
 def largest_error(rows: Iterable[Evidence]) -> int:
-    """Largest absolute error of rows with observations [%]."""
+    """Largest absolute error of the rows that have observations [%]."""
     return round(max(abs(row.error) for row in rows))
 
 

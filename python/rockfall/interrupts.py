@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Handling of Ctrl-C, and of SIGTERM, which batch systems send at a time limit, without loss of
-work; and stops of work in another thread."""
+"""Ctrl-C and SIGTERM (which batch systems send at a time limit) without loss of work, and requests
+to stop work in another thread."""
 
 import os
 import signal
@@ -14,24 +14,24 @@ from types import FrameType
 
 from rockfall.system import STOPS, signal_channel
 
-#: Seconds within which signals count as one: `timeout` signals both a process and its group.
+#: Signals within this time [s] count as one: `timeout` signals both a process and its group.
 TOGETHER = 0.1
 
 _is_stopped: ContextVar[Callable[[], bool]] = ContextVar("is_stopped", default=lambda: False)
-_number: int = signal.SIGINT  # last signal received
-_hit: threading.Event | None = None  # within `interrupts`
+_number: int = signal.SIGINT  # signal received last
+_hit: threading.Event | None = None  # set after a signal within `interrupts`
 
 
 def exit_status() -> int:
-    """Exit status after a signal, as in shells: Ctrl-C 130, SIGTERM 143."""
+    """Exit status after a signal, as in shells: 130 for Ctrl-C, 143 for SIGTERM."""
     return 128 + _number
 
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], bool]]:
-    """Defer a first Ctrl-C or SIGTERM within the block; the yielded function returns True after
-    one. A second ends the process at once, even while the kernel runs. Nested blocks act as one; a
-    block of another thread also ends by `stopped_by`."""
+    """Defer the first Ctrl-C or SIGTERM within the block; the yielded function then returns True.
+    A second signal ends the process at once, even while the kernel runs. Nested blocks act as a
+    single block; in another thread, `stopped_by` also ends the block."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
         signalled, stopped = (_hit or threading.Event()).is_set, _is_stopped.get()
@@ -44,7 +44,7 @@ def interrupts() -> Iterator[Callable[[], bool]]:
         _number = number
         hit.set()
 
-    # Python's own handlers wait for the kernel to return; this channel does not.
+    # Python's own handlers wait for the kernel to return; this channel works immediately.
     reader, writer = signal_channel()
     threading.Thread(target=_end_at_second, args=(reader,), daemon=True).start()
     woken = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
@@ -60,7 +60,7 @@ def interrupts() -> Iterator[Callable[[], bool]]:
 
 
 def _end_at_second(reader: socket.socket) -> None:
-    """Read the numbers of signals from a channel until it is closed."""
+    """Read signal numbers from a channel until it is closed, and exit at the second signal."""
     first = None
     while numbers := reader.recv(64):
         stops = [number for number in numbers if number in STOPS]
@@ -76,7 +76,7 @@ def _end_at_second(reader: socket.socket) -> None:
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Raise KeyboardInterrupt on SIGTERM within the block, as on Ctrl-C, so that partial files are
-    removed. It is raised only once, even for repeated signals."""
+    removed; only once, even if signals repeat."""
     global _number
     _number, last = signal.SIGINT, -TOGETHER
     if threading.current_thread() is not threading.main_thread():
@@ -101,13 +101,13 @@ def stoppable() -> Iterator[None]:
 
 
 class Stopped(Exception):
-    """Work was stopped on request, see `stopped_by`."""
+    """Exception raised when a request stops the work; see `stopped_by`."""
 
 
 @contextmanager
 def stopped_by(is_wanted: Callable[[], bool]) -> Iterator[None]:
-    """Let `check_stop` raise Stopped within the block once `is_wanted` returns True, and a run of
-    this thread end as on Ctrl-C."""
+    """Within the block, make `check_stop` raise Stopped once `is_wanted` returns True; runs in
+    this thread then end as on Ctrl-C."""
     token = _is_stopped.set(is_wanted)
     try:
         yield

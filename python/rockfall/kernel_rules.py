@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rules of the kernel shared by files, statistics and products."""
+"""Rules and constants of the kernel that files, statistics and products share."""
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 
-ROOM = 2**14  # longer than any list of numbers
+ROOM = 2**14  # exceeds the length of every list of constants
 
 
 def kernel_numbers(name: str) -> np.ndarray:
@@ -14,29 +14,29 @@ def kernel_numbers(name: str) -> np.ndarray:
     return values[:n]
 
 
-Z = _core.constant("z_95")  # of a normal distribution, 95 % within
-PIECE = int(_core.constant("piece"))  # values of a part or a scene with a common checksum
-limit_ranks = _core.limit_ranks  # binomial interval of a quantile of n values
-USUAL_DENSITY = _core.constant("usual_density")  # of boulders on tables of impacts [kg/m3]
-USUAL_WEIGHT = _core.constant("usual_weight")  # [N/m3]
-decimal = _core.decimal  # number in a text, as in all files; NaN if invalid
-EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barriers of classes 0 to 7 [J]
-barrier_outcomes = _core.barrier_outcomes  # of a barrier with boulders that reach it
-line_quantities = _core.line_quantities  # at a line: of motion (6, n), volumes and masses
-points_along = _core.points_along  # a line, at distances
-# Constants of samples (rockfall_samples):
+Z = _core.constant("z_95")  # two-sided 95 % quantile of the normal distribution
+PIECE = int(_core.constant("piece"))  # values per checksum in parts and scenes
+limit_ranks = _core.limit_ranks  # ranks of the binomial interval of a quantile of n values
+USUAL_DENSITY = _core.constant("usual_density")  # of boulders on impact tables [kg/m3]
+USUAL_WEIGHT = _core.constant("usual_weight")  # unit weight of these boulders [N/m3]
+decimal = _core.decimal  # parse a number in a text, by the rules of all files; NaN if invalid
+EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barrier classes 0 to 7 [J]
+barrier_outcomes = _core.barrier_outcomes  # outcomes of boulders that reach a barrier
+line_quantities = _core.line_quantities  # from motion (6, n), volumes, masses
+points_along = _core.points_along  # points on a line at given distances
+# Constants of the sample sums (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))
 SAMPLE_COARSE = int(_core.constant("coarse_bins"))
-SAMPLE_BITS = int(_core.constant("base_bits"))  # per digit of sums
+SAMPLE_BITS = int(_core.constant("base_bits"))  # bits in a digit of the sums
 SAMPLE_QUANTITIES = int(_core.constant("sample_quantities"))
 SAMPLE_TAILS = int(_core.constant("sample_tails"))
-SAMPLE_EDGES = kernel_numbers("sample_edges")  # of bins, in units
-#: Units per unit of the quantity: (at lines, at ends; quantities).
+SAMPLE_EDGES = kernel_numbers("sample_edges")  # bin edges, in stored units
+#: Stored units per unit of the quantity, for (lines, ends) and each quantity.
 SAMPLE_UNITS = kernel_numbers("sample_units").reshape(2, SAMPLE_QUANTITIES)
 
 
 def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
-    """Limits of the 95 % interval of a fraction of n (Wilson 1927)."""
+    """Limits of the 95 % interval of a fraction observed in n trials (Wilson 1927)."""
     low, high = _core.fraction_limits(fraction, n)
     return float(low[0]), float(high[0])
 
@@ -44,8 +44,9 @@ def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
 def count_limits(
     counts: np.ndarray, boulders: int, per_cluster: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel;
-    `per_cluster` boulders count as one, everywhere or at each place (the last dimension)."""
+    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel. Every
+    `per_cluster` boulders count as one observation: a number, or an array with a value for each
+    place (last dimension of `counts`)."""
     if np.ndim(per_cluster):
         columns = zip(np.moveaxis(counts, -1, 0), np.asarray(per_cluster), strict=True)
         limits = [count_limits(column, boulders, float(each)) for column, each in columns]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Texts by message id in the current language, from the catalogues of gettext in `locale/*.po`.
+"""Texts by message id in the current language, from the gettext catalogues `locale/*.po`.
 
 English is a catalogue like the others, so rewording it does not change the ids. Placeholders are
-named; numbers and lists are formatted for the language. A text keeps its message and values, so
-that it can be shown again in another language.
+named; numbers and lists are formatted for the language. A text keeps its message id and values, so
+that it can be shown in another language later.
 """
 
 import gettext
@@ -21,14 +21,14 @@ from typing import Any
 from rockfall.errors import RockfallError
 
 LANGUAGES = ("en", "de", "fr", "it")
-#: Regions that may follow a language, as in de-AT.
+#: Regions that may follow a language code, as in de-AT.
 REGIONS = ("AT", "CH", "DE", "FR", "GB", "IT", "LI", "LU", "US")
-#: Thousands and decimals outside English (ISO 80000-1), and in the regions that write them as
-#: Switzerland does.
+#: Thousands separator and decimal sign of languages other than English (ISO 80000-1), and of
+#: regions that use the Swiss format.
 MARKS = str.maketrans({",": "\u202f", ".": ","})
 SWISS_MARKS = str.maketrans({",": "\u2019"})
 SWISS = ("de-CH", "de-LI", "it-CH")
-#: Words of the German catalogue, which is Swiss, where German is not: ß after a long vowel.
+#: The German catalogue uses Swiss spelling; these words take ß elsewhere, after a long vowel.
 NOT_SWISS = ("de-AT", "de-DE", "de-LU")
 SPELLING = (
     (re.compile(r"(gr[oö]|stra|lie|st[oö]|f[uü]|m[aä](?=ss(?:st|g|n|ig|\b))|au(?=sse[rn]))ss",
@@ -41,17 +41,17 @@ _in_force: ContextVar[str] = ContextVar("language", default="en")
 
 
 class Number(str):
-    """A number formatted in English, which `say` writes in the format of the language."""
+    """A number formatted in English; `say` converts it to the format of the language."""
 
     __slots__ = ()
 
 
 class Text(str):
-    """A text with the message and the values that it was made from."""
+    """A text, with the message id and the values used to make it."""
 
     key: str
     values: Mapping[str, Any]
-    is_count: bool  # True for `say_count`
+    is_count: bool  # True for texts from `say_count`
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def spoken() -> str:
 
 
 class Catalogue:
-    """Messages of a file `.po`, each on one line; gettext of Python reads compiled ones only."""
+    """Messages of a `.po` file, each on one line; Python's gettext reads compiled files only."""
 
     ENTRY = re.compile(r'^msgid (".*")\n(?:msgid_plural .*\n)?((?:msgstr.*\n?)+)', re.MULTILINE)
 
@@ -84,17 +84,17 @@ class Catalogue:
         self.plural = gettext.c2py(re.findall("plural=(.+?);", text)[0])
 
     def gettext(self, key: str) -> str:
-        """Message of a key, or the key itself."""
+        """Message for a key, or the key itself if there is none."""
         return self.forms.get(key, [key])[0]
 
     def ngettext(self, key: str, n: int) -> str:
-        """Message of a key for `n` things, or the key itself."""
+        """Message for a key in the plural form for `n`, or the key itself if there is none."""
         return self.forms[key][self.plural(n)] if key in self.forms else key
 
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Texts of a language, or of one with a region; a RockfallError for unknown ones."""
+    """Catalogue for a language code, with or without a region; RockfallError if unknown."""
     name, dash, region = language.partition("-")
     if name not in LANGUAGES or (dash and region not in REGIONS):
         raise RockfallError(
@@ -106,7 +106,7 @@ def catalogue(language: str) -> Catalogue:
 
 
 def spelling(locale: str) -> Callable[[str], str]:
-    """Return a function that applies the regional spelling to a text."""
+    """Return a function that applies the spelling of a region to a text."""
     rules = SPELLING if locale in NOT_SWISS else ()
 
     def spelt(text: str) -> str:
@@ -118,13 +118,13 @@ def spelling(locale: str) -> Callable[[str], str]:
 
 
 def texts_of(language: str, room: str) -> dict[str, str]:
-    """All unfilled texts of a group of messages (the first part of their ids)."""
+    """All messages of a group (the first part of their ids), with placeholders unfilled."""
     forms = catalogue(language).forms
     return {key: texts[0] for key, texts in forms.items() if key.startswith(f"{room}.")}
 
 
 def say(key: str, /, **values: object) -> Text:
-    """Text of a message, filled with these values."""
+    """Text of a message with these values filled in."""
     return _said(key, values)
 
 
@@ -134,31 +134,31 @@ def remark(where: object, key: str, /, **values: object) -> Text:
 
 
 def say_count(key: str, n: int, /, **values: object) -> Text:
-    """Text of a message about `n` things, in the plural form of the language."""
+    """Text of a message about `n` items, in the plural form of the language."""
     return _said(key, {"n": n, **values}, is_count=True)
 
 
 def word(name: str) -> str:
-    """Word for an identifier, such as the status of a boulder or the model of a ground; the
-    identifier's words if it has no message, such as names given by users."""
+    """Word for an identifier, such as a boulder status or the ground model. An identifier without
+    a message, such as a name chosen by the user, is returned as plain words."""
     key = f"word.{name}"
     return say(key) if is_message(key) else name.replace("_", " ")
 
 
 def is_message(key: str) -> bool:
-    """Return True if the catalogues have a message."""
+    """Return True if the catalogues have a message for the key."""
     return catalogue("en").gettext(key) != key
 
 
 def translated(text: object) -> str:
-    """Text or number in the current language; names and other plain strings unchanged."""
+    """Text or number in the current language; other strings are returned unchanged."""
     if isinstance(text, Text):
         return _said(text.key, text.values, text.is_count)
     return localised(text) if isinstance(text, Number) else str(text)
 
 
 def localised(number: str, language: str = "") -> str:
-    """Write a number, formatted in English, in the format of a language (default: current)."""
+    """Convert a number formatted in English to the format of a language (default: current)."""
     locale = language or _in_force.get()
     if locale.startswith("en"):
         return number
@@ -178,8 +178,8 @@ def packed(text: object) -> Any:
 
 
 def unpacked(data: Any, english: str) -> str:
-    """Text from the data of `packed`; the stored `english` text if the data are damaged or the
-    message is from a later version."""
+    """Text from data made by `packed`; the stored `english` text if the data are damaged or the
+    message belongs to a later version."""
     try:
         return _unpacked(data) if isinstance(data, dict) else str(english)
     except (AttributeError, KeyError, TypeError, ValueError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits of the machine, and of the kernel."""
+"""Limits of the machine and of the kernel."""
 
 import os
 
@@ -7,12 +7,12 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.system import physical_memory
 
 MACHINE_MEMORY = physical_memory()  # bytes
-#: Processors available to this process; on macOS, processors of the machine.
+#: Processors available to this process; on macOS, all processors of the machine.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 MAX_TEXT = int(_core.constant("max_text"))  # maximum bytes of a text file
-MAX_ELEVATION = _core.constant("max_elevation")  # [m]; more is an undeclared nodata value
-MAX_NAME = int(_core.constant("max_name"))  # maximum characters of names in a case
-MAX_REAL = _core.constant("max_real")  # of a case, and coordinates [m]
-MAX_HELD = _core.constant("max_held_speed")  # over sqrt(g R_b): faster boulders leave any hollow
-MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders needed for a valid interval
+MAX_ELEVATION = _core.constant("max_elevation")  # [m]; higher values are undeclared nodata
+MAX_NAME = int(_core.constant("max_name"))  # maximum characters of a name in a case
+MAX_REAL = _core.constant("max_real")  # maximum of numbers in a case, and of coordinates [m]
+MAX_HELD = _core.constant("max_held_speed")  # over sqrt(g R_b): faster boulders leave a hollow
+MIN_FOR_MEAN = int(_core.constant("min_for_mean"))  # boulders for a valid interval
 MIN_FOR_STD = int(_core.constant("min_for_std"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Graphical products of a result: the report page, and figure files."""
+"""Graphical products of a result: report page and figure files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ NO_COSTS: Mapping[str, float] = {}
 
 
 class Added(NamedTuple):
-    """Additions to an export: a QGIS project, tables in these formats, and their language."""
+    """Optional additions to an export: a QGIS project, table formats, and the language."""
 
     project: bool = False
     tables: Sequence[str] = ()
@@ -67,17 +67,17 @@ class Added(NamedTuple):
 
 
 class _Drawn(NamedTuple):
-    """Inputs of figures and pages, in the order of their arguments."""
+    """Inputs of figures and pages, in the order of the functions' arguments."""
 
     result: xr.Dataset
     terrain: Terrain | None
     observed: Observed | None
     look: Look
     left: LeftOut
-    of_site: bool  # `observed` is from the case
+    of_site: bool  # `observed` comes from the case
 
     def warn(self) -> None:
-        """Warn of omissions, attributed to the caller's caller."""
+        """Issue warnings about omitted contents, attributed to the caller's caller."""
         for text in self.left.notes():
             warnings.warn(text, stacklevel=2)
 
@@ -103,19 +103,20 @@ def report(
     section_within: float = 10.0,
     factors: Place = None,
 ) -> Path:
-    """Write a result (a Dataset, or its netCDF file) as one offline HTML page, or as a PDF, by the
-    extension of `path`.
+    """Write a result (a Dataset, or its netCDF file) as a single offline HTML page or a PDF,
+    depending on the extension of `path`.
 
-    `dem` is the terrain under maps (default: the case's, if it exists), `observed` are CSV files of
-    observations drawn with the result, `basemap` is a raster image under maps, `limits` are those
-    of classes ("kJ=30,300"), and `view`, from `rockfall.show`, adds a map to explore and
-    trajectories in three dimensions. The page is in `language` (en, de, de-AT ...), and names
-    `project` (its name or number), `client` and `author` on page 1, for signature, and the date
-    `dem_date` of the survey of the terrain; `hazard`, a file hazard.nc, adds its zones, `models`, a
-    file models.nc of `rockfall models`, the spread over rebound models; `section`, a line as in
-    `section`, with `section_layer` and `section_within` [m], the figure of a section along it;
-    `factors`, a table as in `design`, what a standard requires. Returns the path of the page.
-    Invalid inputs or outputs raise a RockfallError, missing terrain gives a UserWarning.
+    `dem` is the terrain under the maps (default: the case's terrain, if its file exists).
+    `observed` is a list of CSV files with observations to draw with the result. `basemap` is a
+    raster image under the maps, `limits` are class limits ("kJ=30,300"). `view`, from
+    `rockfall.show`, adds an interactive map and trajectories in three dimensions. The page is in
+    `language` (en, de, de-AT ...). Page 1, for signature, shows `project` (name or number),
+    `client`, `author` and the survey date of the terrain, `dem_date`. `hazard` (a file hazard.nc)
+    adds hazard zones; `models` (a file models.nc from `rockfall models`) the spread over rebound
+    models; `section` (a line as in `rockfall.section`, with `section_layer` and `section_within`
+    [m]) a figure along this line; `factors` (a table as in `rockfall.design`) the requirements of
+    a standard. Return the path of the page. Invalid inputs or outputs raise a RockfallError;
+    missing terrain gives a UserWarning.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -164,13 +165,13 @@ def report_variants(
     client: str = "",
     author: str = "",
 ) -> Path:
-    """Write variants of a protection, by name, as one offline HTML page or PDF with a column for
-    each: `compare_variants` at all lines, with the measures, and maps of the differences.
+    """Write a comparison of protection variants, given by name, as an offline HTML page or PDF
+    with a column for each variant: `compare_variants` at all lines, the measures, and maps of the
+    differences.
 
-    `frequencies` is the table of `rockfall.yearly_variants`, over the scenarios of a case;
-    `costs` are those of variants, in any unit; `title` is that of the page (default: of the first
-    result); `dem` is the terrain under maps; the rest is as in `report`. Returns the path of the
-    page.
+    `frequencies` is the table from `rockfall.yearly_variants` over the scenarios of a case.
+    `costs` are the costs by variant, in any unit. `title` is the page title (default: the first
+    result's title). The other arguments are as in `report`. Return the path of the page.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -200,8 +201,8 @@ def figures(
     basemap: Place = None,
     limits: Sequence[str] = (),
 ) -> list[Path]:
-    """Write every figure that a result supports to a folder, as png, pdf or svg; returns the files.
-    Other arguments are as in `report`.
+    """Write all figures that a result supports to a folder, as png, pdf or svg. Return the files.
+    The other arguments are as in `report`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -235,15 +236,16 @@ def section(
     every: float | None = None,
     dem: Place = None,
 ) -> Section:
-    """Section of a result (a Dataset, or its netCDF file) along a drawn line: ground, energies,
-    speeds and heights of the boulders within a corridor, and the lines that it crosses.
+    """Compute a section of a result (a Dataset, or its netCDF file) along a drawn line: ground,
+    energies, speeds and heights of the boulders within a corridor, and the evaluation lines that
+    the section crosses.
 
-    `line` is pairs x, y in the CRS of the terrain, or a file with one line, in its `layer` if it
-    has several. Boulders count `within` [m] to either side, at stations `every` [m]; the default is
-    a round interval that gives about 100. `dem` is as in `report`; without terrain elevations and
-    heights of trajectories are unknown. Invalid inputs, and results that have neither trajectories
-    nor maps of these quantities, raise a RockfallError; missing terrain and a layer in another CRS
-    give a UserWarning.
+    `line` is a list of pairs x, y in the CRS of the terrain, or a file with a single line; choose
+    its `layer` if it has several. Boulders within `within` [m] on either side count, at stations
+    spaced `every` [m] (default: a round interval that gives about 100 stations). `dem` is as in
+    `report`; without terrain, elevations and trajectory heights are unknown. Invalid inputs, and
+    results without trajectories and maps of these quantities, raise a RockfallError. Missing
+    terrain, or a layer in another CRS, gives a UserWarning.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 10})
@@ -274,7 +276,8 @@ def _section(
 
 
 def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
-    """Grid of the terrain of a result with its CRS, or of the area that boulders reached."""
+    """Grid of the terrain of a result, with its CRS; without terrain, the area reached by
+    boulders."""
     if terrain is not None:
         return terrain[1]
     from rasterio.crs import CRS
@@ -296,16 +299,16 @@ def export_project(
     client: str = "",
     author: str = "",
 ) -> list[Path]:
-    """Write a result to `folder` as `export` does, and with it project.qgz, a project of QGIS: the
-    layers in groups with their styles, themes, and for each theme a layout on A3 with title,
-    legend, scale bar, north arrow, coordinate system and date; returns the files written.
+    """Write a result to `folder` as `export` does, with a QGIS project, project.qgz: styled layers
+    in groups, themes, and for each theme an A3 layout with title, legend, scale bar, north arrow,
+    coordinate system and date. Return the files written.
 
-    `dem` is the terrain (default: the case's, if it exists); the part around the boulders
-    becomes elevation_m.tif, drawn as relief and contours; `hazard`, a file hazard.nc, adds its
-    zones and classes; titles and texts are in `language` (en, de, de-AT ...); layouts name
-    `project` (its name or number), `client` and `author`. All layers are files of `folder`, found
-    from the project, so that the folder may go elsewhere. Writes all files or, with a
-    RockfallError, none; missing terrain gives a UserWarning.
+    `dem` is the terrain (default: the case's terrain, if its file exists); the part around the
+    boulders becomes elevation_m.tif, drawn as relief and contours. `hazard` (a file hazard.nc)
+    adds hazard zones and classes. Titles and texts are in `language` (en, de, de-AT ...); layouts
+    show `project` (name or number), `client` and `author`. The project uses relative paths, so the
+    folder can be moved. Either all files are written or none, with a RockfallError. Missing
+    terrain gives a UserWarning.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -324,12 +327,12 @@ def export_tables(
     language: str = "en",
 ) -> list[Path]:
     """Write the tables of a result to `folder`: line statistics, return levels, effects of
-    barriers, and facts on the run; returns the files written.
+    barriers, and details of the run. Return the files written.
 
-    tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and limits of
-    95 % confidence intervals in columns of their own; tables.docx has the tables of the report,
-    rounded, with intervals in brackets, in `language` (en, de, de-AT ...). They need the extra
-    `office`. Raises RockfallError for other `formats`.
+    tables.xlsx has a sheet for each table, with the numbers of the CSV tables, units, and separate
+    columns for the limits of 95 % confidence intervals. tables.docx has the rounded tables of the
+    report, with intervals in brackets, in `language` (en, de, de-AT ...). Both need the extra
+    `office`. Other `formats` raise a RockfallError.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -342,7 +345,7 @@ def export_tables(
 def export_with(
     result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
 ) -> list[Path]:
-    """Write an export (None: none) and additions to it, all or none; returns the files."""
+    """Write an export, unless None, and its additions: all files or none. Return the files."""
     folder, hazard = Path(folder), added.hazard
     if added.tables:
         check_tables(added.tables, added.language)
@@ -388,7 +391,7 @@ def _drawn(
 
 
 def _given(result: Result, dem: Place, observed: Files, basemap: Place) -> Iterator[str | Path]:
-    """Given input files, which are read."""
+    """The input files given by the user."""
     if isinstance(result, str | Path):
         yield result
     yield from observed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Labels and units of quantities in all tables, texts and figures; and formatting of numbers."""
+"""Labels and units of quantities in tables, texts and figures, and formatting of numbers."""
 
 import math
 from collections.abc import Sequence
@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 from rockfall.language import Number, Text, say, say_count
 from rockfall.result.variables import HISTOGRAM, LINE
 
-#: Display units that differ from units of results, with conversion factors.
+#: Display units that differ from the units of results, with conversion factors.
 SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1": ("rad/s", 1.0)}
 
 
 class Quantity(NamedTuple):
-    """Description of a quantity; `key` is the message of its label, `units` are those of results,
-    `decimals` those of the unit shown, `symbol` is a symbol or a message."""
+    """Description of a quantity: `key` is the message id of its label, `units` are the units in
+    results, `decimals` apply to the display unit, `symbol` is a symbol or a message id."""
 
     key: str
     units: str
@@ -28,17 +28,17 @@ class Quantity(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Unit shown; "" if dimensionless."""
+        """Display unit; "" if dimensionless."""
         return SHOWN.get(self.units, (self.units, 1.0))[0]
 
     @property
     def factor(self) -> float:
-        """Factor from the units of results to the unit shown."""
+        """Factor from the unit in results to the display unit."""
         return SHOWN.get(self.units, (self.units, 1.0))[1]
 
     @property
     def title(self) -> str:
-        """Label and unit, for an axis or a row."""
+        """Label and unit, for an axis or a table row."""
         return with_unit(self.label, self.unit)
 
     @property
@@ -79,8 +79,8 @@ DESIGN = {  # loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
-#: Units of columns of data, as in results; "1" for fractions. Other columns are counts, marks, or
-#: without unit.
+#: Units of data columns, as in results; "1" for fractions. Other columns are counts, flags, or
+#: dimensionless.
 COLUMN_UNITS = {
     "fraction": "1", "residual": "1",
     "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",
@@ -88,7 +88,7 @@ COLUMN_UNITS = {
     "capacity": "J", "energy_allowed": "J", "E_d": "J",
     "v_d": "m s-1", "m_d": "kg", "volume": "m3",
 }  # fmt: skip
-REBOUND = {  # of histograms over all rebounds
+REBOUND = {  # quantities with histograms over all rebounds
     "tangential_share": Quantity("quantity.tangential_share", "1", 1),
     "normal_share": Quantity("quantity.normal_share", "1", 1),
     "rotational_share": QUANTITIES["rotational_share"],
@@ -108,13 +108,13 @@ def statistic(name: str) -> Text:
 
 
 def with_unit(label: str, unit: str) -> str:
-    """Label of an axis or column, with its unit if it has one."""
+    """Label of an axis or column, followed by its unit if it has one."""
     return f"{label} [{unit}]" if unit else label
 
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
-    if unknown. `up` rounds up, for required minima."""
+    if it is NaN. `up` rounds up, for required minima."""
     value = float(value)
     if not math.isfinite(value):
         return Number("-")
@@ -135,13 +135,13 @@ def small(value: float) -> Number:
 
 
 def round_step(rough: float) -> float:
-    """Smallest 1, 2, 2.5 or 5 times a power of ten above `rough`."""
+    """Round up to 1, 2, 2.5 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(max(rough, 1e-6)))
     return power * next(step for step in (1, 2, 2.5, 5, 10) if step * power >= 0.999 * rough)
 
 
 def count(number: int, singular: str, plural: str | None = None) -> str:
-    """Number of things as text: 1 boulder, 2,000 boulders."""
+    """Format a count with its noun: 1 boulder, 2,000 boulders."""
     return f"{number:,} {singular if number == 1 else plural or singular + 's'}"
 
 
@@ -154,17 +154,17 @@ def percent(fraction: float) -> Number:
 
 
 def first_of(items: Sequence[Any], most: int) -> list[Any]:
-    """The first items of a list for a message, and "..." if there are more."""
+    """First items of a list for a message, followed by "..." if there are more."""
     return [*items[:most], *["..."][: len(items) > most]]
 
 
 def part_of_boulders(part: int, whole: int) -> Text:
-    """Part of all boulders: 20 of 1,000 boulders (2.0 %)."""
+    """Number and percentage of boulders: 20 of 1,000 boulders (2.0 %)."""
     fraction = percent(part / whole)
     return say_count("count.part_of_boulders", whole, part=part, fraction=fraction)
 
 
 def part_of_rebounds(part: int, whole: int) -> Text:
-    """Part of all rebounds: 20 of 1,000 rebounds (2.0 %)."""
+    """Number and percentage of rebounds: 20 of 1,000 rebounds (2.0 %)."""
     fraction = percent(part / whole)
     return say_count("count.part_of_rebounds", whole, part=part, fraction=fraction)

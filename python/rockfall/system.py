@@ -14,18 +14,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-#: Signals that stop a process: Ctrl-C, and what batch systems send at a time limit.
+#: Signals that stop a process: Ctrl-C, and SIGTERM or SIGBREAK from batch systems at a time limit.
 STOPS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
-#: Flag of os.open that refuses symbolic links, where there is one.
+#: Flag for os.open that refuses symbolic links; 0 on systems without it.
 NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)
-#: Encoding of paths for netCDF, which takes the code page of Windows where Python writes UTF-8.
+#: Encoding of paths passed to netCDF: on Windows it expects the code page, not UTF-8.
 NETCDF_NAMES = "mbcs" if sys.platform == "win32" else None
-#: Errors of a disk, quota or file size limit that cannot take more bytes.
+#: Errors for a full disk, an exceeded quota, or the file size limit.
 FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)
 
 
 def check_free(folder: Path, size: int) -> None:
-    """Raise an OSError if the disk of a folder has less free space [bytes]."""
+    """Raise an OSError if the disk of a folder has less free space than `size` [bytes]."""
     if shutil.disk_usage(folder).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -36,7 +36,7 @@ if sys.platform == "win32":
     STOPS = (*STOPS, signal.SIGBREAK)
 
     class _MemoryStatus(ctypes.Structure):
-        """MEMORYSTATUSEX of Windows."""
+        """The Windows structure MEMORYSTATUSEX."""
 
         _fields_ = [
             ("dwLength", ctypes.c_uint32),
@@ -52,20 +52,20 @@ if sys.platform == "win32":
         return int(status.ullTotalPhys)
 
     def memory_limits() -> list[int]:
-        """Memory limits [bytes] of this process other than the machine's memory."""
+        """Memory limits of this process [bytes], apart from the machine's memory."""
         return []
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; BlockingIOError if another process has it."""
+        """Lock an open file until it closes; BlockingIOError if another process has locked it."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError as error:
-            if error.errno not in (errno.EACCES, 0):  # 0: Wine's C library gives no reason
+            if error.errno not in (errno.EACCES, 0):  # 0: Wine's C library sets no error number
                 raise
             raise BlockingIOError(error.errno, error.strerror) from None
 
     def has_locks(path: str) -> bool:
-        """Return False if the file system of a file cannot lock files; on this system all can."""
+        """Return False if the file system cannot lock files; on this system all can."""
         return True
 
     def reserve(folder: Path, size: int) -> None:
@@ -73,13 +73,13 @@ if sys.platform == "win32":
         check_free(folder, size)
 
     def remove_locked(path: Path, descriptor: int) -> None:
-        """Close a locked file and remove it; an open one cannot be removed."""
+        """Close a locked file and remove it; Windows cannot remove an open file."""
         os.close(descriptor)
         with suppress(OSError):  # another process has opened or removed it
             path.unlink()
 
     def sync(path: Path) -> None:
-        """Flush a file to disk; entries of folders are flushed by the file system itself."""
+        """Flush a file to disk; the file system flushes folder entries itself."""
         if path.is_file():
             descriptor = os.open(path, os.O_RDWR)
             try:
@@ -88,8 +88,8 @@ if sys.platform == "win32":
                 os.close(descriptor)
 
     def replace(source: Path, target: Path) -> None:
-        """Rename a file, replacing an existing one; retried for a second, because virus scanners
-        and backups may keep new files open."""
+        """Rename a file, replacing an existing one; retry for a second, because virus scanners and
+        backup programs may keep new files open."""
         for _ in range(10):
             try:
                 return os.replace(source, target)
@@ -98,7 +98,7 @@ if sys.platform == "win32":
         os.replace(source, target)
 
     def before_fork(call: Callable[[], object]) -> None:
-        """Call a function before the process forks; this system has no fork."""
+        """Do nothing, because this system has no fork."""
 
 else:
     import fcntl
@@ -109,11 +109,11 @@ else:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
     def memory_limits() -> list[int]:
-        """Memory limits [bytes] of this process other than the machine's memory."""
+        """Memory limits of this process [bytes], apart from the machine's memory."""
         return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; BlockingIOError if another process has it."""
+        """Lock an open file until it closes; BlockingIOError if another process has locked it."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def has_locks(path: str) -> bool:
@@ -133,10 +133,10 @@ else:
         return True
 
     def reserve(folder: Path, size: int) -> None:
-        """Raise an OSError if a folder cannot hold a file of this size [bytes]; where the system
-        can reserve space, quotas and `ulimit -f` count too."""
+        """Raise an OSError if a folder cannot hold a file of this size [bytes]. Where the system
+        can reserve space, this includes quotas and `ulimit -f`."""
         with tempfile.TemporaryFile(dir=folder) as file:
-            allocate = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)  # Linux
+            allocate = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)  # Linux only
             if allocate and allocate(file.fileno(), 0, ctypes.c_long(0), ctypes.c_long(size)) == 0:
                 return
             if allocate and (reason := ctypes.get_errno()) in FULL:
@@ -144,13 +144,14 @@ else:
         check_free(folder, size)
 
     def remove_locked(path: Path, descriptor: int) -> None:
-        """Remove a locked file and close it; no other process may lock it in between."""
+        """Remove a locked file, then close it; no other process can lock it in between."""
         with suppress(OSError):  # another process has removed it
             path.unlink()
         os.close(descriptor)
 
     def sync(path: Path) -> None:
-        """Flush a file, or the entries of a folder, to disk; some file systems flush no folders."""
+        """Flush a file, or the entries of a folder, to disk; some file systems cannot flush
+        folders."""
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -170,7 +171,7 @@ else:
 
 
 def signal_channel() -> tuple[socket.socket, socket.socket]:
-    """Reader and writer for `signal.set_wakeup_fd`: sockets, which all systems have."""
+    """Connected sockets (reader, writer) for `signal.set_wakeup_fd`; all systems support them."""
     reader, writer = socket.socketpair()
     writer.setblocking(False)
     return reader, writer

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables: columns, and rows of values, which renderers show.
+"""Tables of columns and rows, independent of the output format.
 
-There is one renderer for each format: `as_text` (a terminal) and `write_csv` here, the macro
-`table` of html_report/templates/parts.html.j2, office/workbook.py and office/document.py.
+Each format has a renderer: `as_text` (terminal) and `write_csv` in this module, the macro `table`
+in html_report/templates/parts.html.j2, office/workbook.py and office/document.py.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from rich.cells import cell_len  # columns on a terminal; the rest of rich takes long to import
+from rich.cells import cell_len  # text width in terminal columns; importing all of rich takes long
 
 from rockfall.io import tables
 from rockfall.language import Number, say, translated
@@ -32,18 +32,20 @@ from rockfall.result.variables import ENDS
 if TYPE_CHECKING:
     import pandas as pd
 
-TOO_FEW = "(–)"  # in place of an interval, if there are too few boulders for a valid one
-BY_ROW = "unit"  # column with the units of the rows of a table of data
-HEAD = 16  # letters above which a head is broken on a terminal, if its cells are shorter
-WIDEST = 120  # of a line on a terminal
-LETTERS = 108  # total width of the numbers of a row that fits on A4, upright, next to a label
+TOO_FEW = "(–)"  # shown instead of an interval if there are too few boulders for a valid interval
+BY_ROW = "unit"  # column of a data table with the unit of each row
+HEAD = 16  # letters in the terminal; longer column heads wrap if the cells are shorter
+WIDEST = 120  # maximum line width in the terminal
+LETTERS = 108  # maximum total width of the numbers in a row, next to a label, on an upright A4 page
 
 
 class Estimate(NamedTuple):
-    """A cell: a number and the limits of its interval, in the unit of its column; NaN if unknown.
+    """A table cell: a number and the limits of its interval, in the unit of its column; NaN if
+    unknown.
 
-    Both are shown with `digits` significant digits, or as many as the interval justifies: the last
-    digit is a twentieth to a half of the half-width. `up` rounds up, for required minima.
+    All are shown with `digits` significant digits or, by default, with the digits that the
+    interval justifies: the unit of the last digit is 1/20 to 1/2 of the half-width. `up` rounds
+    up, for required minima.
     """
 
     value: float
@@ -51,11 +53,11 @@ class Estimate(NamedTuple):
     high: float = math.nan
     digits: int | None = None
     up: bool = False
-    decimals: int | None = None  # instead of the digits that the interval justifies
+    decimals: int | None = None  # fixed number of decimals, regardless of the interval
 
     @classmethod
     def of(cls, row: Mapping[Any, Any], name: str, factor: float = 1.0, **how: Any) -> Self:
-        """Cell of a number in a row; its limits are in NAME_low and NAME_high, if present."""
+        """Cell from the columns NAME, NAME_low and NAME_high (if present) of a row."""
         return cls(*(factor * row.get(f"{name}{end}", math.nan) for end in ENDS), **how)
 
     @property
@@ -65,13 +67,13 @@ class Estimate(NamedTuple):
 
     @property
     def justified(self) -> int:
-        """Decimals that the interval justifies."""
+        """Number of decimals that the interval justifies."""
         limits = [end for end in (self.low, self.high) if not math.isnan(end)]
         half = max(abs(self.value - end) for end in limits)
         return min(4, -math.floor(math.log10(half / 2))) if half else 2
 
     def shown(self, value: float, *, up: bool = False) -> Number:
-        """The number, or a limit, with its digits."""
+        """Format the number, or a limit, with the digits of the cell."""
         if self.digits or not self.has_interval:
             return number(value, self.digits or 3, up=up)
         decimals = self.justified if self.decimals is None else self.decimals
@@ -80,12 +82,13 @@ class Estimate(NamedTuple):
 
     @property
     def number(self) -> Number:
-        """The number alone."""
+        """The number without its interval."""
         return self.shown(self.value, up=self.up)
 
     @property
     def interval(self) -> str:
-        """The interval in brackets; "" without a number or digits that it justifies."""
+        """The interval in brackets. Without limits: `TOO_FEW`, or "" if the number is unknown or
+        has fixed `digits`."""
         if not self.has_interval:
             return "" if self.digits or math.isnan(self.value) else TOO_FEW
         low, high = self.shown(self.low), self.shown(self.high, up=self.up)
@@ -96,31 +99,31 @@ class Estimate(NamedTuple):
 
 
 def in_line(cell: object) -> str:
-    """Multi-line cell joined to one line."""
+    """Text of a multi-line cell, joined to one line."""
     return translated(cell).replace("\n", " ")
 
 
 def stacked(*lines: object) -> str:
-    """Cell of several lines, in the current language."""
+    """Cell with several lines, in the current language."""
     return "\n".join(map(translated, lines))
 
 
 def between(low: object, high: object) -> str:
-    """Limits in brackets; "-" for an unknown one."""
+    """Format two limits in brackets; "-" for an unknown limit."""
     if low == high == "-":
         return "-"
     if high == "-":
         return say("interval.from", low=low)
     if low == "-":
         return say("interval.up_to", high=high)
-    if "-" in f"{low}{high}":  # sign of a negative number, which a dash would hide
+    if "-" in f"{low}{high}":  # minus sign of a negative limit, which an en dash would hide
         return f"({say('interval.range', low=low, high=high)})"
     return say("interval.both", low=low, high=high)
 
 
 class Column(NamedTuple):
-    """A column: its label, or its name in a data table; its unit; and the decimals shown in texts
-    (None: three significant digits)."""
+    """A table column: label (in a data table: name), unit, and decimals shown in texts (None:
+    three significant digits)."""
 
     label: str = ""
     unit: str = ""
@@ -128,7 +131,8 @@ class Column(NamedTuple):
 
     @classmethod
     def of(cls, display: Quantity, number: str, *, short: bool = False) -> Column:
-        """Column of a statistic of a quantity: short, such as E_tot, q95 [kJ], or in words."""
+        """Column for a statistic of a quantity, with a short label, such as E_tot, q95 [kJ], or in
+        words."""
         words = (display.name, number) if short else (display.label, statistic(number))
         return cls(", ".join(words), display.unit, display.decimals)
 
@@ -138,7 +142,7 @@ class Column(NamedTuple):
         return with_unit(translated(self.label), self.unit) if self.unit else self.label
 
     def text(self, cell: object) -> str:
-        """Text of a cell, of one or several lines, in the current language."""
+        """Text of a cell in the current language; it may have several lines."""
         if isinstance(cell, Integral) and not isinstance(cell, bool):
             return translated(Number(f"{int(cell):,}"))
         if isinstance(cell, Real):
@@ -148,8 +152,8 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table. Cells are texts, numbers in the units of their columns, and estimates; texts may
-    have several lines. A row of one text is a heading. `kind` is the class in the style sheet."""
+    """A table. Cells are texts (of one or several lines), numbers in the units of their columns,
+    or estimates. A row with a single text is a heading. `kind` is the CSS class."""
 
     caption: str
     columns: Sequence[Column]
@@ -161,7 +165,7 @@ class Table(NamedTuple):
         cls, caption: str, heads: Iterable[str | Column], rows: Iterable[Sequence[object]],
         kind: str = "numbers",
     ) -> Table:  # fmt: skip
-        """Table with these heads; a text is a column without a unit."""
+        """Table with these column heads; a plain text becomes a column without a unit."""
         columns = [head if isinstance(head, Column) else Column(head) for head in heads]
         return cls(caption, columns, [*rows], kind)
 
@@ -171,18 +175,18 @@ class Table(NamedTuple):
         return [column.title for column in self.columns]
 
     def texts(self) -> Iterator[list[str]]:
-        """Cells as texts in the current language."""
+        """Texts of all cells in the current language."""
         for row in self.rows:
             yield [column.text(cell) for column, cell in zip(self.columns, row, strict=False)]
 
     def is_crowded(self) -> bool:
-        """Return True if numbers are too wide for one line on A4; cells may then wrap."""
+        """Return True if the numbers are too wide for one line on A4, so that cells may wrap."""
         columns = zip(*(row[1:] for row in self.texts() if len(row) > 1), strict=True)
         longest = (max(map(len, "\n".join(column).split("\n"))) for column in columns)
         return sum(1 + letters for letters in longest) > LETTERS
 
     def data(self) -> tuple[list[Column], Iterator[list[object]]]:
-        """Columns and rows with interval limits in their own columns."""
+        """Columns and rows, with interval limits in separate columns."""
         columns: list[Column] = []
         split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
                  for k in range(len(self.columns))]  # fmt: skip
@@ -201,7 +205,8 @@ def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
 
 
 def data_table(frame: pd.DataFrame) -> Table:
-    """Table of data as in a CSV: units of results by column, or by the row's `quantity`."""
+    """Table of data as in a CSV file; units are those of results, by column or by the row's
+    `quantity`."""
     by_row = "quantity" in frame.columns
     if by_row:
         frame = frame.copy()
@@ -216,9 +221,9 @@ def data_table(frame: pd.DataFrame) -> Table:
 
 
 def as_text(table: Table, indent: str = "  ") -> str:
-    """Table for a terminal, without its caption. The first column is left-aligned, the others
-    right-aligned; long heads wrap; columns that do not fit follow below, with the first column
-    repeated."""
+    """Format a table for a terminal, without its caption. The first column is left-aligned, the
+    others right-aligned. Long heads wrap. Columns that do not fit follow below, after a copy of
+    the first column."""
     cells = [*table.texts()]
     head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)
     lines: list[list[str]] = []
@@ -236,7 +241,7 @@ def as_text(table: Table, indent: str = "  ") -> str:
 
 
 def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
-    """Head of the k-th column, except the first, wrapped to about the width of its cells."""
+    """Head of column k > 0, wrapped to about the width of its cells."""
     if not k:
         return head
     lines = (line for row in rows if len(row) > 1 for line in row[k].split("\n"))
@@ -244,7 +249,7 @@ def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Groups of columns that fit side by side, each with the first column."""
+    """Groups of columns that fit side by side; each group starts with the first column."""
     parts: list[list[int]] = [[0][: len(widths)]]
     for k in range(1, len(widths)):
         if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > room:
@@ -260,7 +265,7 @@ def _aligned(cells: Sequence[str], part: Sequence[int], widths: Sequence[int]) -
 
 
 def write_csv(table: Table, path: str | Path) -> None:
-    """Write a table with its numbers in full, atomically; its texts are safe in a spreadsheet."""
+    """Write a table with unrounded numbers, atomically; its texts are safe for spreadsheets."""
     import pandas as pd
 
     columns, rows = table.data()

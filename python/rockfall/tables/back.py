@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A back-analysis as tables and text."""
+"""Back-analysis as tables and text."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,8 @@ from rockfall.table import Column, Estimate, Table, as_text
 
 
 def back_text(analysis: Back) -> str:
-    """Parameters with their posterior, what each set of data adds, reasons for caution."""
+    """Text with the posterior of the parameters, the contribution of each data set, and reasons
+    for caution."""
     members = count(len(analysis.members), "member")
     parts = [
         f"{analysis.case.case['title'] or 'rockfall'}: {members} of "
@@ -26,7 +27,7 @@ def back_text(analysis: Back) -> str:
 
 
 def parameter_table(analysis: Back) -> Table:
-    """Table of the estimated parameters, before and after: medians, and 5 to 95 % ranges."""
+    """Table of estimated parameters before and after the analysis: medians and 5 to 95 % ranges."""
     rows: list[list[object]] = []
     for row in posterior_table(analysis).to_dict("records"):
         name = with_unit(row["parameter"], row["units"] if row["units"] != "1" else "")
@@ -42,7 +43,7 @@ def parameter_table(analysis: Back) -> Table:
 
 
 def evidence_table(analysis: Back) -> Table:
-    """Table of the sets of data: contribution of each, and whether it agrees with the others."""
+    """Table of data sets: the contribution of each, and whether it agrees with the others."""
     rows = []
     for row in analysis.data.to_dict("records"):
         p, agreement = row["predictive_p"], row["agreement"]
@@ -55,7 +56,7 @@ def evidence_table(analysis: Back) -> Table:
 
 
 def alone(analysis: Back) -> Table:
-    """Median and range of each parameter from each set of data alone."""
+    """Median and range of each parameter, estimated from each data set alone."""
     frame = alone_table(analysis)
     frame = frame[np.isfinite(frame["median"])]
     names = [*dict.fromkeys(frame["parameter"])]

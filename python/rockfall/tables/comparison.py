@@ -13,17 +13,17 @@ from rockfall.language import Number, say, word
 from rockfall.quantities import QUANTITIES, number, with_unit
 from rockfall.table import Estimate, Table, as_text
 
-MAX_ROWS = 12  # of a long table
+MAX_ROWS = 12  # maximum rows of a long table
 
 
 def comparison_text(comparison: Comparison) -> str:
-    """Title, the tables that are not empty, notes."""
+    """Title, non-empty tables, and notes as text."""
     parts = [as_text(table, "") for table in comparison_tables(comparison)]
     return "\n\n".join([comparison.title, *parts, *notes(comparison)])
 
 
 def comparison_tables(comparison: Comparison) -> Iterator[Table]:
-    """Tables that are not empty."""
+    """Non-empty tables of the comparison."""
     errors = comparison.errors
     for caption, table, rows in (
         ("compare.lines", errors, _errors),
@@ -70,7 +70,7 @@ def _errors(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _printed_errors(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Errors of the published method relative to the observations (paper, table 3)."""
+    """Published errors of the method relative to the observations (paper, table 3)."""
     head = say("compare.printed_error", method=table["against"].iloc[0])
     yield [head, *map(word, STATISTICS)]
     for (line, quantity), rows in table.groupby(["line", "quantity"], sort=False):
@@ -79,7 +79,7 @@ def _printed_errors(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _three(row: pd.DataFrame, whose: str, quantity: str) -> list[object]:
-    """Mean with its interval, standard deviation, maximum."""
+    """Cells for mean with interval, standard deviation and maximum."""
     display = QUANTITIES[quantity]
     numbers = (_rounded(display.factor * value, display.decimals, whose) for value in row[whose])
     given, *rest = numbers
@@ -160,7 +160,7 @@ def _run_out(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _at_rest(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Density of simulated boulders at the blocks."""
+    """Table of the density of simulated boulders at the observed blocks."""
     heads = "compare.outside", "compare.density", "compare.own_density", "compare.verdict"
     yield [say("compare.at_rest_head"), *map(say, SIZES), *map(say, heads)]
     for row in table.to_dict("records"):
@@ -187,7 +187,8 @@ def ranks_text(table: pd.DataFrame) -> str:
 
 
 def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Observed impacts by reach probability; speeds and heights with the maxima of their cells."""
+    """Table of observed impacts by reach probability, with the number of speeds and heights
+    above the maxima in their cells."""
     yield from _stops(table, say("compare.impacts_head"))
     for name, maps in VALUES.items():
         maximum = maps[-1]
@@ -199,7 +200,7 @@ def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
-    """Observed stopping places by the fraction of boulders that reach their cell."""
+    """Table of observed stopping places by the fraction of boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
     yield [title or say("compare.stops_head"), say("compare.places")]
     for label, inside in (
@@ -213,7 +214,7 @@ def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
 
 
 def _rounded(value: float, digits: int, whose: str) -> Number:
-    """Number rounded to its given digits if observed, else to `digits`."""
+    """Format a number: observed values with their given digits, others with `digits`."""
     text = _number(value, f".{digits}f")
     return Number(text.rstrip("0").rstrip(".")) if whose == "observed" and "." in text else text
 

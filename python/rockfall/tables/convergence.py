@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A convergence study as tables and text."""
+"""Convergence study as tables and text."""
 
 from collections.abc import Iterator
 
@@ -11,7 +11,7 @@ from rockfall.quantities import QUANTITIES, number
 from rockfall.studies.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
 from rockfall.table import Table, as_text
 
-SMALL = 0.05  # the paper's bound for changes from step to step
+SMALL = 0.05  # maximum change between steps that counts as small (paper)
 TERRAINS = {
     "float32": "elevations rounded to it",
     "float64": "elevations of float32, plus its rounding error at random",
@@ -21,7 +21,8 @@ TERRAINS = {
 
 
 def convergence_text(convergence: Convergence) -> str:
-    """Study, Monte Carlo errors and numerical errors: a table and explanation of each."""
+    """Text of a study, Monte Carlo errors and numerical errors, each with a table and an
+    explanation."""
     place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
     parts = [
         f"{convergence.name}\n\nBy number of boulders{place}:\n",
@@ -37,7 +38,7 @@ def convergence_text(convergence: Convergence) -> str:
 
 
 def _label(key: tuple[str, str, str]) -> str:
-    """Line, quantity and statistic."""
+    """Label with line, quantity and statistic."""
     line, quantity, statistic = key
     if quantity == "boulders":
         return f"{line}: {QUANTITIES[statistic].title}"
@@ -45,7 +46,7 @@ def _label(key: tuple[str, str, str]) -> str:
 
 
 def study_table(study: pd.DataFrame) -> Table:
-    """Numbers by boulders run."""
+    """Table of results by number of boulders."""
     rows = []
     for key, group in study.groupby(KEYS, sort=False):
         factor = QUANTITIES[key[2] if key[1] == "boulders" else key[1]].factor
@@ -54,7 +55,8 @@ def study_table(study: pd.DataFrame) -> Table:
 
 
 def _study_says(study: pd.DataFrame) -> Iterator[str]:
-    """Number of boulders beyond which changes are small, and the width of the last intervals."""
+    """Sentences on the number of boulders beyond which changes are small, and on the width of the
+    last intervals."""
     sizes = sorted(study["boulders"].unique())
     table = study[study["statistic"] != "max"]
     settled = sizes[-1]
@@ -79,13 +81,13 @@ def _study_says(study: pd.DataFrame) -> Iterator[str]:
 
 
 def _rule(key: tuple[str, str, str]) -> str:
-    """Number in the form of a rule for `rockfall run --until`."""
+    """Rule for `rockfall run --until` that corresponds to a number of the study."""
     line, quantity, statistic = key
     return f"fraction@{line}" if quantity == "boulders" else f"{quantity}.{statistic}@{line}"
 
 
 def cost_table(cost: pd.DataFrame) -> Table:
-    """Monte Carlo errors, and the cost of small errors."""
+    """Table of Monte Carlo errors, and of the cost of small errors."""
     targets = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
     rows = []
     for row in cost.itertuples(index=False):
@@ -119,7 +121,7 @@ def _changed(value: float, error: float, digits: str) -> str:
 
 
 def numerical_table(convergence: Convergence) -> Table:
-    """Monte Carlo errors, and changes on other terrains."""
+    """Table of Monte Carlo errors, and of changes on other versions of the terrain."""
     all_ = convergence.numerical
     variants = [name for name in all_["variant"].unique() if name != AS_GIVEN]
     rows = []
@@ -132,7 +134,7 @@ def numerical_table(convergence: Convergence) -> Table:
 
 
 def _numerical_says(convergence: Convergence) -> Iterator[str]:
-    """Number of significant changes for each variant, and the largest change."""
+    """Sentences on the number of significant changes and the largest change, for each variant."""
     all_ = convergence.numerical
     for variant, group in all_[all_["variant"] != AS_GIVEN].groupby("variant", sort=False):
         changed = group[group["change"].notna()]

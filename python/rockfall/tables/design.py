@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The design sheet as tables and text."""
+"""Design sheet as tables and text."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -26,7 +26,7 @@ docs/design.md for what it leaves out."""
 
 
 def design_text(design: Design) -> str:
-    """Text of the tables of a design, line by line."""
+    """Text of the design tables, one line per item."""
     warnings = [*([design.kept] if design.kept else []), *design.warnings]
     parts = [ABOUT, *design.population, *(f"Warning: {note}" for note in warnings), *_lines(design)]
     for table in check_tables(design):
@@ -49,14 +49,15 @@ def _lines(design: Design) -> Iterator[str]:
 
 
 def load_tables(design: Design) -> Iterator[Table]:
-    """Barrier requirements at each line that boulders reach."""
+    """Tables of barrier requirements, for each line that boulders reach."""
     for asked in design.demand.to_dict("records"):
         if asked["n"]:
             yield load_table(design, asked)
 
 
 def load_table(design: Design, asked: Mapping[Any, Any]) -> Table:
-    """Loads at a line: quantiles, the level of one in 1,000, and needs by a standard."""
+    """Table of loads at a line: quantiles, the level exceeded by 1 in 1,000, and the requirements
+    of a standard."""
     line, standard = asked["line"], design.factors.conditions.standard
     rows: list[list[object]] = []
     for row in design.loads[design.loads["line"] == line].to_dict("records"):
@@ -72,7 +73,7 @@ def load_table(design: Design, asked: Mapping[Any, Any]) -> Table:
 
 
 def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
-    """Requirements of the standard."""
+    """Rows with the requirements of a standard."""
     yield ["m_d [t]", number(asked["m_d"] / 1000, up=True), "", ""]
     for name, title, factor in (
         ("v_d", "v_d [m/s]", 1.0),
@@ -86,7 +87,8 @@ def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
 
 
 def choice_table(design: Design, line: str) -> Table:
-    """Height that leaves the residual fraction, for each class; the cheapest is marked."""
+    """Table of the height that meets the residual fraction, for each class; the cheapest is
+    marked."""
     rows = [
         (say("design.choice", ead_class=row["ead_class"], capacity=row["capacity"] / 1000),
          number(row["height"], up=True), shown(row, "residual", 100.0), row["cost"],
@@ -102,7 +104,7 @@ def choice_table(design: Design, line: str) -> Table:
 
 
 def check_tables(design: Design) -> Iterator[Table]:
-    """Barriers with their requirements; no table without barriers."""
+    """Table of existing barriers and their requirements; empty list without barriers."""
     if len(design.checks):
         rows = [check_row(row) for row in design.checks.to_dict("records")]
         standard = design.factors.conditions.standard
@@ -112,7 +114,7 @@ def check_tables(design: Design) -> Iterator[Table]:
 
 
 def check_row(row: Mapping[Any, Any]) -> list[object]:
-    """A barrier with its requirements."""
+    """Row for a barrier and its requirements."""
     if not row["n"]:
         blank = ["-"] * (len(CHECKED) - 2)
         return [row["line"], row["height"], *blank, say("design.none_comes")]
@@ -124,7 +126,7 @@ def check_row(row: Mapping[Any, Any]) -> list[object]:
 
 
 def along_table(along: pd.DataFrame) -> Table:
-    """Requirements in windows along a line."""
+    """Table of requirements in windows along a line."""
     rows: list[list[object]] = []
     for row in along.to_dict("records"):
         asks = ["", "", ""] if np.isnan(row["E_d"]) else [
@@ -136,13 +138,13 @@ def along_table(along: pd.DataFrame) -> Table:
 
 
 def unconfirmed(row: Mapping[str, Any]) -> str:
-    """Unconfirmed assumptions of a verdict."""
+    """Texts on the unconfirmed assumptions of a verdict."""
     doubts = (row.get("unconfirmed") or "").split("; ")
     return f"; {word('unconfirmed')}: {'; '.join(map(word, doubts))}" if doubts != [""] else ""
 
 
 def factor_lines(factors: Factors) -> Iterator[Text]:
-    """Partial factors, or the factors to be filled in."""
+    """Lines with partial factors, or with factors that the user must provide."""
     if factors.open:
         yield say("design.open", standard=factors.conditions.standard, names=factors.open)
         return
@@ -151,7 +153,7 @@ def factor_lines(factors: Factors) -> Iterator[Text]:
 
 
 def shown(row: Mapping[Any, Any], name: str, factor: float = 1.0, *, up: bool = False) -> Estimate:
-    """Number with its interval, if it has one."""
+    """Number with its interval, if any."""
     return Estimate.of(row, name, factor, digits=3, up=up)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A design block as tables and text."""
+"""Design block as tables and text."""
 
 from rockfall.analysis.design_block import REJECTED, DesignBlock
 from rockfall.case.text import Entry, Group, case_text
@@ -20,7 +20,7 @@ survey, or are gone from it, more come loose: raise the activity."""
 
 
 def design_block_text(block: DesignBlock) -> str:
-    """Survey, distribution, table of return periods, warnings and scenario."""
+    """Text with survey, distribution, table of return periods, warnings and scenario."""
     parts = [ABOUT, "", as_text(survey_table(block)), "", as_text(block_table(block))]
     parts += [f"Warning: {note}" for note in block.warnings]
     volume = number(block.volume, up=True).replace(",", "")
@@ -31,7 +31,7 @@ def design_block_text(block: DesignBlock) -> str:
 
 
 def survey_table(block: DesignBlock) -> Table:
-    """The survey and the fitted distributions."""
+    """Table of the survey and the fitted distributions."""
     survey, rate, fit, law = block.survey, block.rate, block.fit, block.power_law
     shape = Estimate(fit.shape, *block.shape_limits, digits=3)
     exponent = Estimate(law.exponent, law.low, law.high, digits=3)
@@ -53,7 +53,7 @@ def _fits(p_value: float) -> str:
 
 
 def block_table(block: DesignBlock) -> Table:
-    """Block of each return period."""
+    """Table of the design block for each return period."""
     rows: list[list[object]] = []
     for row in block.levels.to_dict("records"):
         period = f"{row['return_period']:g}"
@@ -69,7 +69,7 @@ def block_table(block: DesignBlock) -> Table:
 
 
 def scenario_text(block: DesignBlock) -> str:
-    """Scenario of a case by the power law; empty if there is none."""
+    """Scenario of a case that follows the power law; "" if there is none."""
     if not block.scenario:
         return ""
     beyond = number(block.power_law.period(block.scenario["volume_max"]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sections of a dossier: sentences and tables, identical on the page, in Word and in Excel."""
+"""Sections of a dossier: sentences and tables, identical in the page, Word and Excel versions."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -45,13 +45,13 @@ from rockfall.tables.yearly_design import (
 )
 from rockfall.terrain.polyline import lengths, spaced
 
-MOST = 8  # places on page 1
-CHOICES = 2  # lines with a table of barriers
-STEPS = 10  # places on a line in the width of a cell
+MOST = 8  # maximum places on page 1
+CHOICES = 2  # maximum lines with a table of barriers
+STEPS = 10  # maximum places on a line that fit in the width of a cell
 
 
 class Section(NamedTuple):
-    """A part of a dossier: a name, its heading, sentences and tables."""
+    """A section of a dossier: name, heading, sentences and tables."""
 
     name: str
     heading: str
@@ -60,7 +60,7 @@ class Section(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A line, object or segment of a hazard, by its kind and index there."""
+    """A line, object or segment of a hazard: its kind, and its index there."""
 
     kind: str
     k: int
@@ -68,7 +68,8 @@ class Place(NamedTuple):
 
 
 def places_of(hazard: xr.Dataset) -> list[Place]:
-    """Lines in their order, then the objects and segments hit most often; no barriers."""
+    """Lines in the order of the case, then the most frequently hit objects and segments; barriers
+    are omitted."""
     places = []
     for kind in PLACES:
         if kind not in hazard.dims:
@@ -83,7 +84,7 @@ def places_of(hazard: xr.Dataset) -> list[Place]:
 
 
 def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
-    """Sections after page 1. `designs`: of the variants whose hazards have lines."""
+    """Sections after page 1; `designs` are the designs of variants whose hazards have lines."""
     hazard, several = dossier.first, len(dossier.hazards) > 1
     if designs:
         yield _protection(designs)
@@ -106,7 +107,7 @@ def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Sec
 
 
 def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
-    """Meaning of limits that few boulders leave open, if the tables have some."""
+    """Explanation of limits that too few boulders leave open, if the tables have any."""
     rows = [row for table in tables for row in table.rows]
     estimates = [cell for row in rows for cell in row if isinstance(cell, Estimate)]
     if any(np.isfinite(cell.low) != np.isfinite(cell.high) for cell in estimates):
@@ -116,7 +117,7 @@ def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
 
 
 def _protection(designs: dict[str, YearlyDesign]) -> Section:
-    """Sections on the first variant's barrier by its design, and on those of others."""
+    """Sections on the barrier designed for the first variant, then on the other variants."""
     first = next(iter(designs.values()))
     tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
     for name, sheet in designs.items():
@@ -136,8 +137,8 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
 
 
 def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
-    """Sentence on each line where more than `MAX_AROUND` of the boulders, by frequency, pass around
-    the ends of its barriers; none for files without these counts."""
+    """Sentences on lines where more than `MAX_AROUND` of the boulders, by frequency, pass around
+    the ends of the barriers; none for files without these counts."""
     if "line_around" not in hazard:
         return
     names = [str(name) for name in hazard["line"].values]
@@ -154,8 +155,8 @@ def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
-    """Frequency, and energy once in the period, at each place by the case's model and the second
-    model, with the governing model; no table without a second model."""
+    """Table of frequency, and energy of the return period, at each place, by the case's model and
+    the second model, with the governing model; no table without a second model."""
     if dossier.second is None:
         return
     own, other, model = dossier.first, dossier.second.hazard, _shown(dossier.second.model)
@@ -174,14 +175,14 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
 
 
 def _shown(model: str) -> Text | str:
-    """Name of a model in the current language; grounds are named as in a case."""
+    """Name of a model in the current language; grounds keep their names in the case."""
     if not model.startswith(BY_SETS):
         return model
     return say("dossier.by_sets", method=model.removeprefix(BY_SETS))
 
 
 def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: Text | str) -> Text:
-    """Models that give the higher frequency and the higher energy."""
+    """Names of the models with the higher frequency and with the higher energy."""
     numbers = [getattr(level, "value", level) for level in levels]
     names = say("dossier.the_case"), model
     if "-" in numbers:
@@ -195,7 +196,7 @@ def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: Text | s
 
 
 def second_answer(dossier: Dossier) -> Iterator[Text]:
-    """Sentence on the first place by the second model, or that there is none."""
+    """Sentence on the first place by the second model, or on the absence of a second model."""
     if dossier.second is None:
         yield say("dossier.one_model")
         return
@@ -209,14 +210,14 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
 
 
 def _highest(hazard: xr.Dataset) -> Risk:
-    """Highest individual risk of an object."""
+    """Highest individual risk over all objects."""
     rows = {f"risk{end}": hazard[f"object_individual_risk{end}"].values for end in ENDS}
     k = int(np.argmax(np.nan_to_num(rows["risk"])))
     return Risk.of({name: float(risks[k]) for name, risks in rows.items()}, "risk", digits=2)
 
 
 def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
-    """Frequency, return period, energy, height and hazard class of each place."""
+    """Table of frequency, return period, energy, height and hazard class at each place."""
     at = hazard["event_period"].values.tolist().index(period)
     rows = []
     for place in places_of(hazard)[:most]:
@@ -238,7 +239,7 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
 
 
 def years_between(value: float, low: float, high: float) -> Estimate:
-    """Return period from a frequency [1/year], with limits."""
+    """Text of the return period for a frequency and its limits [1/year]."""
     with np.errstate(divide="ignore"):
         value, low, high = (float(np.divide(1.0, rate)) for rate in (value, high, low))
     ends = (end if np.isfinite(end) else np.nan for end in (low, high))
@@ -255,7 +256,7 @@ def _number(hazard: xr.Dataset, place: Place, name: str) -> float:
 
 
 def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) -> Any:
-    """Level of a return period at a place."""
+    """Level at a place for a return period."""
     names = [f"{place.kind}_{name}_by_period{end}" for end in ENDS]
     if names[0] not in hazard:
         return "-"
@@ -264,8 +265,8 @@ def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) 
 
 
 def _class(hazard: xr.Dataset, place: Place) -> str:
-    """Hazard class of a place, with limits; of a line the highest of the cells that it crosses, and
-    a dash for a line beyond the map."""
+    """Hazard class of a place, with limits; for a line, the highest class of the cells that it
+    crosses, or a dash if it lies beyond the map."""
     if place.kind == "line":
         cells = _cells_on(hazard, place.name)
         if not cells[0].size:
@@ -277,7 +278,7 @@ def _class(hazard: xr.Dataset, place: Place) -> str:
 
 
 def _cells_on(hazard: xr.Dataset, line: str) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the cells of the map that a line of the case crosses."""
+    """Rows and columns of the map cells that a line of the case crosses."""
     group = next(own for own in case_in(hazard.attrs).lines if own["name"] == line)
     grid, _ = grid_of(hazard["hazard_class"])
     vertices = np.array(group["x"]) + 1j * np.array(group["y"])
@@ -289,7 +290,7 @@ def _cells_on(hazard: xr.Dataset, line: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def variants_table(dossier: Dossier, most: int | None = None) -> Table:
-    """Boulders a year at each place, a column for each variant."""
+    """Table of boulders per year at each place, with a column for each variant."""
     rows = [
         (place.name, *(_frequency(hazard, place) for hazard in dossier.hazards.values()))
         for place in places_of(dossier.first)[:most]
@@ -303,7 +304,7 @@ def _frequency(hazard: xr.Dataset, place: Place) -> Estimate:
 
 
 def period_table(dossier: Dossier) -> Table:
-    """Energy once in the period at each place, a column for each variant."""
+    """Table of the energy of the return period at each place, with a column for each variant."""
     at = dossier.first["event_period"].values.tolist().index(dossier.period)
     rows = [
         (
@@ -317,8 +318,8 @@ def period_table(dossier: Dossier) -> Table:
 
 
 def remaining_tables(dossier: Dossier) -> Iterator[Table]:
-    """Remaining hazard of each variant: the highest class of an object, damage, expected deaths and
-    highest individual risk a year, and cost. No table where none of them is known."""
+    """Tables of the residual hazard of each variant: highest class of an object, damage, expected
+    deaths per year, highest annual individual risk, and cost. No table if none of them is known."""
     costs, risky = dossier.costs, has_risk(dossier.first)
     kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in dossier.first]
     if not (kinds or risky or costs):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An ensemble as tables and text: input uncertainty in addition to the Monte Carlo error."""
+"""Ensemble as tables and text: input uncertainty in addition to the Monte Carlo error."""
 
 from collections.abc import Iterator
 
@@ -18,13 +18,13 @@ from rockfall.tables.lines import HEADLINE, Numbers, Rows, estimate, in_unit, ro
 from rockfall.text.summary import remark_lines
 
 INDICES = ("first_order", "total")
-PER_LINE = 1 + len(INDICES)  # tables
+PER_LINE = 1 + len(INDICES)  # tables of each line
 UNDECIDED = "word.undecided"
-LEAST_EXCESS = 0.005  # minimum visible difference of two indices, in whole per cent
+LEAST_EXCESS = 0.005  # minimum difference of two indices that shows in whole per cent
 
 
 def ensemble_summary(data: xr.Dataset) -> str:
-    """Tables for each line, and the stored model remarks of the unchanged case."""
+    """Text with tables for each line, and the stored remarks on the model of the unchanged case."""
     blocks, variants = data.sizes["run"], data.sizes["variant"]
     parts = [
         f"{data.attrs['title'] or 'rockfall'}: {blocks} draws of {variants} runs, "
@@ -44,7 +44,7 @@ def ensemble_summary(data: xr.Dataset) -> str:
 
 
 def range_headline(result: xr.Dataset) -> Table:
-    """Ranges of the draws at the lines, with the unchanged case in brackets."""
+    """Table of the ranges over the draws at each line, with the unchanged case in brackets."""
     rows = []
     for line in line_names(result):
         cells = (
@@ -58,8 +58,8 @@ def range_headline(result: xr.Dataset) -> Table:
 
 
 def headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
-    """Ends of the range of the draws, and value of the unchanged case, for each column of the
-    headline; "-" if too few boulders pass in some draw."""
+    """Range over the draws, and value of the unchanged case, for each column of the headline; "-"
+    if too few boulders pass in any draw."""
     for quantity, number_name in HEADLINE.values():
         name = "fraction" if quantity == "fraction" else f"{quantity}.{number_name}"
         of_number = result.isel(line=line_index(result, line)).sel(result=name)
@@ -67,8 +67,8 @@ def headline_numbers(result: xr.Dataset, line: str) -> Iterator[list[str]]:
 
 
 def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> list[Table]:
-    """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs behind
-    the epistemic one. Empty for other results."""
+    """Tables of an ensemble for each line: both uncertainties of its numbers, and the inputs that
+    cause the epistemic part. Empty for other results."""
     if not is_ensemble(result):
         return []
     tables = []
@@ -79,8 +79,8 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
-    """Both uncertainties of the numbers at a line; in detail with the mean over draws, and the
-    number of runs in which too few boulders pass."""
+    """Table of both uncertainties of the numbers at a line. If `detailed`, it includes the mean
+    over draws, and the number of runs with too few passing boulders."""
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []
     for name, (quantity, number_name) in RESULTS.items():
@@ -112,7 +112,7 @@ def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def _column(name: str) -> Column:
-    """Column of a result."""
+    """Column of an ensemble result."""
     quantity, number_name = RESULTS[name]
     passing = QUANTITIES["fraction"]
     if number_name == "fraction":
@@ -127,15 +127,15 @@ def are_undecided(tables: list[Table]) -> bool:
 
 
 def more_needed(data: xr.Dataset) -> str:
-    """Runs needed to resolve the undecided indices."""
+    """Number of runs needed to resolve the undecided indices."""
     errors = np.stack([data[f"{kind}_error"].values for kind in INDICES])
     runs = runs_needed(errors, data.sizes["run"])
     return say("ensemble.more_draws", runs=number(runs, 1))
 
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
-    """Warnings about first-order indices above the total, impossible in theory: for each line the
-    result with the most significant difference."""
+    """Warnings about first-order indices that exceed the total index, which is impossible in
+    theory; for each line, only the result with the most significant difference."""
     for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []
@@ -159,14 +159,14 @@ def orders_reversed(data: xr.Dataset) -> Iterator[str]:
 
 
 def sorted_inputs(at: xr.Dataset) -> list[str]:
-    """Names of the inputs, the one with the largest fraction over all results first."""
+    """Names of the inputs, by decreasing maximum fraction over all results."""
     total = np.nan_to_num(at["total"].values).clip(0, 1)
     order = np.argsort(-total.sum(axis=1), kind="stable")
     return [str(name) for name in at["input"].values[order]]
 
 
 def indices_of(data: xr.Dataset, kind: str) -> Iterator[object]:
-    """Indices of an input for results with intervals [%]; "-" without a variance."""
+    """Cells with the indices of an input and their intervals [%]; "-" if the variance is zero."""
     for value, error in zip(data[kind].values, data[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):

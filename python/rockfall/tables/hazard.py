@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A hazard as tables: scenarios, classes, objects, segments of roads, and the risk of objects."""
+"""Hazard as tables: scenarios, classes, objects, road segments, and risk of objects."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -24,12 +24,12 @@ from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
 
 MOST = 20  # objects or segments listed individually
-NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # of segments
+NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # in segments
 
 
 def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
-    """Areas of the classes, energies and heights by return period, objects, segments of roads,
-    scenarios; the risk is another table."""
+    """Tables of class areas, energies and heights by return period, objects, road segments and
+    scenarios; `risk_table` gives the risk."""
     yield class_table(hazard)
     yield from period_tables(hazard)
     if "object" in hazard.dims:
@@ -40,7 +40,7 @@ def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
 
 
 def scenario_table(hazard: xr.Dataset) -> Table:
-    """Annual frequency and number of boulders of each scenario."""
+    """Table of the annual frequency and number of boulders of each scenario."""
     columns = (hazard[name].values.tolist() for name in ("scenario", "frequency", "boulders"))
     rows = [
         (name, yearly, 1 / yearly, boulders)
@@ -51,7 +51,7 @@ def scenario_table(hazard: xr.Dataset) -> Table:
 
 
 def class_table(hazard: xr.Dataset) -> Table:
-    """Cells and area of each class present, the highest first."""
+    """Table of cells and area for each class present, highest class first."""
     classes, cell = hazard["hazard_class"].values, grid_of(hazard["hazard_class"])[0].cell
     certain = hazard["hazard_class_certain"].values > 0
     rows = [
@@ -64,8 +64,8 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 
 def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Table]:
-    """Energies and heights by return period at lines, and at the objects and segments hit most
-    often, or at one place; none where they are unknown."""
+    """Tables of energies and heights by return period at lines, and at the most frequently hit
+    objects and segments, or at one place; none if unknown."""
     places = [
         (kind, int(k))
         for kind in PLACES
@@ -87,7 +87,7 @@ def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Tabl
 
 
 def level_cell(value: float, low: float, high: float) -> Estimate | float:
-    """Level of a return period with its interval; 0 if boulders are less frequent."""
+    """Cell with the level of a return period and its interval; 0 if boulders are less frequent."""
     if high == 0:
         return 0.0
     is_open = np.isinf(high) and not low
@@ -95,7 +95,7 @@ def level_cell(value: float, low: float, high: float) -> Estimate | float:
 
 
 def object_table(hazard: xr.Dataset) -> Table:
-    """Objects, those hit most often first; or those of the highest risk, if available."""
+    """Table of objects, by decreasing risk if known, else by decreasing frequency."""
     frame = objects_of(hazard)
     key = "risk" if "risk" in frame else "frequency"
     frame = frame.iloc[np.argsort(-frame[key].to_numpy(), kind="stable")][:MOST]
@@ -113,7 +113,7 @@ def object_table(hazard: xr.Dataset) -> Table:
 
 
 def segment_table(hazard: xr.Dataset) -> Table:
-    """Segments that are hit most often, with their frequencies, class, energies and heights."""
+    """Table of the most frequently hit segments: frequencies, class, energies and heights."""
     frame = segments_of(hazard).assign(segment=hazard["segment"].values)
     order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
     names, titles = _frequencies(hazard)
@@ -128,7 +128,7 @@ def segment_table(hazard: xr.Dataset) -> Table:
 
 
 def risk_table(hazard: xr.Dataset) -> Table:
-    """Risk of objects, the highest individual risk first, then damage; and sums."""
+    """Table of the risk of objects, by decreasing individual risk, then damage; with sums."""
     layer = ["layer"] * has_layers(hazard)
     frame = pd.DataFrame({"object": hazard["object"].values, **dict(risk_columns(hazard))})
     keys = [-np.nan_to_num(frame[name].to_numpy()) for name in ("damage", "individual_risk")]
@@ -147,14 +147,14 @@ def risk_table(hazard: xr.Dataset) -> Table:
 
 
 def total(hazard: xr.Dataset, what: str) -> tuple[float, float, float]:
-    """Sum of `damage` or `collective_risk` of all objects with limits; NaN without."""
+    """Sum of `damage` or `collective_risk` over all objects, with limits; NaN if unknown."""
     is_known = np.isfinite(hazard[f"object_{what}"].values).any()
     value, low, high = (float(hazard[f"total_{what}{end}"]) if is_known else np.nan for end in ENDS)
     return value, low, high
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, one per line; older files have them in English only."""
+    """Assumptions of the risk, one per line; older files have only the English text."""
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()
@@ -163,8 +163,8 @@ def assumptions(hazard: xr.Dataset) -> list[str]:
 
 
 def class_number(row: Mapping[str, Any]) -> str:
-    """Number of an individual-risk class, and the numbers at its interval limits if different;
-    class names are ranges themselves."""
+    """Number of an individual-risk class, and the numbers at the interval limits if they differ;
+    class names are ranges already."""
     names = class_words().tolist()
     value, low, high = (
         Number(f"{names.index(row[f'risk_class{end}'])}") for end in ("", "_lower", "_upper")
@@ -173,7 +173,7 @@ def class_number(row: Mapping[str, Any]) -> str:
 
 
 def class_legend() -> Text:
-    """Meaning of the numbers of the classes."""
+    """Explanation of the class numbers."""
     low, middle, high = (Number(f"{end:.0e}".replace("e-0", "e-")) for end in CLASS_ENDS)
     return say("hazard.risk_classes", low=low, middle=middle, high=high)
 
@@ -184,13 +184,13 @@ def has_layers(hazard: xr.Dataset) -> bool:
 
 
 def class_within(row: Mapping[str, Any]) -> str:
-    """Hazard class, and the classes at its interval limits if different."""
+    """Hazard class, and the classes at the interval limits if they differ."""
     name, low, high = (word(row[f"hazard{end}"]) for end in ("", "_lower", "_upper"))
     return name if low == high else stacked(name, between(low, high))
 
 
 def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Columns of frequencies of all boulders and above each threshold, with heads."""
+    """Columns and heads of the frequency of all boulders, and of those above each threshold."""
     thresholds = hazard["threshold"].values.tolist()
     energies = [Number(shown("threshold", value, " ")) for value in thresholds]
     titles = [say("hazard.above", energy=energy) for energy in energies]
@@ -203,10 +203,10 @@ def _estimate(row: Mapping[Any, Any], name: str, digits: int = 2) -> Estimate:
 
 
 class Risk(Estimate):
-    """A risk and its limits, shown as powers of ten."""
+    """A risk and its limits, displayed as powers of ten."""
 
     __slots__ = ()
 
     def shown(self, value: float, *, up: bool = False) -> Number:
-        """The risk, or a limit."""
+        """Format the risk, or a limit."""
         return small(value)

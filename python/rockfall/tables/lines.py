@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers at the evaluation lines as tables: statistics, return levels, groups, windows along a
-line, precision; with their 95 % confidence intervals."""
+"""Numbers at evaluation lines as tables, with 95 % confidence intervals: statistics, return
+levels, groups, windows along a line, precision."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held
 
-Row = Mapping[str, float]  # of line_statistics
-Numbers = Mapping[str, Row]  # by quantity
-Rows = Mapping[str, Numbers]  # by line
+Row = Mapping[str, float]  # a row of line_statistics
+Numbers = Mapping[str, Row]  # rows by quantity
+Rows = Mapping[str, Numbers]  # rows by line and quantity
 
 STATISTICS = ("mean", "std", "q50", "q90", "q95", "q98", "q99")
-HEADLINE = {  # of the table on page 1: quantity and number
+HEADLINE = {  # quantity and number of each column of the table on page 1
     "summary.boulders_that_pass": ("fraction", "fraction"),
     "summary.total_kinetic_energy_quantile_kj": ("energy_total", "q95"),
     "summary.passing_height_quantile_m": ("passing_height", "q95"),
@@ -54,17 +54,17 @@ def rows_in(statistics: pd.DataFrame) -> Rows:
 
 
 def in_unit(value: float, quantity: str) -> Number:
-    """Number in the display unit of the quantity."""
+    """Convert a number to the display unit of the quantity."""
     return number(QUANTITIES[quantity].factor * value)
 
 
 def estimate(row: Mapping[Any, Any], name: str, quantity: str, **how: Any) -> Estimate:
-    """Number of a quantity with its interval, in the display unit."""
+    """Cell with a number of a quantity and its interval, in the display unit."""
     return Estimate.of(row, name, QUANTITIES[quantity].factor, **how)
 
 
 def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[Estimate]:
-    """Estimates of non-decreasing numbers, rounded so that none is below its predecessor."""
+    """Cells of non-decreasing numbers, rounded so that none is below its predecessor."""
     before, decimals = -math.inf, 0
     for name in names:
         cell = estimate(row, name, quantity)
@@ -78,7 +78,7 @@ def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[
 
 
 def headline(rows: Rows) -> Table:
-    """Key numbers at the lines, for decisions."""
+    """Table of key numbers at the lines, for decisions."""
     shown = [(line, *key_numbers(numbers)) for line, numbers in rows.items()]
     heads = say("label.line_or_barrier"), *map(say, HEADLINE)
     return Table.of(say("summary.headline_caption"), heads, shown)
@@ -91,8 +91,8 @@ def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
 
 
 def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
-    """Each line's mean, deviation, quantiles and maximum, under names in words or in short; no
-    table for a line that no boulder crosses."""
+    """Tables with mean, deviation, quantiles and maximum at each line, named in words or in short
+    form. Lines that no boulder crosses have no table."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
             names = STATISTICS if short else map(statistic, STATISTICS)
@@ -111,7 +111,8 @@ def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
 
 
 def level_table(levels: pd.DataFrame, *, short: bool = False) -> Table:
-    """Return levels of passing boulders; the short form omits line names and refusals."""
+    """Table of return levels of passing boulders. The short form omits line names, and the
+    reasons for missing levels."""
     names = [n for n in levels.columns if n.startswith("level_") and n.count("_") == 1]
     shown = []
     for row in levels[levels["n"] > 0].to_dict("records"):
@@ -137,7 +138,8 @@ def level_table(levels: pd.DataFrame, *, short: bool = False) -> Table:
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
-    """Precision of the numbers at a line, and the number of boulders for higher precision."""
+    """Table of the precision of the numbers at a line, and of the boulders needed for higher
+    precision."""
     shown = []
     for quantity, name in NUMBERS:
         row = numbers["speed" if quantity == "fraction" else quantity]
@@ -156,7 +158,7 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
 
 
 def group_tables(statistics: pd.DataFrame, by: str) -> Iterator[Table]:
-    """A table for each line, a row for each group of boulders."""
+    """Table for each line, with a row for each group of boulders."""
     for line, rows in statistics.groupby("line", sort=False):
         shown = []
         for group, of_group in rows.groupby(by, sort=False):
@@ -170,7 +172,7 @@ def group_tables(statistics: pd.DataFrame, by: str) -> Iterator[Table]:
 
 
 def profile_table(profile: pd.DataFrame) -> Table:
-    """Boulders that pass each window of a line."""
+    """Table of the boulders that pass each window of a line."""
     shown = [
         (number(row["start"], 4), number(row["end"], 4), int(row["n"]),
          Estimate.of(row, "per_metre", 100.0, digits=3),

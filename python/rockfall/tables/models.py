@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A case by every rebound model, and compared with observations, as tables and text."""
+"""Results of a case by each rebound model, compared with observations, as tables and text."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ TITLES = {
     "lateral_std": "lateral std", "ks": "KS", "p": "p", "wasserstein": "Wasserstein",
     "log_density": "mean logarithm",
 }  # fmt: skip
-BARE = ("ks", "p", "log_density")  # without a unit
+BARE = ("ks", "p", "log_density")  # labels without a unit
 ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
 PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 
 
 def models_text(models: Models) -> str:
-    """Tables with a row per model for each line and for the run-out, with intervals in brackets,
-    followed by paired differences from the first model.
+    """Text with a table for each line and for the run-out: a row for each model, intervals in
+    brackets. Paired differences from the first model follow.
     """
     parts = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
@@ -43,7 +43,7 @@ def models_text(models: Models) -> str:
 
 
 def check_models(result: xr.Dataset, models: Models, what: str) -> None:
-    """Refuse models of another case, or of other lines."""
+    """Raise an error if `models` belong to another case or have other lines."""
     check_same_case(result, models.case, what)
     ours, theirs = (
         {line["name"]: (line["x"], line["y"]) for line in case_in(values.attrs).lines}
@@ -56,14 +56,14 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """Note that the page lacks the spread over models."""
+    """Note that the page omits the spread over models."""
     if models is not None or not classical_grounds(result):
         return []
     return [say("spread.missing", case_file=result.attrs["case_file"])]
 
 
 def spread_table(models: Models | None) -> list[Table]:
-    """Minimum and maximum over all models for each line, in the columns of the headline."""
+    """Table of the minimum and maximum over all models at each line, with the headline columns."""
     if models is None or not (lines := _lines(models)):
         return []
     rows = [
@@ -75,7 +75,7 @@ def spread_table(models: Models | None) -> list[Table]:
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
-    """Run-out by all models, and their names."""
+    """Sentences on the run-out by all models, and their names."""
     if models is None:
         return
     far = _at(models, "", (RUN_OUT, "q95"))["value"].to_numpy(float)
@@ -85,7 +85,7 @@ def spread_words(models: Models | None) -> Iterator[str]:
 
 
 def model_tables(models: Models | None, *, detailed: bool = False) -> Iterator[Table]:
-    """Tables of lines with a row per model; if `detailed`, with means and differences."""
+    """Tables for each line with a row for each model; if `detailed`, with means and differences."""
     for line in [] if models is None else _lines(models):
         assert models is not None
         columns = {Column(say(key)): number for key, number in HEADLINE.items()}
@@ -95,7 +95,7 @@ def model_tables(models: Models | None, *, detailed: bool = False) -> Iterator[T
 
 
 def run_out_table(models: Models) -> Table:
-    """Run-out by each model."""
+    """Table of the run-out by each model."""
     columns = _columns((RUN_OUT, number) for number in ("mean", "q95"))
     return _by_model(models, "", PLACES[RUN_OUT], columns, True)
 
@@ -123,7 +123,7 @@ def _lines(models: Models) -> list[str]:
 
 
 def _at(models: Models, line: str, number: tuple[str, str]) -> pd.DataFrame:
-    """Rows of a quantity and statistic at a line, or of the run-out."""
+    """Rows for a quantity and statistic at a line, or for the run-out."""
     quantity, statistic = number
     named = "boulders" if quantity == "fraction" else quantity
     table = models.table
@@ -150,8 +150,8 @@ def _ends(rows: pd.DataFrame, quantity: str) -> str:
 
 
 def validation_text(validation: Validation) -> str:
-    """Observed numbers for each place and quantity, and a row for each rebound model: means over
-    seeds and their standard errors."""
+    """Text with the observed numbers for each place and quantity, and a row for each rebound
+    model: means over seeds and their standard errors."""
     mean, std = (percent(BOUNDS[name]) for name in ("mean", "std"))
     seeds = f"seeds {validation.seeds[0]} to {validation.seeds[-1]}"
     parts = [
@@ -164,7 +164,7 @@ def validation_text(validation: Validation) -> str:
 
 
 def validation_table(rows: pd.DataFrame) -> Table:
-    """Numbers of a quantity at a place: observed, and by each rebound model."""
+    """Table of a quantity at a place: observed value, and value by each rebound model."""
     line, display = rows["line"].iloc[0], ABOUT[rows["quantity"].iloc[0]]
     names = [name for name in TITLES if name in set(rows["statistic"])]
     n = f"{rows['n_observed'].iloc[0]:,.0f} observed" if rows["n_observed"].notna().any() else ""
@@ -186,7 +186,7 @@ def validation_table(rows: pd.DataFrame) -> Table:
 
 
 def _with_error(row: pd.Series, whose: str, factor: float) -> str:
-    """Number and standard error, to two digits of the latter."""
+    """Cell with a number and its standard error, rounded to two digits of the error."""
     value, error = factor * row[whose], factor * row[f"{whose}_error"]
     if value != value:
         return "-"

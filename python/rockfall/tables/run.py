@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run as tables: ends, rebounds by ground, effects of obstacles, and facts."""
+"""A run as tables: outcomes, rebounds by ground, effects of obstacles, and run details."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rockfall.scene.forest.trees import Stand
     from rockfall.terrain.dams import DamShape
 
-ENDED = {  # of the statuses
+ENDED = {  # message id of each status
     "stopped": "summary.came_to_rest_on_the_slope",
     "absorbed": "summary.ended_where_the_ground_absorbs_boulders",
     "left_domain": "summary.left_the_terrain_model",
@@ -39,7 +39,7 @@ ENDED = {  # of the statuses
 
 
 def ends_table(result: Held) -> Table:
-    """Outcomes of boulders."""
+    """Table of the outcomes of boulders."""
     boulders = simulated(result)
     rows = [
         (say(ENDED[name]), int(n), percent(n / boulders)) for name, n in ended(result).items() if n
@@ -49,7 +49,7 @@ def ends_table(result: Held) -> Table:
 
 
 def ground_table(result: Held) -> Table:
-    """Rebounds by ground."""
+    """Table of rebounds by ground."""
     rows = [
         (name, word(model), rebounds, percent(fraction))
         for name, model, rebounds, fraction, _ in rebounds_by_ground(result)
@@ -59,7 +59,7 @@ def ground_table(result: Held) -> Table:
 
 
 def barrier_table(result: Held) -> Table:
-    """Performance of each barrier on the boulders that reached it."""
+    """Table of each barrier's performance for the boulders that reached it."""
     rows = [
         (row["barrier"], word(row["outcome"]), row["n"], estimate(row, "fraction", "fraction"))
         for row in barrier_rows(result)
@@ -71,7 +71,7 @@ def barrier_table(result: Held) -> Table:
 
 
 def dam_tables(dams: Iterable[DamShape]) -> Iterator[Table]:
-    """Dams as rasterised; no table without dams."""
+    """Tables of dams as rasterised; empty without dams."""
     rows = [
         (f"{number}", dam.length,
          stacked(Number(f"{dam.height:.1f} ({dam.height_min:.1f})"), _requested(dam, 0)),
@@ -96,7 +96,8 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Forest stands with their stems, beyond `most` their sum; no table without."""
+    """Tables of forest stands with their stems. Stands beyond the first `most` are summed. Empty
+    without stands."""
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
         for stand in stands[:most]
@@ -113,7 +114,7 @@ def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[T
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
-    """Provenance of a result, and the command that reproduces it, if any."""
+    """Table of the provenance of a result, with the command that reproduces it, if known."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}
@@ -154,7 +155,7 @@ def provenance(result: xr.Dataset) -> dict[str, Any]:
 
 
 def hazard_inputs(hazard: xr.Dataset) -> Table:
-    """Program, case, seed, rebounds and files of a hazard."""
+    """Table with program, case, seed, rebounds and files of a hazard."""
     attrs = {key: str(value) for key, value in hazard.attrs.items()}
     rows = [
         (say("label.program"), program_text(hazard)),
@@ -173,7 +174,7 @@ def _checksums(attrs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """File of the case's impact sets, with a note if no rebound used them."""
+    """File of the case's impact sets, with a note if no rebound used these sets."""
     name = str(result.attrs["impact_set"])
     text = f"{name}, SHA-256 {result.attrs['impact_set_checksum']}"
     is_used = name in sets_followed(result, name)
@@ -182,7 +183,7 @@ def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _noted(noted: str) -> str:
-    """Checksum of a file, and a note on its CRS."""
+    """Checksum of a file, with a note on its CRS."""
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum

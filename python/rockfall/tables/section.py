@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section along a drawn line as tables and text."""
+"""Section along a drawn line as tables and text."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,7 +16,7 @@ from rockfall.quantities import QUANTITIES, count, number
 from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.terrain.polyline import lengths
 
-ROWS = 20  # stations printed, at most
+ROWS = 20  # maximum stations printed
 KEEP = "&output kept = 'all', or a larger number"
 LENGTHS = ("distance", "x", "y", "elevation", "height")
 SHOWN = ("energy_total", "passing_height", "speed")
@@ -38,7 +38,7 @@ it; a maximum of the corridor is that of all cells which the station crosses."""
 
 
 def section_data(frame: pd.DataFrame) -> Table:
-    """Table of a section with all columns, in display units."""
+    """Table of a section with all its columns, in display units."""
     units = {str(name): _unit(str(name)) for name in frame.columns}
     scaled = (
         frame[name] if units[name][1] == 1 else units[name][1] * frame[name] for name in units
@@ -48,7 +48,7 @@ def section_data(frame: pd.DataFrame) -> Table:
 
 
 def _unit(name: str) -> tuple[str, float]:
-    """Unit of a column, and the factor to it from SI."""
+    """Display unit of a column, and conversion factor from SI."""
     if name in LENGTHS:
         return "m", 1.0
     if name == "capacity":
@@ -60,7 +60,7 @@ def _unit(name: str) -> tuple[str, float]:
 
 
 def section_text(section: Section) -> str:
-    """Basis of a section, the lines it crosses, and some of its stations."""
+    """Text with the basis of a section, the lines that it crosses, and some of its stations."""
     length = float(lengths(section.line.vertices)[-1])
     first = f"{number(length, 4)} m, {section.line.within:g} m to either side"
     parts = [ABOUT, *(f"Warning: {note}" for note in section_notes(section)), "", first]
@@ -84,7 +84,7 @@ def section_text(section: Section) -> str:
 
 
 def section_notes(section: Section) -> Iterator[str]:
-    """Limits of the numbers of a section."""
+    """Notes on the limits of a section's numbers."""
     boulders = count(section.boulders, "boulder")
     if section.recorded:
         most = int(section.table["recorded_n"].max())
@@ -126,7 +126,7 @@ def section_notes(section: Section) -> Iterator[str]:
 
 
 def crossed_table(lines: pd.DataFrame) -> Table:
-    """Lines, barriers and dams that a section crosses."""
+    """Table of the lines, barriers and dams that a section crosses."""
     rows = []
     for row in lines.to_dict("records"):
         height = f", {row['height']:g} m" if np.isfinite(row["height"]) else ""
@@ -138,7 +138,7 @@ def crossed_table(lines: pd.DataFrame) -> Table:
 
 
 def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Table:
-    """Evenly selected stations, with numbers from one source."""
+    """Table of evenly spaced stations, with numbers from one source."""
     records = section.table.to_dict("records")
     rows = [
         (number(row["distance"], 4), number(row["elevation"], 5), row[counted],
@@ -150,19 +150,19 @@ def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Tab
 
 
 def _column(name: str) -> Column:
-    """Column of a number, such as E95 [kJ] or corridor: E_max [kJ]."""
+    """Column for a number, such as E95 [kJ] or corridor: E_max [kJ]."""
     before, quantity, number = _parsed(name)
     corridor = "corridor: " if before == "corridor_" else ""
     return Column(f"{corridor}{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)
 
 
 def _parsed(name: str) -> tuple[str, str, str]:
-    """Source, quantity and statistic of a column."""
+    """Source, quantity and statistic in a column name."""
     quantity = next(quantity for quantity in OF_SECTION if f"{quantity}_" in name)
     before, _, number = name.partition(f"{quantity}_")
     return before, quantity, number
 
 
 def _number(row: Mapping[Any, Any], name: str) -> Estimate:
-    """Number with its interval, if it has one."""
+    """Cell with a number and its interval, if any."""
     return Estimate.of(row, name, QUANTITIES[_parsed(name)[1]].factor, digits=3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The siting of a barrier as table and text."""
+"""Siting of a barrier as a table and text."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ WAYS = {
 
 
 def siting_text(siting: Siting) -> str:
-    """Table of alignments, the choice, and the basis of the numbers."""
+    """Text with the table of alignments, the choice, and the basis of the numbers."""
     first = (
         f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
     )
@@ -48,7 +48,7 @@ def _limits(siting: Siting) -> str:
 
 
 def siting_table(siting: Siting) -> Table:
-    """Alignments with their requirements and costs."""
+    """Table of alignments with requirements and costs."""
     rows = []
     for row in siting.table.to_dict("records"):
         verdict = ": ".join(filter(None, [row["fits"], row["fails"]]))
@@ -69,7 +69,7 @@ def siting_table(siting: Siting) -> Table:
 
 
 def _choice(siting: Siting) -> Iterator[str]:
-    """Sentence on the best alignment and on alignments that may be equally good."""
+    """Sentences on the best alignment, and on alignments that may be equally good."""
     chosen = {name: rows for name, rows in siting.table.groupby("choice")}
     if BEST not in chosen:
         yield "Best: none"
@@ -88,7 +88,7 @@ def _choice(siting: Siting) -> Iterator[str]:
 
 
 def advice_lines(siting: Siting) -> Iterator[str]:
-    """The advised barrier, the result of a run with it, and possible improvements."""
+    """Lines on the advised barrier, the result of a run with it, and possible improvements."""
     advice, line = siting.advice, siting.line
     assert advice is not None
     alignment, height, ead_class = advice.barrier

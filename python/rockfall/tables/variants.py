@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A comparison of variants as tables and text."""
+"""Comparison of variants as tables and text."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -20,7 +20,7 @@ from rockfall.studies.variants import UNDECIDED
 from rockfall.table import Table, as_text, stacked
 from rockfall.tables.hazard import level_cell
 
-#: Message of each quantity.
+#: Message id of each quantity.
 NAMES = {
     "speed": "variants.speed",
     "upper_edge": "variants.upper_edge",
@@ -32,7 +32,8 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 def variants_text(
     frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
 ) -> str:
-    """Text with a table for each line and a column for each variant; `note` is on the boulders."""
+    """Text with a table for each line and a column for each variant; `note` describes the
+    boulders."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
         table = variant_table(of_line, frequencies)
@@ -41,7 +42,8 @@ def variants_text(
 
 
 def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
-    """Notes on variants' boulders (`population_notes`), and on lines in two places."""
+    """Notes on the boulders of the variants (`population_notes`), and on lines whose position
+    differs."""
     first = next(iter(results.values()))
     yield from population_notes(case_of(first), yearly)
     if note := kept_note(first):
@@ -57,8 +59,9 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 
 
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
-    """Numbers of a line, each with its difference from the first variant: first over the case's
-    scenarios, from `rockfall.studies.yearly_variants`, then for its boulders."""
+    """Table of the numbers at a line, each with its difference from the first variant: first over
+    the scenarios of the case, from `rockfall.studies.yearly_variants`, then for the simulated
+    boulders."""
     rows: list[tuple[object, ...]] = []
     if frequencies is not None:
         rows += _yearly_rows(of_line, frequencies)
@@ -72,7 +75,8 @@ def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None
 
 
 def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[object, ...]]:
-    """Frequencies, and energies by return period, at a line, for the variants of a table."""
+    """Rows of frequencies, and of energies by return period, at a line, for the variants of a
+    table."""
     here = frequencies[
         (frequencies["line"] == of_line["line"].iloc[0])
         & frequencies["variant"].isin(of_line["variant"].unique())
@@ -90,8 +94,8 @@ def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[t
 
 
 def difference_table(frequencies: pd.DataFrame) -> Table:
-    """Boulders a year at each place and variant, each with its difference from the first variant;
-    `frequencies` as from `rockfall.yearly_variants`."""
+    """Table of boulders per year at each place and variant, with the differences from the first
+    variant; `frequencies` as from `rockfall.yearly_variants`."""
     chosen = (frequencies["quantity"] == "frequency") & (frequencies["statistic"] == "all")
     names = list(frequencies["variant"].unique())
     rows = []
@@ -118,7 +122,7 @@ def _yearly_label(statistic: str) -> Text:
 
 
 def _cell(row: Mapping[Any, Any], factor: float) -> str:
-    """A number, with its difference and the interval on the lines below."""
+    """Cell with a number and, on the lines below, its difference and the interval."""
     value = value_text(row, factor)
     if not isinstance(row["verdict"], str):
         return stacked(value)
@@ -130,8 +134,8 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
 
 
 def value_text(row: Mapping[Any, Any], factor: float) -> str:
-    """A number; if no boulder passes, with the upper limit of the fraction, because a road that
-    none of a few hundred boulders reached may still be reached."""
+    """Text of a number. If no boulder passes, it has the upper limit of the fraction, because a
+    few hundred boulders cannot exclude that some reach a road."""
     value = number(factor * row["value"])
     is_none = row["value"] == 0 and row["value_high"] > 0
     high = number(factor * row["value_high"], up=True)
@@ -143,7 +147,7 @@ def _signed(value: float) -> Number:
 
 
 def measures_table(cases: Mapping[str, Case], costs: Mapping[str, float]) -> Table:
-    """Measures of each variant, from its case, with cost."""
+    """Table of the measures of each variant, from its case, with costs."""
     rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
     rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
     rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])
@@ -184,7 +188,7 @@ def _digits(value: object) -> str:
 
 
 def _forest(case: Case) -> str:
-    """Origin of the trees, the fraction that remains, and the layer of clearings."""
+    """Text with the origin of the trees, the remaining fraction, and the layer of clearings."""
     if not case.has_forest:
         return "-"
     forest = case.forest

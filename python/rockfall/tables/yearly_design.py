@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of passing boulders, as tables, sentences and text."""
+"""Barriers designed for the annual frequency of passing boulders, as tables, sentences and text."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -17,7 +17,7 @@ Row = Mapping[Any, Any]
 
 
 def yearly_design_text(sheet: YearlyDesign) -> str:
-    """The advice, and all tables."""
+    """Text with the advice and all tables."""
     parts: list[str] = [say("yearly.about", years=sheet.period), *advice(sheet), *verdicts(sheet)]
     for table in yearly_design_tables(sheet):
         parts += ["", table.caption, as_text(table)]
@@ -25,14 +25,15 @@ def yearly_design_text(sheet: YearlyDesign) -> str:
 
 
 def yearly_design_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Loads at all lines, the choices at each, and the barriers of the case."""
+    """Tables of the loads at all lines, the choices for each line, and the barriers of the case."""
     yield loads_table(sheet)
     yield from check_tables(sheet)
     yield from choice_tables(sheet)
 
 
 def loads_table(sheet: YearlyDesign) -> Table:
-    """Boulders a year, and energy and height once in the return period, at lines and barriers."""
+    """Table of boulders per year, and of energy and height for the return period, at lines and
+    barriers."""
     rows = []
     for row in sheet.loads.to_dict("records"):
         energy, height = (
@@ -46,7 +47,7 @@ def loads_table(sheet: YearlyDesign) -> Table:
 
 
 def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Barriers of each class at the lines that need one."""
+    """Tables of barriers of each class, for the lines that need a barrier."""
     heads = (
         say("yearly.class"), Column(say("yearly.capacity"), "kJ", 0),
         Column(say("yearly.least_height"), "m", 1), say("yearly.behind"), say("yearly.through"), "",
@@ -65,7 +66,7 @@ def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Barriers of the case; no table without barriers."""
+    """Table of the barriers of the case; empty list without barriers."""
     if len(sheet.checks):
         came = sheet.loads.set_index("line")
         rows = [
@@ -83,7 +84,7 @@ def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def verdict(row: Row) -> Text | str:
-    """Verdict on a barrier: whether it lets a boulder pass at most once in the period."""
+    """Verdict on a barrier: whether at most one boulder per return period passes it."""
     return word(("yes" if row["holds"] else "no") if row["certain"] else "undecided")
 
 
@@ -100,7 +101,8 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """For each line without a barrier, the advised barrier and why no weaker one suffices."""
+    """Sentences for each line without a barrier: the advised barrier, and why no weaker barrier
+    suffices."""
     held = {*sheet.checks["line"]}
     for load in sheet.loads.to_dict("records"):
         line = load["line"]
