@@ -37,16 +37,16 @@ from rockfall.tables.yearly_design import (
 )
 from rockfall.tables.yearly_design import check_tables as yearly_check_tables
 
-MAX_CELLS = 1001  # along a side of the map of classes
+MAX_CELLS = 1001  # along a side of the class map
 
 
 def table_entry(table: Table) -> dict[str, Any]:
-    """A table as texts, in the current language."""
+    """A table as texts in the current language, in JSON form."""
     return {"caption": str(table.caption), "head": table.head, "rows": [*table.texts()]}
 
 
 def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> Message:
-    """Message `net`: design sheet of a line or barrier, from the boulders so far."""
+    """Message `net`: design sheet of a line or barrier, from the boulders simulated so far."""
     tables: list[Table] = []
     if net in line_names(result) and result.sizes["boulder"]:
         with speaking(language):
@@ -59,7 +59,7 @@ def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> M
 
 
 def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None) -> xr.Dataset:
-    """Hazard of a case with layers, at these objects, as `rockfall.hazard` makes it."""
+    """Hazard of a case with layers at the objects of `offer`, computed as in `rockfall.hazard`."""
     given = AtRisk([*offer.files], [*offer.layers]) if offer else AtRisk()
     return run_study(read_study(case.replace(variant=[]), given, **frames))
 
@@ -93,7 +93,8 @@ def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
 
 
 def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
-    """Tables of a barrier or line: what it lets pass a year, and the barriers that would do."""
+    """Tables for a barrier or line: boulders that pass per year, and barriers that would
+    suffice."""
     own = YearlyDesign(
         sheet.period,
         *(frame[frame["line"] == name] for frame in (sheet.loads, sheet.choices, sheet.checks)),
@@ -102,9 +103,9 @@ def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
 
 
 def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fields: Any) -> bytes:
-    """Message `origins`: centres of the cells from which boulders come to a place, and the class of
-    each by its part of all that come; what comes by return period, and its frequency by energy [kJ]
-    with limits (`curve_...`); `error` if there is no such place."""
+    """Message `origins`: centres of the cells from which boulders reach a place, with the class of
+    each cell's contribution; levels by return period, and frequency by energy [kJ] with limits
+    (`curve_...`). For an unknown place, the message has an `error`."""
     fields |= {"place": place, "error": "", "parts": [], "tables": []}
     if hazard is None or not place:
         return binary_message("origins", {}, **fields | {"place": ""})

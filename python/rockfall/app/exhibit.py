@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Display of a result, without a live run."""
+"""Display of a stored result, without a live run."""
 
 import warnings
 from collections.abc import Iterator
@@ -40,11 +40,11 @@ from rockfall.scene.frames import GROUPS
 
 
 class Exhibit:
-    """A read-only result for the page."""
+    """A read-only result shown on the page."""
 
     language = LANGUAGES[0]
     revision = 0
-    scenarios = 0  # that can be run
+    scenarios = 0  # none can be run
     offer: Offer | None = None
 
     def __init__(self, result: xr.Dataset, file: Path | None, send: Send | None = None) -> None:
@@ -70,11 +70,11 @@ class Exhibit:
 
     @property
     def maps(self) -> list[str]:
-        """Names of the maps that can be shown."""
+        """Names of the maps that the page can show."""
         return [name for name in MAP if name in self.result and name not in EXCEEDED]
 
     def start(self) -> None:
-        """Send all messages of the view."""
+        """Send the initial messages for the view."""
         for kind, message in self.messages():
             self._tell(kind, message)
 
@@ -82,7 +82,7 @@ class Exhibit:
         """Do nothing, because no run is in progress."""
 
     def look(self, view: View) -> None:
-        """Change the selected map, lines or section."""
+        """Set the selected map, lines or section."""
         before, self.view = self.view, view
         if view.section != before.section:
             self._tell("section", self._section())
@@ -96,7 +96,7 @@ class Exhibit:
             self._tell(kind, message)
 
     def speak(self, language: str) -> None:
-        """Change the language and send all texts again."""
+        """Set the language and resend all texts."""
         if language != self.language:
             self.language = language
             self._show()
@@ -106,7 +106,7 @@ class Exhibit:
         self._send(kind, message)
 
     def messages(self) -> Iterator[tuple[str, Message]]:
-        """Messages after the welcome, with their kinds."""
+        """Messages sent after the welcome, with their kinds."""
         yield "terrain", self._ground.message()
         yield "background", self._background()
         yield "state", text_message("state", revision=0, errors=[], warnings=[])
@@ -137,7 +137,7 @@ class Exhibit:
         return section_message(self.result, self.view.section, self._terrain, revision=0)
 
     def _background(self) -> bytes:
-        """Message with the start places of boulders, and the forest stands."""
+        """Message with the start points of boulders, and the forest stands."""
         places = np.column_stack([self.result[f"start_{axis}"].values for axis in "xy"])
         places = np.unique(places, axis=0)
         arrays = {"sources": sampled_rows(MAX_SOURCES, *places.T)}
@@ -152,7 +152,7 @@ def _fixed(form: Form) -> Form:
 
 
 def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
-    """Terrain of a result; without elevations if it cannot be found."""
+    """Terrain of a result, without elevations if its file is missing."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page reports the missing relief
         terrain = terrain_of(result, beside=None if file is None else file.parent)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Statistics at the lines of a result as messages for the page."""
+"""Statistics at the lines of a result, as messages for the page."""
 
 import math
 from collections.abc import Collection
@@ -16,28 +16,28 @@ from rockfall.result.contents import Contents
 from rockfall.result.crossings import line_names
 from rockfall.result.variables import ENDS
 
-SHOWN = ("speed", "energy_total", "passing_height")  # quantities at lines
+SHOWN = ("speed", "energy_total", "passing_height")  # quantities shown at lines
 NUMBERS = ("mean", "q50", "q95")
 BINS = 20
 
 
 class LineTable:
-    """Lines of a result. Statistics of a line are computed on first use: for thousands of lines
-    they would take longer than the run."""
+    """Lines of a result. Their statistics are computed on first use, because for thousands of
+    lines they would take longer than the run."""
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = _without_maps(result)
         self._samples = LineSamples(self._result)
         self.names = line_names(self._result)
         self._indices = {name: k for k, name in enumerate(self.names)}
-        self.missing = dict.fromkeys(self.names)  # names without statistics yet, in order
+        self.missing = dict.fromkeys(self.names)  # lines without statistics yet, in order
 
     def entries(self, chosen: Collection[str]) -> list[dict[str, Any]]:
-        """Name and kind of each line, with statistics of the chosen ones."""
+        """Name and kind of each line; the chosen lines also have statistics."""
         return [self._entry(name) if name in chosen else self._head(name) for name in self.names]
 
     def further(self, chosen: Collection[str]) -> list[dict[str, Any]]:
-        """Entries of the chosen lines whose statistics were not sent."""
+        """Entries of chosen lines whose statistics have not been sent."""
         return [self._entry(name) for name in chosen if name in self.missing]
 
     def _head(self, name: str) -> dict[str, Any]:
@@ -46,7 +46,7 @@ class LineTable:
         return {"name": name, "kind": "barrier" if barrier else "line"}
 
     def _entry(self, name: str) -> dict[str, Any]:
-        """Statistics of a line in display units; null where withheld."""
+        """Statistics of a line in display units; null where they are withheld."""
         self.missing.pop(name, None)
         line = self._indices[name]
         samples = {quantity: self._samples.sample(line, quantity) for quantity in SHOWN}
@@ -63,7 +63,7 @@ class LineTable:
 
 
 def _without_maps(result: xr.Dataset) -> Contents:
-    """Result without its maps, whose lookups are slow for thousands of lines."""
+    """Result without maps, which slow lookups for thousands of lines."""
     held = {
         str(name): (variable.dims, variable.values, variable.attrs)
         for name, variable in result.variables.items() if "x" not in variable.dims
@@ -72,7 +72,7 @@ def _without_maps(result: xr.Dataset) -> Contents:
 
 
 def _known(row: dict[str, float], name: str, factor: float = 1.0) -> float | None:
-    """A number, or None instead of NaN, so that large messages need no search for NaN."""
+    """A number, or None instead of NaN: this saves a search for NaN in large messages."""
     value = factor * float(row.get(name, math.nan))
     return value if math.isfinite(value) else None
 
@@ -95,8 +95,8 @@ def _numbers(name: str, row: dict[str, float], sample: Sample) -> dict[str, Any]
 
 
 def _histogram(sample: Sample) -> tuple[list[int], float, float]:
-    """Counts in equal bins from 0, or from a negative minimum, to the maximum, and both ends; None
-    without rows of passing boulders."""
+    """Counts in equal bins from 0 (or a negative minimum) to the maximum, with both ends; None
+    without passing boulders in memory."""
     if not isinstance(sample, Values) or not sample.n:
         return [], 0.0, 1.0
     values = sample.values

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Live runs of a document: one thread owns the session, and the latest edit wins."""
+"""Live runs of a document: a single thread owns the session, and the latest edit replaces earlier
+ones."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -30,30 +31,30 @@ from rockfall.scene.rules.plausible import input_warnings
 from rockfall.session.session import Session, open_session, scene_of
 from rockfall.simulation.simulate import Interrupted
 
-STEP = 0.05  # seconds of the kernel between checks for new requests
+STEP = 0.05  # kernel time between checks for new requests [s]
 FIRST_MAP = "passages"
 
 
 @dataclass
 class _Pending:
-    """Requests since the last look."""
+    """Requests since the last check."""
 
     document: Document | None = None
     revision: int = 0
-    error: Refused | None = None  # of the last edit
+    error: Refused | None = None  # of the latest edit
     view: View | None = None
 
 
 class Live:
-    """A document that is run whenever it changes. Its methods may be called from any thread."""
+    """A document that runs after each edit. Methods may be called from any thread."""
 
     def __init__(self, site: Site, document: Document, send: Send, language: str = "en") -> None:
         self.site, self.document, self.revision = site, document, 0
         self.language, self.running = language, True
         maps = document.settings.get("output", {}).get("maps", [])
         self.view = View(next((name for name in maps if name in self.maps), FIRST_MAP))
-        self.error: Refused | None = None  # of the last edit
-        self.offer: Offer | None = None  # of objects at risk
+        self.error: Refused | None = None  # of the latest edit
+        self.offer: Offer | None = None  # objects at risk
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._closing = Event()
         self._pending = _Pending(document=document)
@@ -62,18 +63,19 @@ class Live:
         self._frames: dict[str, Frame] = {}
         self._layers: dict[str, Any] = {}
         self._ground: Ground | None = None
-        self._seen: tuple[Any, ...] = (None,) * 4  # in the background
+        self._seen: tuple[Any, ...] = (None,) * 4  # non-feature parts sent to the page
         self._progress: Progress | None = None
-        self._aside: Progress | None = None  # of a variant being compared
-        self._made: tuple[Case, dict[str, Any]] | None = None  # of the document, with its layers
+        self._aside: Progress | None = None  # run of a variant for comparison
+        self._made: tuple[Case, dict[str, Any]] | None = None  # case and layers of the document
         self._hazard: xr.Dataset | None = None  # hazard of the current result
         self._is_hazard_due, self._told_origin = False, ""
-        self._compared: list[Document] = []  # variants that wait for their run
+        self._compared: list[Document] = []  # variants waiting for their run
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
     @property
     def maps(self) -> list[str]:
-        """Maps that can be displayed; with sources in order, partial runs would not be samples."""
+        """Maps that can be displayed; maps by source are excluded if partial runs, taken in the
+        order of sources, would not be representative samples."""
         documents = self.site.variants.documents.values()
         states = (self.site.opened, *(document.settings for document in documents))
         forest = any("forest" in settings for settings in states)
@@ -84,15 +86,15 @@ class Live:
 
     @property
     def scenarios(self) -> int:
-        """Number of the scenarios that can be run for a hazard."""
+        """Number of scenarios that can be run for a hazard."""
         return len(self.site.kept.get("scenario", []))
 
     def start(self) -> None:
-        """Begin to work."""
+        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Cancel the run, and wait for the thread to end."""
+        """Cancel the run, and wait for the thread."""
         with self._wake:
             self._closed = True
             self._cancel.set()
@@ -104,8 +106,8 @@ class Live:
         self, revision: int, layers: Mapping[str, Any], settings: Mapping[str, Any], variant: str,
         whole: bool = False,
     ) -> None:  # fmt: skip
-        """Replace layers and groups of the document, and run it. A refused edit leaves the document
-        different from the page: nothing runs until an edit has the `whole` document."""
+        """Replace layers and groups of the document, and run it. After a refused edit, the
+        document and the page differ: no run starts until an edit has the `whole` document."""
         with self._wake:
             try:
                 if self.error is not None and not whole:
@@ -122,14 +124,14 @@ class Live:
             self._wake.notify()
 
     def latest(self) -> tuple[Document, int]:
-        """Document and its revision; Refused if the last edit was."""
+        """Document and its revision; Refused if the latest edit was refused."""
         with self._wake:
             if self.error is not None:
                 raise self.error
             return self.document, self.revision
 
     def look(self, view: View) -> None:
-        """Change the selected map, lines or section; another map or section needs another run."""
+        """Set the selected map, lines or section; another map or section requires another run."""
         with self._wake:
             if view.map != self.view.map or (view.section and not self.view.section):
                 self._pending.document = self._pending.document or self.document
@@ -143,7 +145,7 @@ class Live:
             self._wake.notify()
 
     def speak(self, language: str) -> None:
-        """Change the language and send all texts again."""
+        """Set the language and resend all texts."""
         with self._wake:
             if language != self.language:
                 self.language = language
@@ -153,7 +155,7 @@ class Live:
                 self._wake.notify()
 
     def compare(self, variant: str) -> None:
-        """Run a variant of the opened case for a comparison with the document."""
+        """Run a variant of the opened case, to compare it with the document."""
         with self._wake:
             self._compared.append(self.site.variants.documents[variant])
             self._wake.notify()
@@ -173,11 +175,12 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Run `work`; report an error to the page and return False: the next edit can run."""
+        """Run `work`; report an error to the page and return False, so that the next edit can
+        still run."""
         try:
             work()
             return True
-        except RockfallError as error:  # files have changed since they were opened
+        except RockfallError as error:  # a file has changed since it was opened
             self._send("fault", text_message("fault", text=without_files(str(error), self.site)))
         except Exception as error:
             self._send("fault", fault_message(error))
@@ -190,7 +193,7 @@ class Live:
         self._send("terrain", self._ground.message())
 
     def _step(self) -> None:
-        """Do pending work, or continue the run."""
+        """Do pending work, or advance the run."""
         with self._wake:
             while not self._closed and not self._has_work():
                 self._wake.wait()
@@ -224,7 +227,7 @@ class Live:
         return goes_on or bool(self._compared) or any(work is not None for work in wanted)
 
     def _take(self, document: Document, revision: int, error: Refused | None) -> None:
-        """Accept a document, report its errors, and start its run if there are none."""
+        """Accept a document and report its errors; start its run if there are none."""
         self._progress = self._made = self._hazard = None
         self._is_hazard_due = False
         errors: list[dict[str, str]] = []
@@ -261,7 +264,7 @@ class Live:
             self._made, self._is_hazard_due = (made.case, frames), self.view.hazard
 
     def _run_hazard(self) -> None:
-        """Run the scenarios of the document, until another one comes."""
+        """Run the scenarios of the document, until the document changes."""
         assert self._made is not None
         self._is_hazard_due = False
         fields = {"revision": self.revision}
@@ -285,7 +288,7 @@ class Live:
             self._send("origins", origins_message(self._hazard, place, self.language, **fields))
 
     def _begin_aside(self, variant: Document) -> None:
-        """Begin the run of a variant for comparison."""
+        """Start the run of a variant for comparison."""
         try:
             made = runnable(self.site, variant)
             self._change(made)
@@ -300,7 +303,7 @@ class Live:
         )
 
     def _begin(self, cancel: Event, fields: dict[str, Any], send: Send) -> Progress:
-        """Begin a run of the session."""
+        """Start a run of the session."""
         assert self._session is not None and self._ground is not None
         batches = self._session.run(cancel=cancel, batch_seconds=STEP)
         aside = send is not self._send
@@ -317,7 +320,7 @@ class Live:
             self._send("background", message)
 
     def _background(self, made: Runnable, **fields: Any) -> tuple[tuple[Any, ...], bytes]:
-        """Zones, sources, trees and stands that are not features, and their message."""
+        """Non-feature zones, sources, trees and stands, and the message that shows them."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone
@@ -329,7 +332,7 @@ class Live:
         return (zones, sources, scene.trees, scene.stands or None), message
 
     def _change(self, made: Runnable) -> None:
-        """Open or change the session; unchanged layers keep their frame."""
+        """Open or change the session; unchanged layers are passed as the same objects."""
         shown, section = self.view.map, self.view.section
         maps = [*([shown] if shown else []), *(MAPS if section else [])]
         case = with_output(made.case, maps, PATHS if section else 0)
@@ -348,7 +351,7 @@ class Live:
 
 
 def _changes(before: Case, after: Case) -> dict[str, Any]:
-    """Changes that turn one case of a session into another."""
+    """Changes that turn the case `before` into `after`."""
     changes: dict[str, Any] = {name: getattr(after, name) for name in REPEATABLE}
     for group in {key.group for key in key_table()} - {*REPEATABLE}:
         changes[group] = dict.fromkeys(getattr(before, group)) | getattr(after, group)

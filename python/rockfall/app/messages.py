@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Messages between server and page: JSON, or a JSON header followed by arrays.
 
-A binary message is the length of its header (uint32, little-endian), the header, padded with spaces
-to a multiple of 8 bytes, and the arrays in C order, little-endian, each at a multiple of 8 bytes.
-The header lists their names, types, shapes and offsets.
+A binary message consists of the header length (uint32, little-endian), the header, padded with
+spaces to a multiple of 8 bytes, and the arrays (C order, little-endian), each aligned to 8 bytes.
+The header lists the names, types, shapes and offsets of the arrays.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     import numpy as np
 
-MAX_BYTES = 4_000_000  # of a message from the page
+MAX_BYTES = 4_000_000  # maximum size of a message from the page
 _TYPES = {"f4": "<f4", "f8": "<f8", "u1": "<u1", "u4": "<u4", "i4": "<i4"}
-_WORD = 8  # bytes to which arrays are aligned
+_WORD = 8  # alignment of arrays [bytes]
 
 Message: TypeAlias = "str | bytes"
 
 
 class Refused(Exception):
-    """A refused request from the page, with the location of the problem in its document."""
+    """A refused request from the page, with the place of the problem in its document."""
 
     def __init__(
         self, text: str, *, layer: str = "", id: str = "", group: str = "", key: str = ""
@@ -37,12 +37,12 @@ class Refused(Exception):
         self.place = {"layer": layer, "id": id, "group": group, "key": key}
 
     def entry(self) -> dict[str, str]:
-        """Entry in the errors of a document."""
+        """Entry in the error list of a document."""
         return {"text": self.text} | {name: value for name, value in self.place.items() if value}
 
 
 def text_message(type: str, /, **content: Any) -> str:
-    """Text message of a type. Numbers that are not finite become null."""
+    """Text message of a given type. Non-finite numbers become null."""
     return _json({"type": type, **content})
 
 
@@ -55,8 +55,8 @@ def fault_message(error: Exception) -> str:
 
 
 def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: Any) -> bytes:
-    """Binary message of a type, with arrays by name."""
-    import numpy as np  # not needed until the file is opened
+    """Binary message of a given type, with named arrays."""
+    import numpy as np  # imported only once a file is open
 
     entries, parts, offset = [], [], 0
     for name, array in arrays.items():
@@ -71,7 +71,7 @@ def binary_message(type: str, /, arrays: Mapping[str, np.ndarray], **content: An
 
 
 def read_message(text: str) -> dict[str, Any]:
-    """Parsed message from a page; only objects with a type and plain numbers are accepted."""
+    """Parsed message from a page; it must be an object with a type and finite numbers."""
     try:
         message = json.loads(text, parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError):
@@ -86,7 +86,7 @@ def _no_number(token: str) -> float:
 
 
 def _finite(token: str) -> float:
-    """Number of a JSON token; a ValueError if it is too large."""
+    """Parse a JSON number; ValueError if it is too large."""
     value = float(token)
     if not math.isfinite(value):
         raise ValueError(f"{token} is too large")
@@ -94,15 +94,15 @@ def _finite(token: str) -> float:
 
 
 def _json(content: Any) -> str:
-    # In ASCII: names of files, and texts from a page, may have code points that UTF-8 lacks.
+    # ASCII only: file names, and texts from a page, may have code points that UTF-8 cannot encode.
     try:
         return json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
-    except (TypeError, ValueError):  # for NaN and NumPy keys; takes twenty times as long
+    except (TypeError, ValueError):  # NaN, or NumPy keys; takes 20 times as long
         return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 
 def _plain(value: Any) -> Any:
-    """Content as JSON types; None for numbers that are not finite."""
+    """Content converted to JSON types; non-finite numbers become None."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # NumPy scalar or array

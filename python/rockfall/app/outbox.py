@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages queued for a page: a slow page gets the latest results instead of a backlog."""
+"""Queue of messages for a page: a slow page gets the latest results instead of a backlog."""
 
 import asyncio
 from collections import deque
@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall.app.messages import Message
 from rockfall.language import LANGUAGES
 
-#: Kinds of messages that replace waiting ones of some kinds.
+#: For some kinds of messages, the kinds of waiting messages that they replace.
 REPLACED = {
     "batch": ("batch", "lines"),
     "state": ("state", "batch", "lines", "trajectories", "section", "net", "hazard", "origins"),
@@ -22,22 +22,23 @@ REPLACED = {
 
 
 class Client:
-    """A page, and the destination of its messages."""
+    """A page, and the queue of its messages."""
 
     def __init__(self, send: Callable[[str, Message], None]) -> None:
         self.send, self.language = send, LANGUAGES[0]
-        self.recent: list[Path] = []  # files as offered to this page
+        self.recent: list[Path] = []  # recent files listed on this page
 
 
 class Outbox:
-    """A queue filled from any thread and emptied in an event loop."""
+    """A queue that any thread can fill and an event loop empties."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop, self._waiting = loop, deque[tuple[str, Message]]()
         self._filled = asyncio.Event()
 
     def put(self, kind: str, message: Message) -> None:
-        """Add a message. Further trajectories of a run (kind "more") replace no earlier message."""
+        """Add a message. Further trajectories of a run (kind "more") do not replace earlier
+        messages."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._put, kind, message)
 
@@ -50,7 +51,7 @@ class Outbox:
         self._filled.set()
 
     async def get(self) -> Message:
-        """Next message, once there is one."""
+        """Wait for the next message and return it."""
         while not self._waiting:
             self._filled.clear()
             await self._filled.wait()

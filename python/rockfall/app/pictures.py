@@ -26,32 +26,32 @@ from rockfall.result.trajectories import POINTS, Trajectory, ended
 from rockfall.result.variables import MAP, TYPES
 from rockfall.scene.scene import Scene
 
-MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # cells along a side, for the view in 3-D and the map
+MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # maximum cells along a side: 3-D view, map
 MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
-MAX_LINES = 30  # with statistics in each picture; of more, those in view
+MAX_LINES = 30  # with statistics in each message; with more lines, those in view
 MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
-WIDE = 100.0  # ratio of largest to smallest value above which a map has a log scale
-BY_SOURCE = ("sources", "reach_probability_by_source")  # maps for which runs go source by source
+WIDE = 100.0  # ratio of largest to smallest value above which a map gets a log scale
+BY_SOURCE = ("sources", "reach_probability_by_source")  # maps computed source by source
 
 
 class View(NamedTuple):
-    """Displayed map, number of trajectories, section and object layer; and the lines in view, if
-    there are more than MAX_LINES."""
+    """Displayed map, number of trajectories, section and object layer; with more than MAX_LINES
+    lines, also the lines in view."""
 
     map: str = ""
     trajectories: int = 100
     lines: tuple[str, ...] = ()
     section: tuple[tuple[float, ...], ...] = ()  # vertices [m]
-    objects: str = ""  # label of an `Offer`
-    basemap: str = ""  # label of a picture
-    net: str = ""  # line or barrier whose design is checked
-    hazard: bool = False  # of the scenarios
+    objects: str = ""  # label of the `Offer`
+    basemap: str = ""  # label of the picture
+    net: str = ""  # line or barrier with a design check
+    hazard: bool = False  # True to run the scenarios
     origin: str = ""  # place whose sources are shown
 
 
 class Ground:
-    """Terrain as sent to the page: thinned heights and hillshade."""
+    """Terrain as sent to the page: thinned elevations and hillshade."""
 
     def __init__(self, z: np.ndarray, grid: Grid) -> None:
         extent = grid.west, grid.east, grid.south, grid.north
@@ -62,11 +62,11 @@ class Ground:
 
     @property
     def step(self) -> int:
-        """Hillshade cell size in cells of the raster."""
+        """Size of a hillshade cell, in raster cells."""
         return round(self.shade_grid.cell / self.full.cell)
 
     def message(self) -> bytes:
-        """Message `terrain`."""
+        """Content of the message `terrain`."""
         grid = self.grid
         return binary_message(
             "terrain",
@@ -85,7 +85,7 @@ def background_message(
     scene: Scene, zones: dict[int, Zone], sources: bool, ground: Ground, **fields: Any
 ) -> bytes:
     """Message `background`: the parts of a case that are not features of its document. `zones` are
-    the rows of its raster of zones; `sources` is true if it has sources that were not drawn."""
+    rows of its zone raster; `sources` is True if it has sources that were not drawn."""
     arrays: dict[str, np.ndarray] = {}
     entries, rows = [], scene.rasters.zone
     if zones and rows is not None and len(zones) < 256:
@@ -109,13 +109,13 @@ def background_message(
 
 
 def sampled_rows(most: int, *columns: np.ndarray) -> np.ndarray:
-    """Values of at most `most` evenly spaced rows of some columns."""
+    """At most `most` evenly spaced rows of these columns."""
     step = max(1, -(-len(columns[0]) // most))
     return np.column_stack([column[::step] for column in columns]).astype("f8")
 
 
 def map_choices(names: Sequence[str], language: str) -> list[dict[str, str]]:
-    """Maps of these names, with their labels and units."""
+    """Maps with these names, with labels and units."""
     with speaking(language):
         return [_about_map(name) for name in names]
 
@@ -129,7 +129,7 @@ def _about_map(name: str) -> dict[str, str]:
 def batch_message(
     result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **fields: Any
 ) -> bytes:
-    """Message `batch` with the results so far and the named map, if any."""
+    """Message `batch`: results so far, and the map of this name, if any."""
     with speaking(language):
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
@@ -146,7 +146,7 @@ def batch_message(
 
 
 def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
-    """End places and statuses of an evenly spaced sample of boulders."""
+    """End points and statuses of an evenly spaced sample of boulders."""
     if not has_rows(result):
         return {"stops": np.zeros((0, 2), "f4"), "stop_status": np.zeros(0, "u1")}
     step = -(-result.sizes["boulder"] // MAX_STOPS)
@@ -156,7 +156,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 
 
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
-    """A thinned map in display units, by maxima; NaN where no boulder passed."""
+    """Map in display units, thinned by maxima; NaN where no boulder passed."""
     data = result[shown]
     (_, factor), (values, grid) = shown_as(data), north_up(data)
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")
@@ -175,7 +175,7 @@ def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray
 def trajectory_message(
     shown: Sequence[Trajectory], mass: np.ndarray, ground: Ground, **fields: Any
 ) -> bytes:
-    """Message `trajectories`; `mass` is that of each boulder [kg]."""
+    """Message `trajectories`; `mass` is the mass of each boulder [kg]."""
     points = [_points(trajectory, ground) for trajectory in shown]
     first = np.cumsum([0, *map(len, points)])
     arrays = {
@@ -189,7 +189,7 @@ def trajectory_message(
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
     """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece.
-    The page draws a parabola between them or, without gravity, a straight line."""
+    The page draws a parabola between them, or a straight line without gravity."""
     place = np.arange(path.x.size) % POINTS
     chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])
@@ -198,8 +198,8 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
 
 
 def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
-    """Mass of boulders by their numbers [kg]; NaN without rows, and where sources may have given
-    densities to a version that did not record masses."""
+    """Mass of boulders by number [kg]; NaN without a table of boulders, and for results of
+    versions that did not record masses but whose sources may have set densities."""
     numbers = result["boulder"].values
     order = np.argsort(numbers)
     place = np.searchsorted(numbers, boulders, sorter=order).clip(max=max(numbers.size - 1, 0))

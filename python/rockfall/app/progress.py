@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A live run, and the record of what was sent."""
+"""A live run, and a record of the results sent to the page."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,15 +23,15 @@ from rockfall.app.sections import section_message
 from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
 
-FIRST, SECOND = 0.0, 0.1  # seconds of the kernel before the first results, and between later ones
-PATIENCE = 3.0  # seconds of the kernel for each second spent on statistics and pictures
+FIRST, SECOND = 0.0, 0.1  # kernel time before the first results, and before the second [s]
+PATIENCE = 3.0  # seconds of the kernel per second spent on statistics and pictures
 
-#: Sends a message of a kind, in place of earlier ones that it makes pointless (see `Outbox`).
+#: Sends a message of a kind; it replaces waiting messages that it makes obsolete (see `Outbox`).
 Send = Callable[[str, Message], None]
 
 
 class Progress:
-    """A run of a session that sends its results periodically."""
+    """A run of a session that periodically sends its results."""
 
     def __init__(
         self, batches: Iterator[Batch], fields: dict[str, Any], view: View, ground: Ground,
@@ -41,20 +41,21 @@ class Progress:
         self._batches, self._fields, self._view = batches, fields, view
         self._ground, self._terrain, self._send = ground, terrain, send
         self._language = language
-        self._every_line = aside  # of a variant, whose page shows all of them
-        self._table: LineTable | None = None  # of the last message
-        self._sent: set[int] = set()  # numbers of the boulders whose trajectories were sent
+        self._every_line = aside  # for a variant: its page shows all lines
+        self._table: LineTable | None = None  # from the last message
+        self._sent: set[int] = set()  # boulders whose trajectories were sent
         self._begun = time.perf_counter()
-        self._due = self._begun + FIRST  # of the next message
+        self._due = self._begun + FIRST  # kernel time of the next message
         self._batch: Batch | None = None
-        self._told = 0  # boulders of the last message
+        self._told = 0  # boulders in the last message
 
     def has_work(self, running: bool) -> bool:
-        """Return True if there is something to simulate or to report."""
+        """Return True if there is work to simulate or to report."""
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run and send results, at last the lines out of view; False at its end."""
+        """Advance the run and send results, finally also for lines out of view; return False at
+        the end."""
         if not running:
             self._tell(running)
             return True
@@ -70,7 +71,7 @@ class Progress:
         return not self._batch.complete or self._has_missing()
 
     def look(self, view: View) -> None:
-        """Change the number of trajectories, the section, the net, or the lines in view."""
+        """Set the number of trajectories, the section, the net, or the lines in view."""
         before, self._view = self._view, view
         if self._batch is not None and view.trajectories != before.trajectories:
             self._sent = set()
@@ -90,7 +91,8 @@ class Progress:
         self._send("net", net_message(result, self._view.net, self._language, **self._fields))
 
     def _tell(self, running: bool) -> None:
-        """Send the results, and time the next message so that the kernel has most of the time."""
+        """Send the results, and schedule the next message such that the kernel gets most of the
+        time."""
         self.told_running = running
         batch = self._batch
         if batch is None:
@@ -123,13 +125,13 @@ class Progress:
         return self._table is not None and bool(self._table.missing)
 
     def _tell_further(self) -> bool:
-        """Send the statistics of some lines that were not in view; False if none are left."""
+        """Send statistics of some lines that were out of view; return False if none are left."""
         if self._table is not None:
             self._tell_lines(list(islice(self._table.missing, MAX_LINES)))
         return self._has_missing()
 
     def _tell_lines(self, names: Sequence[str]) -> None:
-        """Send the statistics of these lines from the last message's boulders, unless sent."""
+        """Send unsent statistics of these lines, for the boulders of the last message."""
         if self._table is not None and (lines := self._table.further(names)):
             fields = {**self._fields, "boulders": self._told, "lines": lines}
             self._send("lines", binary_message("lines", {}, **fields))

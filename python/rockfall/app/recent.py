@@ -23,7 +23,7 @@ def recent_files() -> list[Path]:
 
 
 def note_recent(path: Path) -> None:
-    """Put a file first in the list, if the list can be written."""
+    """Move a file to the top of the list, if the list is writable."""
     path = path.absolute()
     files = [path, *(file for file in recent_files() if file != path)][:MOST]
     with suppress(OSError, RockfallError):

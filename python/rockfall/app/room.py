@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The opened file and the pages that display it: the first page can edit, the others only view."""
+"""The opened file and the pages that display it: the first page can edit, other pages only view."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result
 from rockfall.version import __version__
 
-MAX_REVISION = 2**53  # largest integers that JSON keeps exactly in a browser
+MAX_REVISION = 2**53  # largest integer that JSON keeps exact in a browser
 KEPT = (
     "terrain",
     "objects",
@@ -48,13 +48,13 @@ KEPT = (
     "net",
     "hazard",
     "origins",
-)  # messages sent to a page that enters
-ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that add to messages of a kind
+)  # messages sent to a page on entry
+ADDED = {"more": "trajectories", "lines": "lines"}  # kinds that extend a message of another kind
 STALE = {
     "state": ("batch", "lines", "trajectories", "section", "net", "hazard", "origins"),
     "batch": ("lines",),
     "hazard": ("origins",),
-}  # kinds that it ends
+}  # message kinds that end earlier kinds
 
 NOTHING = Given()
 
@@ -62,7 +62,7 @@ Shown: TypeAlias = "Live | Exhibit"
 
 
 class Room:
-    """An opened file, its live run, and the pages. Methods may be called from any thread."""
+    """An opened file, its live run, and its pages. Methods may be called from any thread."""
 
     def __init__(self, path: Path | None, language: str = "", given: Given = NOTHING) -> None:
         if language and language not in LANGUAGES:
@@ -70,7 +70,7 @@ class Room:
         self._language, self._lock = language, RLock()
         self._clients: list[Client] = []
         self._writer: Client | None = None
-        self._last: dict[str, list[Message]] = {}  # messages of the kinds KEPT
+        self._last: dict[str, list[Message]] = {}  # messages of kinds in KEPT
         self._shown: Shown | None = None
         self._task: Task | None = None
         self._given, self._offers = given, Offers({}, {})
@@ -85,11 +85,11 @@ class Room:
 
     @property
     def is_busy(self) -> bool:
-        """Return True while a report or an export is being made."""
+        """Return True while a report or export is in progress."""
         return self._task is not None
 
     def close(self) -> None:
-        """End the live run and all other work."""
+        """Stop the live run and all other work."""
         if (task := self._task) is not None:
             task.cancel()
             task.wait()
@@ -97,7 +97,7 @@ class Room:
             self._shown.close()
 
     def enter(self, client: Client, hello: dict[str, Any]) -> None:
-        """Welcome a page, and send it the messages already sent to others."""
+        """Welcome a page, and send it the current messages."""
         with self._lock:
             wish = hello.get("language")
             client.language = self._language or (wish if wish in LANGUAGES else LANGUAGES[0])
@@ -105,11 +105,11 @@ class Room:
                 self._writer = client
             if self._shown is not None and self._writer is client:
                 self._shown.speak(client.language)
-            self._clients.append(client)  # earlier messages are sent after the welcome
+            self._clients.append(client)  # earlier messages follow the welcome
             self._welcome(client)
 
     def leave(self, client: Client) -> None:
-        """Remove a page; the next one may edit."""
+        """Remove a page; if it was the editor, the next page becomes the editor."""
         with self._lock:
             if client in self._clients:
                 self._clients.remove(client)
@@ -119,7 +119,7 @@ class Room:
                     self._set_writer(self._clients[0])
 
     def take(self, client: Client, text: str) -> None:
-        """Run a request from a page, or report why it failed."""
+        """Perform a request of a page, or report why it failed."""
         with speaking(client.language):
             task = ""
             try:
@@ -130,7 +130,7 @@ class Room:
                 fields = error.entry() if isinstance(error, Refused) else self._entry(error)
                 fields |= {"task": task, "exists": isinstance(error, Exists)}  # type: ignore[dict-item]
                 client.send("refused", text_message("refused", **fields))
-            except Exception as error:  # reported to the page, which stays connected
+            except Exception as error:  # reported to the page; the connection stays open
                 client.send("fault", fault_message(error))
 
     def _entry(self, error: RockfallError) -> dict[str, str]:
@@ -150,7 +150,7 @@ class Room:
         _ACTIONS[kind](self, client, message)
 
     def _set_writer(self, client: Client) -> None:
-        """Let a page edit; it gets the document of the previous editor."""
+        """Make a page the editor; it gets the document of the previous editor."""
         before, self._writer = self._writer, client
         if before is not None and before is not client:
             before.send("role", text_message("role", writer=False))
@@ -190,7 +190,7 @@ class Room:
         shown.start()
 
     def _send(self, kind: str, message: Message) -> None:
-        """Send to all pages, and keep for pages that connect later."""
+        """Send to all pages, and keep the message for pages that connect later."""
         with self._lock:
             if kind in ADDED:
                 self._last.setdefault(ADDED[kind], []).append(message)
@@ -229,7 +229,7 @@ class Room:
             raise Refused(say("app.server_wrong_type", name="edit"))
         if not isinstance(whole, bool):
             raise Refused(say("app.server_wrong_type", name="whole"))
-        with self._lock:  # its results come after it
+        with self._lock:  # results must follow the welcome
             live = self._live()
             live.edit(revision, layers, settings, variant, whole)
             if readers := [reader for reader in self._clients if reader is not client]:
@@ -237,7 +237,7 @@ class Room:
                 for reader in readers:
                     reader.send("document", content)
         if self._task is None:
-            live.run(True)  # each change runs at once, even after a pause
+            live.run(True)  # a change runs at once, even after a pause
 
     def _view(self, _: Client, message: dict[str, Any]) -> None:
         if self._shown is None:
@@ -259,7 +259,7 @@ class Room:
         self._live().run(running)
 
     def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
-        """Save the document and return its name; names of `others` are checked first."""
+        """Save the document and return its name. The names in `others` are checked first."""
         live, overwrite = self._live(), message.get("overwrite", False)
         name = check_name(message.get("name"))
         if not isinstance(overwrite, bool):
@@ -267,7 +267,7 @@ class Room:
         document, revision = live.latest()
         with self._lock:
             if self._task is not None and self._task.name == name:
-                raise Refused(say("app.server_busy"))  # a task runs the case with this name
+                raise Refused(say("app.server_busy"))  # a task is running the case with this name
             check_free(live.site.folder, others(name), overwrite)
             saved = save(live.site, document, name, overwrite)
         note_recent(saved.files[0])
@@ -301,7 +301,7 @@ class Room:
         self._task.start()
 
     def _offer_unfinished(self, live: Live, send: Callable[[str, Message], None]) -> None:
-        """Send the stopped runs in the folder that can be resumed."""
+        """Send the stopped runs in the folder that the page can resume."""
         runs = [{"name": name, "boulders": n} for name, n in unfinished(live.site.folder).items()]
         send("unfinished", text_message("unfinished", runs=runs))
 
@@ -333,7 +333,7 @@ class Room:
 
 
 def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
-    """Part of the welcome that depends on the opened file, in a language."""
+    """Part of the welcome that describes the opened file, in a language."""
     if shown is None:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],
@@ -361,7 +361,7 @@ def _forms(forms: dict[str, Form]) -> dict[str, list[dict[str, Any]]]:
 
 
 def document_message(shown: Shown) -> str:
-    """Message `document`: the edited document, and its revision."""
+    """Message `document`: the edited document and its revision."""
     content = shown.document.content()
     return text_message("document", document=content, revision=shown.revision)
 

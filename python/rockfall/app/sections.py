@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section along a drawn line as a message: columns and lines of `rockfall section`."""
+"""Section along a drawn line as a message, with the columns and lines of `rockfall section`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +19,8 @@ from rockfall.result.trajectories import Terrain
 Places = Sequence[Sequence[float]]
 
 SHOWN = ("energy_total", "passing_height", "speed")
-WITHIN = 10.0  # [m] to either side, as of the command
-#: Maps that a live run makes while a section is shown.
+WITHIN = 10.0  # [m] to either side, the default of the command
+#: Maps that a live run computes while a section is shown.
 MAPS = (
     "passages",
     *(name for quantity in SHOWN for name in with_limits(f"{MAPPED[quantity][0]}_q95")),
@@ -37,7 +37,8 @@ COLUMNS = (
 def section_message(
     result: xr.Dataset | None, vertices: Places, terrain: Terrain | None, **fields: Any
 ) -> bytes:
-    """Message `section` along these vertices in SI units, or its `error`; empty for none."""
+    """Message `section` along these vertices, in SI units, or with an `error`; empty without
+    vertices."""
     fields |= {"vertices": vertices, "within": WITHIN, "error": "", "lines": []}
     shown = {name: QUANTITIES[name] for name in SHOWN}
     fields["quantities"] = {

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Local server of the page: its files, and a websocket for everything else.
+"""Local server of the page: it serves the page's files, and a websocket for everything else.
 
 Access is limited to this machine and page: the socket is bound to 127.0.0.1, Host and Origin must
-match, and the first message must contain the key from the URL fragment. A cookie would be shared by
-all ports of 127.0.0.1. The page opens no path.
+match, and the first message must contain the key from the URL fragment (a cookie would be shared
+by all ports of 127.0.0.1). The page cannot choose a path to open.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"
 PAGE = Path(__file__).with_name("page")
-FILES = {  # of the page, by path
+FILES = {  # URL paths of the page's files
     "/": ("index.html", "text/html"), "/app.js": ("app.js", "text/javascript"),
     "/app.css": ("app.css", "text/css"), "/licences.txt": ("licences.txt", "text/plain"),
 }  # fmt: skip
-HELLO_SECONDS = 5.0  # for the first message
-TAKE_SECONDS = 30.0  # for a page to accept a message; below uvicorn's 40 for a ping
-GRACE_SECONDS = 10.0  # after the last page has closed, for a reload
-WRONG_KEY = 4401  # status code of a closed socket
+HELLO_SECONDS = 5.0  # time limit of the first message [s]
+TAKE_SECONDS = 30.0  # time for a page to accept a message [s]; below uvicorn's ping limit of 40 s
+GRACE_SECONDS = 10.0  # wait after the last page closes [s], in case of a reload
+WRONG_KEY = 4401  # websocket close code
 
 
 def bind(port: int) -> socket.socket:
-    """Socket on this machine only; port 0: any free port."""
+    """Bind a socket on this machine only; port 0 selects any free port."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -59,14 +59,14 @@ def bind(port: int) -> socket.socket:
 
 
 def check_page(page: Path) -> None:
-    """Refuse to start if the page is missing: it is built, not stored in the repository."""
+    """Raise an error if the page is missing: it is built, not stored in the repository."""
     if not (page / "app.js").is_file():
         raise RockfallError("the page of the window has not been built: `./run page` builds it")
 
 
 class Server:
-    """Server of one room, on a bound socket, until the last page has closed. It starts before the
-    room is open: pages wait for `admit`."""
+    """Server of a room on a bound socket, until the last page closes. It starts before the room is
+    open: pages wait for `admit`."""
 
     def __init__(
         self, bound: socket.socket, *, page: Path | None = None, keep: bool = False, wms: str = "",
@@ -80,7 +80,7 @@ class Server:
         self.port, self.key = bound.getsockname()[1], secrets.token_urlsafe(24)
         self._opening: Future[Room] = Future()
         self._left: asyncio.TimerHandle | None = None
-        bound.listen()  # anybody who knows the address may connect, and is served once this runs
+        bound.listen()  # clients may connect now; they are served once the server runs
         app = _Guard(self._app(page), self.port, origin_of(wms))
         config = uvicorn.Config(
             app, log_level="error", access_log=False, lifespan="off", server_header=False,
@@ -91,11 +91,11 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the key in its fragment, which browsers do not send."""
+        """Address of the page; the key is in the fragment, which browsers do not send."""
         return f"http://{HOST}:{self.port}/#key={self.key}"
 
     def run(self) -> None:
-        """Serve until the last page has closed, or until stopped."""
+        """Serve until the last page closes or `stop` is called."""
         try:
             self._server.run(sockets=[self._bound])
         finally:
@@ -108,11 +108,12 @@ class Server:
         self._server.should_exit = True
 
     def admit(self, room: Room) -> None:
-        """Admit waiting and later pages to a room; may be called from any thread."""
+        """Connect waiting and later pages to a room; may be called from any thread."""
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Report to the first page why there is no document, and stop; from any thread."""
+        """Report to the first page why there is no document, then stop; may be called from any
+        thread."""
         self._opening.set_exception(error)
 
     def _app(self, page: Path) -> Starlette:
@@ -132,7 +133,7 @@ class Server:
         return Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
 
     async def _live(self, socket: WebSocket) -> None:
-        """Talk to a page."""
+        """Handle the websocket of a page."""
         from starlette.websockets import WebSocketDisconnect
 
         await socket.accept()
@@ -152,7 +153,7 @@ class Server:
             pass
 
     async def _hello(self, socket: WebSocket) -> dict[str, Any] | None:
-        """First message, if it contains the key."""
+        """First message if it contains the key, else None."""
         try:
             given = read_message(await asyncio.wait_for(_text(socket), HELLO_SECONDS))
         except (TimeoutError, Refused):
@@ -185,10 +186,10 @@ class Server:
                 self._end_later(room)
 
     def _end_later(self, room: Room) -> None:
-        """Stop after some seconds without a page; running tasks are finished first."""
+        """Stop after some seconds without a page; running tasks finish first."""
 
         def end() -> None:
-            if not room.is_empty:  # a page came while another was leaving
+            if not room.is_empty:  # a page connected meanwhile
                 return
             if room.is_busy:
                 self._end_later(room)
@@ -199,14 +200,14 @@ class Server:
 
 
 async def _listen(socket: WebSocket, room: Room, client: Client) -> None:
-    """Run the requests of a page, one message after the other."""
+    """Perform the requests of a page in order."""
     while True:
         text = await _text(socket)
         await asyncio.to_thread(room.take, client, text)
 
 
 async def _text(socket: WebSocket) -> str:
-    """Next message of a page as text; bytes are not JSON."""
+    """Next message of a page as text; binary messages are refused."""
     from starlette.websockets import WebSocketDisconnect
 
     message = await socket.receive()
@@ -216,7 +217,7 @@ async def _text(socket: WebSocket) -> str:
 
 
 async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
-    """Send messages as fast as the page accepts them; give up after a long pause."""
+    """Send messages as fast as the page accepts them; give up if it stalls."""
     while True:
         message: Message = await outbox.get()
         sent = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
@@ -224,7 +225,7 @@ async def _send_all(socket: WebSocket, outbox: Outbox) -> None:
 
 
 class _Guard:
-    """Accept requests from this page only, and add headers to responses."""
+    """Middleware that accepts requests from this page only, and adds headers to responses."""
 
     def __init__(self, app: ASGIApp, port: int, images: str) -> None:
         self._app = app
@@ -251,7 +252,7 @@ class _Guard:
         socket = scope["type"] == "websocket"
         if not self._admits(scope["headers"], socket):
             if socket:
-                await send({"type": "websocket.close", "code": 1008})  # 403 before it is accepted
+                await send({"type": "websocket.close", "code": 1008})  # sent as HTTP 403
                 return
             headers = [*self._headers, (b"content-type", b"text/plain")]
             await send({"type": "http.response.start", "status": 403, "headers": headers})
@@ -266,7 +267,8 @@ class _Guard:
         await self._app(scope, receive, with_headers)
 
     def _admits(self, headers: list[tuple[bytes, bytes]], socket: bool) -> bool:
-        """Return True if Host and, for a websocket, Origin are ours."""
+        """Return True if the Host header and, for a websocket, the Origin header match this
+        server."""
         hosts = [value for name, value in headers if name == b"host"]
         origins = [value for name, value in headers if name == b"origin"]
         if len(hosts) != 1 or hosts[0] not in self._hosts or len(origins) > 1:
@@ -275,9 +277,9 @@ class _Guard:
 
 
 def open_browser(url: str) -> TemporaryDirectory[str]:
-    """Open the page in the user's browser, if any, through a temporary redirect file: command lines
-    are visible to all users and must not contain the key. Returns the folder of the file, readable
-    only by this user, to be removed once the page is open."""
+    """Open the page in the user's browser, if any, through a temporary redirect file, because
+    command lines are visible to all users and must not contain the key. Return the folder of the
+    file (readable only by this user), to be removed once the page is open."""
     folder = TemporaryDirectory(prefix="rockfall-")
     path = Path(folder.name) / "window.html"
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result as a standalone page, for Jupyter and for files."""
+"""A result as a self-contained page, for Jupyter and for files."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from rockfall.result.dataset import read_result
 from rockfall.version import __version__
 
 _END = re.compile(r"</(?=script|style)|<!--", re.IGNORECASE)
-HEIGHT = 700  # [pixel] in a notebook
+HEIGHT = 700  # height in a notebook [pixel]
 _STYLE = re.compile(r'<link\b[^>]*href="\.?/?app\.css"[^>]*>')
 _SCRIPT = re.compile(r'<script\b[^>]*src="\.?/?app\.js"[^>]*></script>')
 
 
 def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
-    """View of a result (a Dataset, or its netCDF file), which Jupyter shows: a map with its lines,
-    maps and stops, and trajectories in three dimensions, as `rockfall app` has them.
+    """Interactive view of a result (a Dataset, or its netCDF file) for Jupyter: map with lines,
+    rasters and stopping points, and trajectories in three dimensions, as in `rockfall app`.
 
-    Needs the `[app]` extra. Raises RockfallError if the language is unknown, or the file is not a
+    Needs the `[app]` extra. Raises RockfallError for an unknown language, or a file that is not a
     result.
 
     >>> import rockfall
@@ -56,7 +56,7 @@ def show(result: xr.Dataset | str | Path, language: str = "en") -> View:
 
 
 class View:
-    """View of a result, from `rockfall.show`; `page` is its HTML."""
+    """Interactive view of a result, from `rockfall.show`; `page` is its HTML."""
 
     def __init__(self, messages: list[Message]) -> None:
         held = [
@@ -66,7 +66,7 @@ class View:
         self.page = _page(json.dumps(held, ensure_ascii=False))
 
     def _repr_html_(self) -> str:
-        """Frame with the page, for a notebook."""
+        """HTML frame with the page, for a notebook."""
         style = f"width: 100%; height: {HEIGHT}px; border: 0"
         return f'<iframe srcdoc="{html.escape(self.page)}" style="{style}"></iframe>'
 
@@ -80,11 +80,11 @@ class View:
 
 
 def _page(messages: str) -> str:
-    """The page with its style, messages and script inline."""
+    """The page with its style, messages and script inlined."""
     text, script, style = (
         (PAGE / name).read_text(encoding="utf-8") for name in ("index.html", "app.js", "app.css")
     )
-    held = messages.replace("<", "\\u003c")  # in JSON; no element ends within
+    held = messages.replace("<", "\\u003c")  # valid in JSON; no HTML tag can end within
     data = f'<script type="text/plain" id="messages">{held}</script>'
     text, styles = _STYLE.subn(lambda _: f"<style>{_inline(style)}</style>", text)
     code = f"{data}<script>{_inline(script)}</script>"
@@ -97,5 +97,5 @@ def _page(messages: str) -> str:
 
 
 def _inline(text: str) -> str:
-    """Script or style that cannot end its element: any character may be escaped in it."""
+    """Script or style, escaped so that it cannot close its element."""
     return _END.sub(lambda match: f"<\\{match[0][1:]}", text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surroundings of a document: objects such as houses, a picture, stands of forest."""
+"""Surroundings of a document: objects such as houses, a basemap, forest stands."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from rockfall.io.zone_table import NAMES
 from rockfall.language import say
 from rockfall.plots.cartography.basemap import read_picture
 
-MAX_OFFERED = 40  # layers or pictures of a folder
-MAX_DOTS = 2400  # of a picture, along its longer side
+MAX_OFFERED = 40  # maximum layers or pictures of a folder
+MAX_DOTS = 2400  # maximum pixels on the longer side of a picture
 PICTURES = {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".img"}
 
 
 class Given(NamedTuple):
-    """Layers and a picture given by the user in addition to the opened file."""
+    """Layers and a basemap that the user gives in addition to the opened file."""
 
     objects: Sequence[Path] = ()
     objects_layer: Sequence[str] = ()
     basemap: Path | None = None
-    wms: str = ""  # address of a web map service
+    wms: str = ""  # URL of a web map service
 
 
 class Offer(NamedTuple):
-    """A choice of object layers, with its label on the page."""
+    """An object layer that the page can choose, with its label."""
 
     label: str
     files: Sequence[Path]
@@ -48,14 +48,14 @@ class Offer(NamedTuple):
 
 
 class Offers(NamedTuple):
-    """Choices on the page, by label."""
+    """Object layers and basemaps that the page can choose, by label."""
 
     objects: dict[str, Offer]
     basemaps: dict[str, Path]
 
     @classmethod
     def of(cls, folder: Path, given: Given) -> Offers:
-        """Given layers and pictures, then all in a folder."""
+        """Offers from the given layers and pictures, followed by those in a folder."""
         pictures = [] if given.basemap is None else [given.basemap]
         pictures += sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
         basemaps = {path.name: path for path in reversed(pictures[:MAX_OFFERED])}
@@ -64,11 +64,12 @@ class Offers(NamedTuple):
 
     @property
     def labels(self) -> dict[str, list[str]]:
-        """Labels as the page gets them."""
+        """Labels in the form sent to the page."""
         return {"objects": [*self.objects], "basemaps": [*self.basemaps]}
 
     def messages(self, new: View, before: View, grid: Grid) -> Iterator[tuple[str, Message]]:
-        """Messages of what a view chooses and the one before did not, with their kinds."""
+        """Messages for the choices of a view that differ from the previous view, with their
+        kinds."""
         if new.objects != before.objects:
             yield "objects", objects_message(self.objects.get(new.objects), grid)
         if new.basemap != before.basemap:
@@ -76,8 +77,8 @@ class Offers(NamedTuple):
 
 
 def basemap_message(path: Path | None, label: str, grid: Grid) -> Message:
-    """Message `basemap`: a picture within the terrain, transparent where it has nothing. A
-    RockfallError if it cannot be read, or has no CRS, or the terrain has none."""
+    """Message `basemap`: the part of a picture on the terrain, transparent outside the picture.
+    RockfallError if it is unreadable, or if the picture or the terrain has no CRS."""
     if path is None:
         return binary_message("basemap", {}, chosen="")
     if grid.crs is None:
@@ -90,14 +91,14 @@ def basemap_message(path: Path | None, label: str, grid: Grid) -> Message:
 
 
 def offered_objects(folder: Path, given: Given) -> list[Offer]:
-    """Object layers that the page can choose: those given, then all in a folder."""
+    """Object layers for the page: the given layers, then all layers in a folder."""
     offers = []
     if given.objects:
         names = [*(file.name for file in given.objects), *given.objects_layer]
         offers.append(Offer(", ".join(names), given.objects, given.objects_layer))
     for file in sorted(path for path in folder.iterdir() if path.suffix.lower() in EXTENSIONS):
         names = []
-        with suppress(RockfallError, OSError):  # another kind of file
+        with suppress(RockfallError, OSError):  # not an object layer
             names = layer_names(file)
         several = len(names) > 1
         offers += [
@@ -108,8 +109,8 @@ def offered_objects(folder: Path, given: Given) -> list[Offer]:
 
 
 def objects_message(offer: Offer | None, grid: Grid) -> Message:
-    """Message `objects`: names, as in a hazard, and shapes; empty without an offer. Raises
-    RockfallError if a layer cannot be read."""
+    """Message `objects`: names as in a hazard, and shapes; empty without an offer. RockfallError
+    for an unreadable layer."""
     import shapely
 
     remarks: list[str] = []
@@ -131,7 +132,7 @@ def objects_message(offer: Offer | None, grid: Grid) -> Message:
 
 
 def stands_of(case: Case, grid: Grid) -> list[dict[str, Any]]:
-    """Forest stands of a case with their names; empty if their layer cannot be found."""
+    """Named forest stands of a case; empty if the layer is missing."""
     import shapely
 
     given = case.forest.get("polygons", FROM_ARRAY)
@@ -140,7 +141,7 @@ def stands_of(case: Case, grid: Grid) -> list[dict[str, Any]]:
     try:
         layer = case.forest.get("polygons_layer")
         shapes, columns = read_polygons(case.path(given), grid, [], layer, "polygons_layer")
-    except RockfallError:  # result file was moved
+    except RockfallError:  # the result file was moved
         return []
     named = next((column for column in map(columns.get, NAMES) if column is not None), None)
     names = [""] * len(shapes) if named is None else [str(name) for name in named]

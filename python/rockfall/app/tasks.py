@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products of a saved case. It is run from the start, without live tallies; the result is written
-alone or with a report or layers. Runs for a result alone use the checkpoints of `rockfall run`, and
-either program can resume them."""
+"""Products of a saved case. The case is run from the start, without live tallies. The result is
+written alone, or with a report or layers. A run for the result alone uses the checkpoints of
+`rockfall run`, so either program can resume it."""
 
 import time
 import warnings
@@ -33,13 +33,13 @@ from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.simulation.tally import Tally
 
 REPORT, EXPORT, SIMULATE = "report", "export", "simulate"
-TELL_SECONDS = 0.25  # between messages on the progress
+TELL_SECONDS = 0.25  # between progress messages
 SAVE_SECONDS = 60.0  # between checkpoints
 MAX_UNFINISHED = 5  # maximum number of runs offered
 
 
 def outputs(task: str, name: str) -> list[str]:
-    """Names of the files and folders that a task writes besides the case, result first."""
+    """Names of the files and folders that a task writes in addition to the case, result first."""
     result = Path(f"{name}.nc")
     others = {
         REPORT: f"{name}.html", EXPORT: f"{name}_layers", SIMULATE: str(checkpoint_of(result)),
@@ -48,7 +48,7 @@ def outputs(task: str, name: str) -> list[str]:
 
 
 def unfinished(folder: Path) -> dict[str, int]:
-    """Names of stopped runs in a folder and their numbers of boulders; latest first."""
+    """Names and numbers of boulders of the stopped runs in a folder, latest first."""
     suffix = str(checkpoint_of(Path(".nc")))
     files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
     files.sort(key=lambda file: file.stat().st_mtime, reverse=True)
@@ -59,7 +59,7 @@ def unfinished(folder: Path) -> dict[str, int]:
 
 
 class Task:
-    """A thread that runs a saved case and makes a product of it, until cancelled."""
+    """A thread that runs a saved case and writes a product, unless cancelled."""
 
     def __init__(
         self, kind: str, site: Site, name: str, overwrite: bool, language: str,
@@ -71,20 +71,20 @@ class Task:
         self._thread = Thread(target=self._work, name=kind, daemon=True)
 
     def start(self) -> None:
-        """Begin to work."""
+        """Start the thread."""
         self._thread.start()
 
     def cancel(self) -> None:
-        """Stop as soon as possible, without writing files."""
+        """Stop as soon as possible without writing files."""
         self._cancel.set()
 
     def wait(self) -> None:
-        """Wait for the thread to end."""
+        """Wait until the thread ends."""
         self._thread.join()
 
     def _work(self) -> None:
         with speaking(self._language), overwriting(self._overwrite), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings of the case are shown already
+            warnings.simplefilter("ignore")  # the page already shows the warnings of the case
             try:
                 with stopped_by(self._cancel.is_set):
                     end = self._about("done", files=self._make())
@@ -95,7 +95,7 @@ class Task:
             except Interrupted as stop:
                 n = simulated(stop.contents)
                 end = self._refusal(say("app.server_stopped" if n else "app.server_cancelled", n=n))
-            except Exception as error:  # reported to the page; the server continues
+            except Exception as error:  # reported to the page; the server keeps running
                 end = "fault", fault_message(error)
             self._then()
             self._send(*end)
@@ -111,13 +111,13 @@ class Task:
         check_stop()
         self._phase(say("app.server_drawing" if self._kind == REPORT else "app.server_writing"))
         if self._kind == REPORT:
-            report = import_module("rockfall.products").report  # imports as long as all else
+            report = import_module("rockfall.products").report  # slow import
             report(path, folder / product, language=self._language)
             return [result, product]
         return [result, *(f"{product}/{file.name}" for file in export(path, folder / product))]
 
     def _simulate(self, case: Case, path: Path) -> None:
-        """Write the result of a case, with checkpoints."""
+        """Write the result of a case, using checkpoints."""
         checkpoint = _Watched(path, _Clock(self._phase, say("app.server_simulating")))
         with overwriting(self._overwrite or self._resume), locked(path, checkpoint.say):
             check_result_path(path, input_files(case))
@@ -130,7 +130,7 @@ class Task:
             checkpoint.remove()
 
     def _run(self, case: Case) -> Any:
-        """Result of a case."""
+        """Run a case and return its result."""
         clock = _Clock(self._phase, say("app.server_simulating"))
         with open_session(case) as session:
             for batch in session.run(cancel=self._cancel, batch_seconds=TELL_SECONDS):
@@ -140,37 +140,37 @@ class Task:
         raise Stopped
 
     def _phase(self, text: str, done: int = 0, total: int = 0, left: float | None = None) -> None:
-        """Report progress; total 0: unknown."""
+        """Report progress; total 0 means unknown."""
         self._send(*self._about("progress", phase=text, done=done, total=total, seconds_left=left))
 
     def _refusal(self, text: str) -> tuple[str, str]:
         return self._about("refused", text=text, exists=False)
 
     def _about(self, kind: str, **content: Any) -> tuple[str, str]:
-        """Kind and message on the task."""
+        """Kind and content of the task message."""
         return kind, text_message(kind, task=self._kind, **content)
 
 
 class _Clock:
-    """Progress of a run, with the time left estimated from the rate since the first report."""
+    """Progress of a run; estimates the time left from the rate since the first report."""
 
     def __init__(self, tell: Callable[[str, int, int, float | None], None], what: str) -> None:
         self._tell, self.what = tell, what
         self._begun, self._before = time.perf_counter(), 0
 
     def start(self, done: int) -> None:
-        """Begin a run; some boulders may be done already."""
+        """Begin a run in which `done` boulders may already be finished."""
         self._begun, self._before = time.perf_counter(), done
 
     def tell(self, done: int, total: int) -> None:
-        """Report the progress of the run."""
+        """Send the progress of the run to the page."""
         spent = time.perf_counter() - self._begun
         left = spent / (done - self._before) * (total - done) if done > self._before else None
         self._tell(self.what, done, total, left)
 
 
 class _Watched(Checkpoint):
-    """Checkpoint of a run that reports progress."""
+    """Checkpoint that reports the progress of its run."""
 
     def __init__(self, output: Path, clock: _Clock) -> None:
         super().__init__(output, SAVE_SECONDS, self._note)
@@ -185,5 +185,5 @@ class _Watched(Checkpoint):
         super().look(tally)
 
     def _note(self, text: str) -> None:
-        """Report that no more checkpoints can be written."""
+        """Report that checkpoints can no longer be written."""
         self._clock.what = f"{self._clock.what} ({text})"

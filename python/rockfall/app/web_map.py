@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Web map service added by the user: the only external host that a page accesses."""
+"""Web map service added by the user: the only external host that the page contacts."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?")
 
 
 def origin_of(url: str) -> str:
-    """Scheme, host and port of the address of a WMS, or "" without one; a RockfallError if it is no
-    such address, or has no layers."""
+    """Scheme, host and port of a WMS address, or "" without an address. RockfallError if the
+    address is not valid or has no layers."""
     parts = urlsplit(url)
     if not url:
         return ""
@@ -27,14 +27,14 @@ def origin_of(url: str) -> str:
 
 
 def _of(url: str) -> str:
-    """Layers named in an address."""
+    """Layers in a WMS address."""
     given = {key.lower(): value for key, value in parse_qsl(urlsplit(url).query)}
     return given.get("layers", "")
 
 
 def web_map(url: str, grid: Grid) -> dict[str, str] | None:
-    """Address and layers of a WMS, and the CRS of the terrain, as the page gets them; None without
-    one. A RockfallError if the CRS has no EPSG code."""
+    """Address and layers of a WMS, and the CRS of the terrain, as sent to the page; None without a
+    WMS. RockfallError if the CRS has no EPSG code."""
     if not origin_of(url):
         return None
     code = grid.crs.to_epsg() if grid.crs is not None else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check the view requested by a page."""
+"""Checks of the view that a page requests."""
 
 from collections.abc import Collection
 from typing import Any
@@ -10,11 +10,11 @@ from rockfall.app.pictures import MAX_TRAJECTORIES, View
 from rockfall.app.surroundings import Offers
 from rockfall.language import say
 
-MAX_VISIBLE = 200  # lines in view
+MAX_VISIBLE = 200  # maximum lines in view
 
 
 def view_of(message: dict[str, Any], maps: Collection[str], offers: Offers) -> View:
-    """View that a message `view` wishes, with one of these maps; Refused if it cannot be such."""
+    """View requested by a message `view`; its map must be one of `maps`. Refused if invalid."""
 
     def text(key: str, allowed: Collection[str] | None = None) -> str:
         value = message.get(key, "")

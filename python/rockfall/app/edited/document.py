@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The edited document, its site (the parts of a case that are not edited), and the case with layers
-made of both, identical for a live run and for files."""
+"""The edited document, its site (the unedited parts of a case), and the case with layers made from
+both, identical for a live run and for files."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -19,22 +19,22 @@ from rockfall.language import say
 from rockfall.scene.frames import GROUPS
 
 Settings = dict[str, dict[str, Any]]
-#: Keys of &release with the places of release if no sources are drawn.
+#: Keys of &release that set the places of release if no sources are drawn.
 OTHER_SOURCES = ("x", "y", "points", "points_layer", "cells", "polygons", "polygons_layer")
-OF_CELLS = ("steep_cells", "slope_threshold", "by_area")  # not valid for points
+OF_CELLS = ("steep_cells", "slope_threshold", "by_area")  # not valid for point sources
 SIZES = ("uniform_mean_radius", "uniform_rg")
 
 
 @dataclass(frozen=True)
 class Document:
-    """Edited state: keys of the case by group, without defaults, and features by layer."""
+    """Edited state: explicit keys of the case by group, and features by layer."""
 
     settings: Settings = field(default_factory=dict)
     layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
-    variant: str = ""  # name of the &variant from which it comes; "": the case without them
+    variant: str = ""  # name of its &variant group; "" for the case without variants
 
     def content(self) -> dict[str, Any]:
-        """Document in the form sent to the page."""
+        """Content of the document, as sent to the page."""
         layers = {
             name: [feature._asdict() for feature in features]
             for name, features in self.layers.items()
@@ -46,30 +46,30 @@ class Document:
 class Variants:
     """The &variant groups of an opened case."""
 
-    groups: list[dict[str, Any]] = field(default_factory=list)  # as given
+    groups: list[dict[str, Any]] = field(default_factory=list)  # as in the case file
     cases: dict[str, Case] = field(default_factory=dict)
-    base: Document | None = None  # of the case without them
-    documents: dict[str, Document] = field(default_factory=dict)  # variants that can be displayed
-    others: dict[str, str] = field(default_factory=dict)  # groups that prevent its display
+    base: Document | None = None  # the case without variants
+    documents: dict[str, Document] = field(default_factory=dict)  # displayable variants
+    others: dict[str, str] = field(default_factory=dict)  # group that prevents display
 
 
 @dataclass(frozen=True)
 class Site:
-    """Properties of an opened file that no edit changes."""
+    """Properties of an opened file that editing does not change."""
 
-    file: Path  # as opened
-    case_name: str  # for messages
+    file: Path  # path as opened
+    case_name: str  # used in messages
     grid: Grid
     settings_forms: dict[str, Form]
     layer_forms: dict[str, Form]
-    opened: Settings  # as opened; values of keys that name files are kept
-    kept: dict[str, Any] = field(default_factory=dict)  # groups and keys that the page never sees
+    opened: Settings  # as opened; keys that name files keep their values
+    kept: dict[str, Any] = field(default_factory=dict)  # groups and keys not sent to the page
     mode: str = "case"
     variants: Variants = field(default_factory=Variants)
 
     @property
     def folder(self) -> Path:
-        """Folder of the opened file, in which files are saved."""
+        """Folder of the opened file, where files are saved."""
         return self.file.absolute().parent
 
     def given(self, group: str, key: str) -> list[Any]:
@@ -85,8 +85,8 @@ class Site:
         settings: Mapping[str, Any],
         variant: str = "",
     ) -> Document:
-        """Copy of a document with layers and groups replaced by those from the page; `variant` is
-        the variant it is based on. Refuses invalid values."""
+        """Copy of a document with layers and groups replaced by those from the page, based on
+        `variant`. Raise Refused for invalid values."""
         if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
             raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)
@@ -102,7 +102,7 @@ class Site:
         return Document(new_settings, new_layers, variant)
 
     def _group(self, group: str, values: Any) -> dict[str, Any]:
-        """Keys of a group, checked."""
+        """Checked keys of a group."""
         form = self.settings_forms.get(group)
         if form is None or not isinstance(values, dict):
             raise Refused(say("app.server_unknown", name=f"&{group}"[:40]))
@@ -123,13 +123,13 @@ class Site:
 
 
 class Runnable(NamedTuple):
-    """A case with layers: `sources` and `zones` have `FROM_ARRAY` as their file."""
+    """A case with layers; the file of `sources` and `zones` is `FROM_ARRAY`."""
 
     case: Case
     layers: dict[str, Layer]
 
     def named(self, file: str, inline: Collection[str] = ()) -> Case:
-        """Case that reads its layers from files with these names, and has others `inline`."""
+        """Case that reads its layers from files with these names, except the `inline` layers."""
         groups: dict[str, Any] = {}
         for name, layer in self.layers.items():
             if name in inline:
@@ -147,7 +147,7 @@ class Runnable(NamedTuple):
 
 
 def runnable(site: Site, document: Document) -> Runnable:
-    """Case and layers of a document; Refused without sources or ground."""
+    """Case and layers made from a document; Refused without sources or ground."""
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]
@@ -168,7 +168,7 @@ def runnable(site: Site, document: Document) -> Runnable:
 
 
 def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
-    """Replace all boulder sources by the drawn ones."""
+    """Replace all boulder sources by the drawn sources."""
     points = sources[0].type == "Point"
     for key in (*OTHER_SOURCES, *(OF_CELLS if points else ())):
         release.pop(key, None)
@@ -176,8 +176,8 @@ def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
 
 
 def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list[Feature]:
-    """Drawn zones, and zones that fill the rest of the terrain with the uniform ground of the case;
-    all are numbered if there is a default zone."""
+    """Drawn zones, plus zones with the uniform ground of the case on the rest of the terrain; all
+    are numbered if there is a default zone."""
     sizes = {key: surface.pop(key) for key in SIZES if key in surface}
     surface["zones"] = FROM_ARRAY
     if "table" in surface:
@@ -188,7 +188,7 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 
 
 def _numbered(zones: list[Feature]) -> list[Feature]:
-    """Zones, numbered: those without a number get a new one."""
+    """Zones with a new number for each zone that has none."""
     new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
     numbered = []
     for zone in zones:
@@ -202,7 +202,7 @@ def _numbered(zones: list[Feature]) -> list[Feature]:
 def _rest(
     zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
 ) -> list[Feature]:
-    """Polygons of the terrain outside zones; the reader refuses invalid ones."""
+    """Polygons of the terrain outside zones; the reader refuses invalid zones later."""
     import shapely
 
     radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
@@ -225,7 +225,7 @@ def _rest(
 
 
 def with_output(case: Case, maps: Iterable[str], trajectories: int) -> Case:
-    """Case of a live run with only the displayed outputs; all other bits are unchanged."""
+    """Case of a live run with only the displayed outputs; the results do not change."""
     output = {
         "maps": [*dict.fromkeys(maps)] or None, "trajectories": trajectories or None,
         "rebounds": None, "energy_balance": None,

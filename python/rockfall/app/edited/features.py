@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Features drawn on the map: checks of the data that the page sends, and layers made of them,
+"""Features drawn on the map: checks of the data sent by the page, and layers made from them,
 identical in a live run and in a saved file."""
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from rockfall.app.messages import Refused
 from rockfall.language import say
 
 LAYERS = ("sources", "lines", "barriers", "dams", "zones")
-SHAPES = {"sources": ("Point", "Polygon"), "zones": ("Polygon",)}  # the others: LineString
+SHAPES = {"sources": ("Point", "Polygon"), "zones": ("Polygon",)}  # the other layers: LineString
 MAX_FEATURES = 10_000
 MAX_VERTICES = 200_000
-MAX_PLACE = 1e9  # [m]
+MAX_PLACE = 1e9  # maximum coordinate [m]
 _ID = re.compile("[a-z0-9]{1,16}")
 
 
 class Feature(NamedTuple):
-    """A shape with its attributes; coordinates are nested as in GeoJSON, in the CRS of the DEM."""
+    """A shape with attributes; coordinates are nested as in GeoJSON, in the CRS of the DEM."""
 
     id: str
     type: str  # Point, LineString or Polygon
@@ -45,7 +45,7 @@ class Feature(NamedTuple):
         return self.coordinates
 
     def shape(self) -> Any:
-        """Shape for GEOS."""
+        """The shape as a GEOS geometry."""
         import shapely
 
         if self.type == "Point":
@@ -58,8 +58,8 @@ class Feature(NamedTuple):
 def check_features(
     layer: str, given: Any, form: Form, before: Sequence[Feature] = ()
 ) -> list[Feature]:
-    """Features of a layer that the page sends: a list of all, or changes as `set` and `remove`.
-    Raises Refused if they are not valid."""
+    """Features of a layer as sent by the page: a complete list, or changes as `set` and `remove`.
+    Raise Refused for invalid features."""
     remove: Any = []
     if isinstance(given, dict):
         remove, given = given.get("remove"), given.get("set")
@@ -118,7 +118,7 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
 
 
 def positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
-    """Vertices that a page sends, at least this many; else Refused, with their place."""
+    """Vertices sent by the page; Refused, with their place, if fewer than `least`."""
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
     return [_position(vertex, place) for vertex in given]
@@ -135,7 +135,7 @@ def _position(given: Any, place: dict[str, str]) -> list[float]:
 
 
 def check_size(layers: Iterable[Sequence[Feature]]) -> None:
-    """Refuse more features or vertices than a page can edit."""
+    """Raise Refused for more features or vertices than a page can edit."""
     features = [feature for layer in layers for feature in layer]
     vertices = sum(feature.vertices() for feature in features)
     if len(features) > MAX_FEATURES or vertices > MAX_VERTICES:
@@ -144,24 +144,24 @@ def check_size(layers: Iterable[Sequence[Feature]]) -> None:
 
 @dataclass(frozen=True)
 class Layer:
-    """Features of a layer in order, with the kinds of their attributes."""
+    """Features of a layer in order, and the kinds of their attributes."""
 
     features: tuple[Feature, ...]
-    kinds: tuple[tuple[str, str], ...]  # name and kind of each attribute, in their order
+    kinds: tuple[tuple[str, str], ...]  # name and kind of each attribute, in order
 
     @classmethod
     def of(cls, features: Iterable[Feature], form: Form) -> Layer:
-        """Layer of features of a form."""
+        """Layer with the features of a form."""
         kinds = {name: field.kind for name, field in form.items()} | {REST: "logical"}
         return cls(tuple(features), tuple(kinds.items()))
 
     @property
     def geometry(self) -> str:
-        """Type of its shapes."""
+        """Geometry type of the features."""
         return self.features[0].type
 
     def shapes(self) -> np.ndarray:
-        """Shapes for GEOS."""
+        """The shapes as GEOS geometries."""
         import shapely
 
         places = [feature.coordinates for feature in self.features]
@@ -175,7 +175,7 @@ class Layer:
         return shapely.polygons(shapely.linearrings(vertices, indices=ring), indices=polygon)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Attributes of the features: reals, integers (reals if one is missing) and texts."""
+        """Columns of attributes: reals, integers (reals if a value is missing) or texts."""
         given = {
             name for feature in self.features
             for name, value in feature.properties.items() if value is not None
@@ -186,18 +186,18 @@ class Layer:
         }  # fmt: skip
 
     def groups(self) -> Iterator[dict[str, Any]]:
-        """Lines as groups of a case."""
+        """Line features as groups of a case."""
         for line in self.features:
             x, y = (list(axis) for axis in zip(*line.coordinates, strict=True))
             yield {**line.properties, "x": x, "y": y}
 
     def frame(self, crs: Any) -> Frame:
-        """Layer in the form expected by `rockfall.open`."""
+        """Layer in the form that `rockfall.open` accepts."""
         return Frame(self, crs)
 
 
 def _joined(parts: Sequence[Sequence[Any]]) -> tuple[Any, np.ndarray]:
-    """Items of all parts in sequence, and the part index of each."""
+    """Concatenate the items of all parts; return them with the part index of each."""
     owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     return [*chain.from_iterable(parts)], owner
 
@@ -214,7 +214,8 @@ def _column(kind: str, values: list[Any]) -> np.ndarray:
 
 
 class Frame:
-    """A layer like a GeoDataFrame, with the attributes that `rockfall.scene.frames` uses."""
+    """Minimal stand-in for a GeoDataFrame, with the attributes that `rockfall.scene.frames`
+    uses."""
 
     def __init__(self, layer: Layer, crs: Any) -> None:
         shapes = pd.Series(layer.shapes(), dtype=object)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Forms for editing a document: fields for keys of the case by group and for attributes of features
-by layer, with units and ranges from the kernel's table; and checks of values."""
+"""Forms for editing a document: fields for the keys of each group and for the feature attributes
+of each layer, with units and ranges from the kernel's table; and checks of values."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -15,24 +15,24 @@ from rockfall.scene.frames import GROUPS
 from rockfall.scene.lines import OF_LAYER
 from rockfall.scene.releases.source_attributes import AXES, LAWS, VELOCITY, VOLUMES
 
-MAX_TEXT = 200  # characters of a value
-MAX_VALUES = 1000  # of a list
-MAX_INTEGER = 2**53  # largest integers that JSON keeps exactly in a browser
-#: Keys of places that layers of a document replace.
+MAX_TEXT = 200  # maximum characters of a value
+MAX_VALUES = 1000  # maximum length of a list
+MAX_INTEGER = 2**53  # largest integer that JSON keeps exact in a browser
+#: Keys that set places, replaced by layers of a document.
 DRAWN = {
     "release": {"x", "y", "points", "points_layer", "polygons", "polygons_layer", "name_field"},
     "surface": {"zones_layer", "zone_field"},
 }
-GROUND_KEYS = {("surface", "ground")}  # names of grounds that would open another file
-PLACES = OF_LAYER - {"name"}  # keys of lines that are no attributes of features
-REST = "rest"  # attribute of the zone polygons that fill the terrain around the drawn ones
+GROUND_KEYS = {("surface", "ground")}  # ground names that would open another file
+PLACES = OF_LAYER - {"name"}  # keys of lines that are not attributes of features
+REST = "rest"  # marks the zone polygons that fill the terrain around the drawn zones
 
 
 class Field(NamedTuple):
-    """A field of a form, in the form sent to the page; `min` and `max` are optional limits."""
+    """A form field, as sent to the page; `min` and `max` are optional limits."""
 
     name: str
-    kind: str  # real, integer, text, logical, or count: an integer or a word
+    kind: str  # real, integer, text, logical, or count (an integer or a word)
     list: bool
     default: Any
     allowed: str
@@ -45,7 +45,7 @@ class Field(NamedTuple):
     most: int = 1
 
     def about(self) -> dict[str, Any]:
-        """Field for the page."""
+        """The field as sent to the page."""
         return {name: value for name, value in self._asdict().items() if name != "most"}
 
 
@@ -53,7 +53,7 @@ Form = dict[str, Field]
 
 
 def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the groups that are settings; `grounds` are the allowed names, None: any."""
+    """Form fields of the groups with settings; `grounds` are the allowed names (None: any)."""
     forms: dict[str, Form] = {}
     for key in key_table():
         if key.group not in REPEATABLE and key.name not in DRAWN.get(key.group, ()):
@@ -65,7 +65,7 @@ def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
 
 
 def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Fields of the features of each layer; `zones`: whether zones are drawn."""
+    """Form fields for the features of each layer; `zones` is True if zones are drawn."""
     keys = {(key.group, key.name): key for key in key_table()}
     text = Key("", "name", "text", 1, "absent", "", "", "")
     names = ("density", "drop_height")
@@ -99,7 +99,7 @@ def _zone_form(
     name: Field,
     grounds: tuple[str, ...] | None,
 ) -> Form:
-    """Fields of zones: their number in a table, or their material."""
+    """Form fields of zones: the number in a table, or the material."""
     number = _field(Key("", "zone", "integer", 1, "absent", "", "", ""))
     if "table" in case.surface:
         return {"zone": number, "name": name}
@@ -123,7 +123,7 @@ def _pair_field(name: str) -> Field:
 
 
 def ground_names(*cases: Case) -> tuple[str, ...]:
-    """Grounds that can be named without opening files beyond those of the cases."""
+    """Names of grounds that open no files beyond those of the cases."""
     grounds: list[str] = []
     for case in cases:
         own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
@@ -132,13 +132,13 @@ def ground_names(*cases: Case) -> tuple[str, ...]:
 
 
 def _attribute(key: Key) -> Field:
-    """Field of an attribute that replaces a key: one value, without a default."""
+    """Field of an attribute that replaces a key: a single value without a default."""
     return _field(key)._replace(list=False, most=1, default=None)
 
 
 @cache
 def _field(key: Key) -> Field:
-    """Field of a key of the table."""
+    """Field of a key in the kernel's table."""
     choices: tuple[str, ...] | None = None
     if (key.group, key.name) == ("output", "maps"):
         choices = tuple(MAP)
@@ -152,7 +152,7 @@ def _field(key: Key) -> Field:
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:
-    """Value of a field in its type, else Refused. The kernel checks ranges."""
+    """Value converted to the type of its field; Refused if impossible. The kernel checks ranges."""
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)

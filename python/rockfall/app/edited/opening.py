@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Opening of a case or DEM: split into an editable document and an unchanged part."""
+"""Opening a case or DEM: the split into an editable document and an unchanged part."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -36,7 +36,7 @@ from rockfall.scene.layers import Inputs
 from rockfall.scene.lines import read_lines
 from rockfall.scene.releases.source_attributes import AXES, has_axes
 
-TOTAL = 10_000  # boulders of a new document
+TOTAL = 10_000  # boulders in a new document
 FIRST: Settings = {
     "case": {"boulders_total": TOTAL},
     "boulder": {"volume_mean": VOLUME},
@@ -49,7 +49,7 @@ FIRST: Settings = {
 
 
 def is_result(path: Path) -> bool:
-    """Return True for a netCDF file that is a result rather than a DEM."""
+    """Return True if a netCDF file is a result rather than a DEM."""
     if not start_of(path).startswith(NETCDF):
         return False
     try:
@@ -60,7 +60,7 @@ def is_result(path: Path) -> bool:
 
 
 def ground_choices() -> list[dict[str, Any]]:
-    """Grounds for a document without one, with the rock radius [m] where needed."""
+    """Grounds offered for a document without ground, with the rock radius [m] where needed."""
     return [{"name": name, "radius": RADIUS if needs_rocks(name) else None} for name in GROUNDS]
 
 
@@ -70,7 +70,7 @@ def open_site(path: Path) -> tuple[Site, Document]:
 
 
 def _open_dem(path: Path) -> tuple[Site, Document]:
-    """Document of a bare DEM, without sources and ground."""
+    """Document of a DEM without a case: no sources and no ground."""
     grid, _ = dem_header(path)
     name = path.with_name(f"{path.stem}.nml")
     settings = {group: dict(values) for group, values in FIRST.items()}
@@ -78,7 +78,7 @@ def _open_dem(path: Path) -> tuple[Site, Document]:
     settings["terrain"] = {"dem": path.name}
     whole = {group: dict(values) for group, values in settings.items()}
     whole["release"]["points"] = FROM_ARRAY
-    whole["surface"] = {"ground": next(iter(GROUNDS))}  # any ground will do: the document has none
+    whole["surface"] = {"ground": next(iter(GROUNDS))}  # placeholder: the document has none
     case = Case(folder=path.parent, name=str(name), **whole)
     grounds = ground_names(case)
     forms = settings_forms(grounds), layer_forms(case, True, grounds)
@@ -110,7 +110,8 @@ def _open_case(path: Path) -> tuple[Site, Document]:
 def _differs(
     site: Site, case: Case, document: Document, kept: dict[str, Any], forms: dict[str, Form]
 ) -> str:
-    """Group where a variant differs from its site beyond what a document can edit; "" if none."""
+    """Name of a group in which a variant differs from its site beyond what a document can edit; ""
+    if there is none."""
     if case.terrain != site.opened["terrain"]:
         return "terrain"
     if document.layers["zones"] and forms["zones"] != site.layer_forms.get("zones"):
@@ -121,7 +122,7 @@ def _differs(
 def _read(
     case: Case, grid: Grid, grounds: tuple[str, ...]
 ) -> tuple[Document, dict[str, Any], dict[str, Form]]:
-    """Document of a case, the part kept unchanged, and the forms of its layers."""
+    """Document of a case, the part kept unchanged, and the forms of the layers."""
     settings, document = given_groups(case), Document()
     kept: dict[str, Any] = {name: getattr(case, name) for name in REPEATABLE}
     inputs = Inputs(case, grid)
@@ -152,7 +153,7 @@ def _read(
 
 
 def _fits(features: list[Feature]) -> bool:
-    """Return True for a layer that the page can edit."""
+    """Return True if the page can edit a layer."""
     return (
         len(features) <= MAX_FEATURES
         and sum(feature.vertices() for feature in features) <= MAX_VERTICES
@@ -165,7 +166,7 @@ def _has_polygon_zones(case: Case) -> bool:
 
 
 def line_features(layer: str, case: Case, form: Form) -> Iterator[Feature]:
-    """Features of line groups, with keys that differ from their default."""
+    """Features from line groups, with the keys that differ from their defaults."""
     for k, group in enumerate(given_in_lists(case)[GROUPS[layer]], start=1):
         own = {key: group[key] for key in form if key in group}
         places = [[*at] for at in zip(group["x"], group["y"], strict=True)]
@@ -173,7 +174,7 @@ def line_features(layer: str, case: Case, form: Form) -> Iterator[Feature]:
 
 
 def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
-    """Features of the points or polygons of a case."""
+    """Features from the source points or polygons of a case."""
     import shapely
 
     case, release = inputs.case, inputs.case.release
@@ -210,7 +211,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of the parts of polygons (their `owner`), with frequencies by area."""
+    """Columns of source polygons for each of their parts (`owner` is the polygon), with
+    frequencies divided by area."""
     import shapely
 
     frequency = attribute(columns, "frequency")
@@ -223,7 +225,7 @@ def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> di
 
 
 def _plain_volume(own: dict[str, Any]) -> dict[str, Any]:
-    """Attributes with a numeric `volume` as the fixed volume of all boulders."""
+    """Attributes in which a numeric `volume` becomes the fixed volume of all boulders."""
     number = decimal(str(own["volume"])) if "volume" in own else np.nan
     return {**own, "volume": "fixed", "volume_mean": number} if np.isfinite(number) else own
 
@@ -234,7 +236,8 @@ def _rings(polygon: Any) -> list[list[list[float]]]:
 
 
 def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict[str, Any]]:
-    """Attributes of each feature that are in a form, in the field types where possible."""
+    """For each feature, the attributes that occur in a form, converted to the field types where
+    possible."""
     fields = {name: attribute(columns, name) for name in form}
     for k in range(size):
         values = {name: plain(column[k]) for name, column in fields.items() if column is not None}
@@ -245,7 +248,8 @@ def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Attribute in the type of its field; unchanged if impossible, for the reader to refuse."""
+    """Attribute converted to the type of its field. If impossible it is unchanged, and the reader
+    refuses it."""
     if kind == "text":
         return str(value).strip()
     number = decimal(value) if isinstance(value, str) else float(value)
@@ -255,8 +259,8 @@ def _typed(kind: str, value: Any) -> Any:
 
 
 def _zones(inputs: Inputs, form: Form, surface: dict[str, Any]) -> Iterator[Feature]:
-    """Features of the zone polygons. Zones written by this window to fill the rest of the terrain
-    become the uniform ground of the case again."""
+    """Features from the zone polygons. Zones that this window wrote to fill the rest of the
+    terrain become the uniform ground of the case again."""
     import shapely
 
     own = inputs.case.surface

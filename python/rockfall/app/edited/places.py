@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Location of an error or warning in the document."""
+"""Places of errors and warnings in the document."""
 
 import os
 import re
@@ -16,7 +16,8 @@ _LAYERS = {group: layer for layer, group in GROUPS.items()}
 
 
 def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
-    """Entry for the page from an error: its text, and its layer and feature or group and key."""
+    """Entry for the page from an error: the text, and its place (layer and feature, or group and
+    key)."""
     text = without_files(text, site)
     place: dict[str, str] = {}
     rest = text
@@ -46,13 +47,13 @@ def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
 
 
 def _key(text: str, form: Form) -> dict[str, str]:
-    """First key or form attribute that occurs in a text."""
+    """First key or form attribute that a text contains."""
     match = _KEY.match(text)
     return {"key": match[1]} if match and match[1] in form else {}
 
 
 def _named(text: str, document: Document, layer: str) -> dict[str, str]:
-    """Feature whose name begins a text, or the only feature."""
+    """Feature whose name starts a text, or the only feature."""
     match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
     for feature in features:
         if len(features) == 1 or (match and feature.properties.get("name") == match[1]):
@@ -61,7 +62,7 @@ def _named(text: str, document: Document, layer: str) -> dict[str, str]:
 
 
 def _source(text: str, document: Document) -> dict[str, str]:
-    """Point source whose number occurs in a text."""
+    """Point source whose number a text contains."""
     match, points = re.match(r": source (\d+) \(", text), document.layers["sources"]
     if match and points and points[0].type == "Point" and int(match[1]) <= len(points):
         return {"layer": "sources", "id": points[int(match[1]) - 1].id}
@@ -69,7 +70,7 @@ def _source(text: str, document: Document) -> dict[str, str]:
 
 
 def without_files(text: str, site: Site) -> str:
-    """Text without the case name and the folder of files; drawn layers appear by name only."""
+    """Text without the case name and the folder of files; drawn layers keep only their name."""
     text = text.removeprefix(f"{site.case_name}: ").replace(" = (GeoDataFrame)", "")
     for folder in (site.folder, site.file.parent):
         text = text.replace(f"{folder}{os.sep}", "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Saving a document as a case with a GeoPackage, next to the opened file."""
+"""Saving a document as a case with a GeoPackage next to the opened file."""
 
 import os
 import re
@@ -23,24 +23,24 @@ from rockfall.io.output_files import overwriting
 from rockfall.language import say
 from rockfall.scene.frames import GROUPS
 
-MAX_NAME = 80  # characters
-_NAME = re.compile(r"[\w-](?:[\w .-]*[\w-])?")  # not hidden, no blanks or dots at the end
+MAX_NAME = 80  # maximum characters
+_NAME = re.compile(r"[\w-](?:[\w .-]*[\w-])?")  # neither hidden, nor ending with a blank or dot
 
 
 class Exists(Refused):
-    """Refused because a file exists."""
+    """Refused because a file already exists."""
 
 
 def check_name(name: object) -> str:
-    """Bare file name without an extension; anything that could be a path is refused."""
+    """Check a file name without folder and extension; refuse anything that could be a path."""
     if not isinstance(name, str) or len(name) > MAX_NAME or not _NAME.fullmatch(name):
         raise Refused(say("app.server_name", length=MAX_NAME))
     return name
 
 
 def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
-    """Refuse names of existing files or folders unless they are to be replaced. Links to folders
-    are refused, because files elsewhere would be replaced."""
+    """Raise an error if files or folders with these names exist, unless `overwrite`. Links to
+    folders are refused, because files elsewhere would be replaced."""
     taken = [name for name in names if os.path.lexists(folder / name)]
     for name in taken:
         if (folder / name).is_symlink() and (folder / name).is_dir():
@@ -50,15 +50,15 @@ def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
 
 
 class Saved(NamedTuple):
-    """Files that were written, and a remark if the case lacks something."""
+    """The files written, and a remark if the case is incomplete."""
 
     files: list[Path]
     remark: str = ""
 
 
 def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
-    """Write NAME.nml, and NAME.gpkg with the layers if anything is drawn: all or nothing, and never
-    over a file that the case reads."""
+    """Write NAME.nml and, if anything is drawn, its layers to NAME.gpkg: all files or none, and
+    never over a file that the case reads."""
     made = runnable(site, document)
     case, inline, remark = _with_variants(site, document, made, f"{name}.gpkg")
     drawn = {name: layer for name, layer in made.layers.items() if name not in inline}
@@ -81,8 +81,9 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
 def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
-    """Case with the &variant groups of the site, and its inline layers, so that these groups can
-    name features; without the groups, and with a remark, if their meaning would change."""
+    """Case with the &variant groups of the site, and with inline layers, so that the variants can
+    name their features. If this would change a variant's meaning, the variants are left out, with
+    a remark."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""
@@ -100,7 +101,7 @@ def _with_variants(
 
 
 def _check_layers(site: Site, saved: dict[str, Case]) -> None:
-    """Refuse a variant whose file would be overwritten by a layer."""
+    """Raise an error if a saved layer would overwrite a file that a variant uses."""
     for name, key, _ in _files_of_variants(site):
         layer = f"{key.name}_layer"
         before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))
@@ -109,7 +110,7 @@ def _check_layers(site: Site, saved: dict[str, Case]) -> None:
 
 
 def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
-    """Files named by variants: name of the variant, key and file."""
+    """Files that variants use: name of the variant, key and file."""
     for given in site.variants.groups:
         for key in file_keys():
             named = given.get(f"{key.group}_{key.name}", [])
@@ -118,5 +119,5 @@ def _files_of_variants(site: Site) -> Iterator[tuple[str, Key, str]]:
 
 
 def case_text(case: Case) -> str:
-    """Text of a case, with values that differ from the defaults."""
+    """Text of a case, with the values that differ from the defaults."""
     return namelist_text({**given_groups(case), **given_in_lists(case)})
