@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Report of a result as one HTML page that needs no network: `page` writes it."""
+"""Report of a result as an HTML page that works offline; `page` writes it."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case on paper: page 1 with the question, the answer and the signature, then the map,
-the barrier, the variants, all places, the inputs, and the sheet of the hazard map."""
+"""Dossier of a case as pages: page 1 with question, answer and signature, then the map, the
+barrier, the variants, all places, the inputs, and the hazard map sheet."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ from rockfall.tables.dossier import (
 )
 from rockfall.text.hazard import limits_of_hazard
 
-MAP = Room(180 / 25.4, 246 / 25.4)  # area of the map on page 2, title below
-SHEETS, ROWS = 8, (12, 8, 5, 3)  # at most; rows of tables, if there are more
-LOWEST, TITLE = 95.0, 22.0  # of the figure that closes the texts, and of its title [mm]
-HOUSES, ADVICE, WARNINGS = 3, 4, 3  # sentences on page 1
+MAP = Room(180 / 25.4, 246 / 25.4)  # map on page 2, with the title below
+SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
+LOWEST, TITLE = 95.0, 22.0  # minimum height of the closing figure, and height of its title [mm]
+HOUSES, ADVICE, WARNINGS = 3, 4, 3  # maximum sentences on page 1
 
 
 class Given(NamedTuple):
@@ -67,7 +67,7 @@ def write_dossier_page(
     path: str | Path,
     language: str,
 ) -> None:
-    """Write the pages of a dossier (.pdf, or .html) atomically, in a language."""
+    """Write the pages of a dossier (.pdf or .html) atomically, in a language."""
     path = Path(path)
     with speaking(language):
         content = _content(dossier, dict(designs), given)
@@ -78,8 +78,8 @@ def write_dossier_page(
 
 
 def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Terrain | None) -> str:
-    """Page of this content on at most `SHEETS` sheets: with fewer table rows if it is longer, and
-    with a map of the sources if there is space at the end, or a spare sheet."""
+    """Fit a page to at most `SHEETS` sheets, with fewer table rows if necessary. Add a map of the
+    sources if there is room at the end, or a spare sheet."""
     fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
@@ -93,7 +93,8 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section with tables of places cut to this number of rows, with a note on omissions."""
+    """Section with its tables of places cut to at most this number of rows, and a note on
+    omissions."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section
@@ -104,8 +105,8 @@ def _cut(section: Section, most: int) -> Section:
 def _closing(
     hazard: xr.Dataset, terrain: Terrain | None, place: Place, left: float, spare: bool
 ) -> Picture | None:
-    """Map of the sources for the remaining height [mm] of the last text page, or for a spare
-    sheet; None if it is too small and there is none."""
+    """Map of the sources for the remaining height [mm] on the last text page, or for a spare
+    sheet; None if neither has room."""
     high = left - TITLE
     if high < LOWEST and not spare:
         return None
@@ -116,12 +117,12 @@ def _closing(
 
 
 def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> dict[str, Any]:
-    """Content of the template, without the final figure."""
+    """Content for the template, without the closing figure."""
     hazard, parties = dossier.first, given.parties
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
     imprint = Imprint(parties.project, parties.client, parties.author)
-    sheet = hazard_sheet(hazard, given.terrain, imprint)  # warnings are on other pages
+    sheet = hazard_sheet(hazard, given.terrain, imprint)  # other pages show these warnings
     return dict(
         title=title_of(dossier),
         on_paper=True,
@@ -141,7 +142,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
 
 
 def first_tables(dossier: Dossier) -> Iterator[Table]:
-    """Tables of page 1: the first places of the full tables that follow."""
+    """Tables of page 1: the first places of the complete tables, which follow later."""
     yield answer_table(dossier.first, dossier.period, MOST)
     if len(dossier.hazards) > 1:
         yield variants_table(dossier, MOST)
@@ -149,7 +150,7 @@ def first_tables(dossier: Dossier) -> Iterator[Table]:
 
 
 def _in_lines(table: Table) -> Table:
-    """Table with a number and its interval in one line."""
+    """Table with each number and its interval on one line."""
     return table._replace(rows=[[*map(in_line, row)] for row in table.texts()])
 
 
@@ -159,14 +160,14 @@ def _map_title(dossier: Dossier) -> str:
 
 
 def title_of(dossier: Dossier) -> str:
-    """Title of the case, without the name of a variant."""
+    """Title of the case, without the variant name."""
     name, attrs = next(iter(dossier.hazards)), dossier.first.attrs
     title = str(attrs["title"]).removesuffix(name).removesuffix(": ")
     return title or Path(str(attrs["case_file"])).stem
 
 
 def question(dossier: Dossier) -> str:
-    """Question of the client: the text of the case, or the question that the numbers answer."""
+    """The client's question: the text of the case, or the question that the numbers answer."""
     if asked := case_in(dossier.first.attrs).case["question"]:
         return str(asked)
     names = [place.name for place in places_of(dossier.first)[:MOST]]
@@ -186,7 +187,7 @@ def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
 
 
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
-    """Sentences of page 1: lines, the objects hit most often, and the barrier."""
+    """Sentences on page 1: lines, the most frequently hit objects, and the barrier."""
     hazard = dossier.first
     yield from yearly_answers(hazard, dossier.period)
     objects = [place for place in places_of(hazard) if place.kind == "object"]
@@ -200,7 +201,7 @@ def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]
 
 
 def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
-    """Sentence on an object: how often it is hit, and its class."""
+    """Sentence on an object: its impact frequency and its class."""
     rates = [float(hazard[f"object_frequency{end}"].values[k]) for end in ("", "_low", "_high")]
     hazard_class = word(CLASSES[int(hazard["object_hazard_class"].values[k])])
     years = years_between(*rates)
@@ -211,7 +212,8 @@ def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
 
 
 def dossier_warnings(dossier: Dossier) -> list[Text]:
-    """Warnings on the models of all runs, and on the hazards, each once, with some of its names."""
+    """Warnings on the models of all runs and on the hazards; each appears once, with the first
+    names concerned."""
     by_run = {
         f"{name}/{scenario}" if name else scenario: texts
         for name, hazard in dossier.hazards.items()
@@ -222,7 +224,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
-    """Yield figures by section; they follow its second table."""
+    """Yield figures by section; each follows the second table of its section."""
     curves = curves_figure(dossier.hazards)
     shown = [picture(curves, say("dossier.curves"), say("dossier.curves_caption"), on_paper=True)]
     if has_segments(dossier.first):
@@ -235,7 +237,7 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
 
 
 def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
-    """Sections of page 1 and of the following pages, with all their numbers."""
+    """Sections of page 1 and of the following pages, with all numbers."""
     notes = [question(dossier), *answers(dossier, designs)]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:

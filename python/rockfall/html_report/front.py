@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page 1 of a report, which is signed: its contents are cut to a sheet of A4, with a note on
+"""Page 1 of a report, for signature: its contents are cut to one A4 sheet, with a note on
 omissions.
 
-Neither WeasyPrint nor a browser shrinks a map to fit a page, and a shrunk map would have a wrong
-scale. Texts are therefore cut to a number of lines, and the map is drawn for the remaining space.
+Neither WeasyPrint nor a browser shrinks a map to fit a page, and shrinking would falsify its
+scale. Texts are therefore cut to a maximum number of lines, and the map fills the remaining space.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from rockfall.tables.lines import Rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 25.4  # millimetres per inch
-SHEET = 263.0  # height between the margins [mm]; templates/page.css has the margins
+MM = 25.4  # inch [mm]
+SHEET = 263.0  # height between the margins [mm], which templates/page.css sets
 FIXED = 41.0  # height of labels, date, program, headings, signature and gaps [mm]
 WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 6, 4, 6, 20  # maximum numbers of lines
-HEAD = 3  # rows taken by the caption and header of a table
+HEAD = 3  # rows for the caption and header of a table
 CHARACTERS = {
     "title": 62,
     "question": 88,
@@ -52,30 +52,30 @@ LINE = {
     "sure": 3.9,
     "fact": 4.3,
 }  # [mm]
-ROW = 4.3  # of a table [mm]
-BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # two paragraphs; note on omissions; frame of warnings [mm]
-NAME = 20  # letters of the first cell of a row
-#: Minimum height of a map with text next to it, and of a wide one, with its scale and legend of
-#: some 40 mm [mm].
+ROW = 4.3  # height of a table row [mm]
+BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # paragraph gap, note on omissions, warning frame [mm]
+NAME = 20  # letters in the first cell of a row
+#: Minimum height [mm] of a map with text next to it, and of a wide map, including about 40 mm for
+#: scale and legend.
 LOWEST = {True: 105.0, False: 85.0}
-TALLEST = 165.0  # [mm]
-UPRIGHT = 0.8  # ratio of height to width above which a map leaves space for text next to it
+TALLEST = 165.0  # maximum height of a map [mm]
+UPRIGHT = 0.8  # height-to-width ratio above which there is room for text next to a map
 
 
 class Front(NamedTuple):
-    """Contents of page 1, and for each part the number of items that are only on later pages."""
+    """Contents of page 1, and for each part the number of items that appear only on later pages."""
 
-    facts: list[tuple[str, str]]  # label, value; "" leaves a blank to fill in
+    facts: list[tuple[str, str]]  # label and value; "" leaves a blank to fill in
     warnings: list[str]
     more_warnings: list[str]
     answers: list[str]
     more_answers: list[str]
     tables: list[Table]
-    more_tables: list[Table]  # complete tables that page 1 shows in part
+    more_tables: list[Table]  # complete versions of tables that page 1 shows in part
     certainty: list[str]
     more_certainty: list[str]
-    room: Room  # of the map
-    beside: bool  # text is next to the map, not above it
+    room: Room  # space for the map
+    beside: bool  # True if text is next to the map, False if above
 
 
 def front_of(
@@ -85,8 +85,8 @@ def front_of(
     texts: dict[str, Sequence[str]],
     tables: Sequence[Table],
 ) -> Front:
-    """Page 1 from these texts (title, question, warnings, answers, certainty) and tables, fitted to
-    their length in the language of the page."""
+    """Page 1 with these texts (title, question, warnings, answers, certainty) and tables, cut to
+    the length that fits in the language of the page."""
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
     warnings, more_warnings = _fitted(texts["warnings"], "warning", WARNING_LINES)
@@ -119,7 +119,7 @@ def front_of(
 
 
 def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
-    """Parties of the report, and the run."""
+    """Parties of the report, and details of the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
     date = str(result.attrs.get("date_created", ""))[:10]
     return [
@@ -137,7 +137,7 @@ def _lines(texts: str | Sequence[str], kind: str) -> int:
 
 
 def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
-    """Split texts into the first ones that fit in a number of lines, and the others."""
+    """Split texts into those that fit in the lines for this kind, and the rest."""
     texts, used = list(texts), 0
     for k, text in enumerate(texts):
         used += _lines(text, kind)
@@ -147,14 +147,14 @@ def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list
 
 
 def _most_passed(rows: Rows) -> list[int]:
-    """Lines ordered by the number of boulders that pass, in case a page cannot show all."""
+    """Lines by decreasing number of passing boulders, because a page may not show all of them."""
     passed = [numbers["speed"]["n"] for numbers in rows.values()]
     return sorted(range(len(passed)), key=lambda k: -passed[k])
 
 
 def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Table], list[Table]]:
-    """Tables cut to a number of rows, with one-line cells and at least one row of the first table;
-    and the complete tables that are cut or left out."""
+    """Tables cut to a number of rows, with single-line cells and at least one row of the first
+    table; also the complete versions of tables that are cut or omitted."""
     shown: list[Table] = []
     more: list[Table] = []
     for k, table in enumerate(tables):
@@ -171,7 +171,7 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
 
 
 def _high(row: Sequence[object]) -> int:
-    """Lines of a row: one per cell, but names may take more."""
+    """Height of a row in lines: one for each cell, but long names take more."""
     return -(-len(str(row[0])) // NAME)
 
 
@@ -183,7 +183,8 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """Map of page 1 and its title: zones, passages or stopping places; None without."""
+    """Map on page 1 and its title: zones, passages or stopping places; None if it cannot be
+    drawn."""
     if hazard is not None:
         yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

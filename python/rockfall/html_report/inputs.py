@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; the parties."""
+"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; and the parties of the
+report."""
 
 from __future__ import annotations
 
@@ -45,11 +46,11 @@ RADII = {
     "rg10": "Rg10 [m]",
 }
 UNITS = {"ground_strength": "Pa", "ground_relief": "degree"}
-MATERIALS = 12  # drawn in separate colours
+MATERIALS = 12  # maximum number drawn in separate colours
 
 
 class Parties(NamedTuple):
-    """Details of the report given by the user."""
+    """Report details given by the user."""
 
     project: str = ""
     client: str = ""
@@ -59,7 +60,7 @@ class Parties(NamedTuple):
 
 
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
-    """Table of the inputs of the run."""
+    """Table of the run's inputs."""
     case = case_of(result)
     west, north, cell = corner_of(result["crs"].attrs)
     nets = ", ".join(line_names(result)[k] for k in barriers_of(result))
@@ -107,7 +108,7 @@ def _density(case: Case, layer_says_more: bool) -> str:
 
 
 def _shapes(result: xr.Dataset) -> Iterator[tuple[str, Text]]:
-    """Fractions of the block shapes, where boulders have several."""
+    """Fractions of the block shapes, if there are several."""
     if shapes := boulders_by_shape(result):
         parts = [
             say("inputs.part", fraction=percent(own.mean()), name=word(name))
@@ -122,8 +123,8 @@ def _range(values: np.ndarray) -> str:
 
 
 def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple[str, str]]:
-    """Likely mistakes in the inputs, as `check`, `run` and `hazard` print them: place and text.
-    Reprojected layers are listed with the files."""
+    """Likely mistakes in the inputs (place and text), as printed by `check`, `run` and `hazard`.
+    Reprojected layers appear in the list of files instead."""
     studies = [result] if hazard is None else [result, hazard]
     texts = (study.attrs.get("input_warnings", "[]") for study in studies)
     rows = dict.fromkeys(InputWarning.of(row) for text in texts for row in json.loads(text))
@@ -131,13 +132,13 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
 
 
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
-    """Line on page 1 that refers to likely mistakes in the inputs."""
+    """Line on page 1 about likely mistakes in the inputs."""
     if doubts:
         yield say_count("inputs.doubtful", len(doubts))
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
-    """Rock sizes on the slope, by zones. Raises a RockfallError if their files cannot be read."""
+    """Table of rock sizes on the slope, by zone. RockfallError if a file cannot be read."""
     case = case_of(result)
     surface = case.surface
     if "table" in surface and surface["table"] != FROM_ARRAY:
@@ -149,14 +150,14 @@ def zone_table(result: xr.Dataset) -> Iterator[Table]:
         sizes = np.ravel(surface.get("uniform_mean_radius", surface.get("uniform_rg", [])))
         heads = list(RADII.values())[slice(0, 1) if sizes.size == 1 else slice(1, 4)]
         cells = dict(zip(heads, map(number, sizes), strict=True))
-        if "ground" in surface:  # rocks without a size if none is given
+        if "ground" in surface:  # rocks have radius 0 by default
             cells = {word("ground"): usual_name(case)} | (cells if sizes.any() else {})
         row = say("inputs.everywhere"), *cells.values()
         yield Table.of(say("inputs.grounds_and_radii_of_their_rocks"), ("", *cells), [row])
 
 
 def _polygon_zones(zones: dict[int, Zone]) -> Table:
-    """Table of zones whose polygons have ground attributes."""
+    """Table of zones whose polygons carry ground attributes."""
     cells = []
     for number_, zone in zones.items():
         sizes = {key: f"{size:g}" for key, size in zip(RADII, zone.sizes, strict=True)}
@@ -176,7 +177,7 @@ def _zones(columns: list[str], cells: list[dict[str, str]]) -> Table:
 
 
 def _size(row: dict[str, str], name: str) -> str:
-    """Cell of a zone; "-" for rocks of radius 0 on a named ground, which needs none."""
+    """Cell of a zone; "-" for rocks of radius 0 on a named ground, which needs no radius."""
     text = row.get(name, "").strip()
     if name not in RADII:
         return text
@@ -186,7 +187,7 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None if there is one. RockfallError if files cannot be read."""
+    """Map of the grounds; None if there is only one. RockfallError if a file cannot be read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None
@@ -198,8 +199,8 @@ def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
 
 
 def _zone_labels(case: Case, sizes: np.ndarray) -> list[str]:
-    """Labels of the rows of the zone table: name or number, ground, and radii of rocks but those of
-    a named ground without any."""
+    """Labels for rows of the zone table: name or number, ground, and rock radii, unless a named
+    ground has none."""
     usual = named_ground(case)
     return [
         f"{zone.name or say('inputs.zone', number=number)}"

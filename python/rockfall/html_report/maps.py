@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zoomable maps of a result: images and paths for inline SVG over shaded relief, with the values of
-the cells.
+"""Zoomable maps of a result: images and paths for inline SVG over shaded relief, with cell values.
 
-All maps of a page show the same window of the terrain and move together. Their unit is a cell of
-the image, which is one or more cells of the raster.
+All maps on a page show the same window of the terrain and move together. Their length unit is an
+image cell, which covers one or more raster cells.
 """
 
 from __future__ import annotations
@@ -35,18 +34,18 @@ from rockfall.result.maps.passages import of_none, thin_cells
 from rockfall.result.motion import spread
 from rockfall.result.trajectories import Terrain, lines, vertices_of
 
-MAX_CELLS = 4_000_000  # total size of all map images, to limit a page to a few MB
+MAX_CELLS = 4_000_000  # total size of all map images; keeps a page at a few MB
 PRINTED = np.array([0.18, 0.2])  # maximum width and height of a map on paper [m]
-NAME_DEPTH = 6  # halvings of a line, whose ends are candidate places of its name
+NAME_DEPTH = 6  # number of times a line is halved to find places for its name
 MAX_POINTS = 3000  # maximum number of stops drawn
-FINEST = 1 / 400  # minimum cell side of the source outline, over the longer side of the window
+FINEST = 1 / 400  # minimum cell side of the source outline, over the longer window side
 
 
 class Window(NamedTuple):
-    """The part of the raster that boulders reached, and how it is drawn.
+    """The part of the raster reached by boulders, with the scale of its image.
 
-    `west` and `north` are its outer edges [m], `cell` the side of a cell of the picture [m], which
-    is `step` cells of the raster; `row` and `column` are those of the raster where it begins.
+    `west` and `north` are its outer edges [m]. An image cell has the side `cell` [m] and covers
+    `step` by `step` raster cells. `row` and `column` are the raster indices of its first cell.
     """
 
     west: float
@@ -64,7 +63,7 @@ class Window(NamedTuple):
         return self.west, self.west + wide, self.north - high, self.north
 
     def place(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Coordinates (n, 2) of points [m] in cells of the image, from its north-western corner."""
+        """Coordinates (n, 2) of points [m] in image cells, from the north-western corner."""
         return np.column_stack([(x - self.west) / self.cell, (self.north - y) / self.cell])
 
 
@@ -79,14 +78,14 @@ class Image(NamedTuple):
 
 
 class Legend(NamedTuple):
-    """Colours of the classes with their limits [%], and labels: position [%] -> text."""
+    """Class colours with their limits [%], and labels: position [%] -> text."""
 
     colours: list[tuple[str, float, float]]
     ticks: dict[float, str]
 
 
 class Line(NamedTuple):
-    """An evaluation line or a barrier: path, and candidate places of its name, in the window."""
+    """An evaluation line or barrier in the window: path, and candidate places for its name."""
 
     kind: str
     name: str
@@ -95,8 +94,8 @@ class Line(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """Contours: their interval [m], thin and bold ones as paths, and the numbers of the latter: x,
-    y [cells], angle [degree], elevation."""
+    """Contours: interval [m], thin and bold contours as paths, and elevation labels of the bold
+    ones: x, y [cells], angle [degree], elevation."""
 
     interval: float
     thin: str
@@ -105,7 +104,7 @@ class Ground(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A map variable: its cells as an image and as packed numbers; neither if it is blank."""
+    """A map variable: its cells as an image and as packed numbers, both empty for a blank map."""
 
     title: str
     unit: str
@@ -119,7 +118,7 @@ class Map(NamedTuple):
 def map_section(
     result: xr.Dataset, terrain: Terrain | None, look: Look | None = None
 ) -> dict[str, object]:
-    """Data for the template of the maps; a large number of stops is thinned."""
+    """Template data of the maps; a large number of stopping points is thinned."""
     window = window_of(result)
     every = max(1, -(-result.sizes["boulder"] // MAX_POINTS))
     x, y = result["stop_x"].values[::every], result["stop_y"].values[::every]
@@ -156,7 +155,8 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
 
 
 def _spread(size: int) -> np.ndarray:
-    """Indices in the order in which names try their places: the middle, then midpoints."""
+    """Indices in the order in which places for a name are tried: the middle first, then
+    midpoints."""
     if not size:
         return np.array([], int)
     order = [(2 * k + 1) / 2**depth for depth in range(1, 1 + NAME_DEPTH)
@@ -165,7 +165,7 @@ def _spread(size: int) -> np.ndarray:
 
 
 def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
-    """CSS class and path: few sources as points, many as the outline of their cells."""
+    """CSS class and path of the sources: points if few, outlines of their cells if many."""
     places = starts(result)
     if len(places) < FEW_SOURCES:
         return "source", _dots(window.place(*places.T))
@@ -175,7 +175,7 @@ def _sources(result: xr.Dataset, window: Window) -> tuple[str, str]:
 
 
 def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
-    """Contours, and candidate places of their numbers."""
+    """Contours, and candidate places for their elevation labels."""
     if terrain is None:
         return None
     contours = contours_of(terrain, window.extent)
@@ -192,7 +192,7 @@ def _ground(terrain: Terrain | None, window: Window) -> Ground | None:
 
 
 def window_of(result: xr.Dataset) -> Window:
-    """Window around everything that boulders reached, within the raster if maps define its size."""
+    """Window around all cells that boulders reached, within the raster if maps define one."""
     left, top, cell = corner_of(result["crs"].attrs)
     west, east, south, north = reached(result)
     first = np.floor([(top - north) / cell, (west - left) / cell]).astype(int)
@@ -211,7 +211,7 @@ def _names(result: xr.Dataset) -> list[str]:
 
 
 def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> Iterator[Map]:
-    """All map variables of a result; nothing is drawn where no boulder passed."""
+    """Maps of all variables of a result, blank where no boulder passed."""
     for name in _names(result):
         unit, factor = shown_as(result[name])
         values = blocks_max(result[name].values, window)
@@ -228,7 +228,7 @@ def maps(result: xr.Dataset, window: Window, limits: Limits | None = None) -> It
 
 
 def blocks_max(values: np.ndarray, window: Window) -> np.ndarray:
-    """Raster in cells of the image: the maximum of each block, NaN if there is none."""
+    """Raster in image cells: the maximum of each block; NaN for an empty block."""
     return _blocks(values, window, np.fmax).astype("f4")
 
 
@@ -239,7 +239,7 @@ def _blocks(values: np.ndarray, window: Window, merge: np.ufunc) -> np.ndarray:
 
 
 def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> Image | None:
-    """White hatching for cells with uncertain values; None if all are certain."""
+    """White hatching over cells with uncertain values; None if all are certain."""
     thin = thin_cells(result, name)
     if thin is None:
         return None
@@ -251,7 +251,7 @@ def _thin(result: xr.Dataset, name: str, window: Window, shown: np.ndarray) -> I
 
 
 def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str, Any]:
-    """Image and legend of the values of a map."""
+    """Image and legend of a map's values."""
     table = np.array([list(bytes.fromhex(rgb[1:])) for rgb in ("#ffffff", *classes.colours)], "u1")
     content = _png((1 + classes.numbers(values)).astype("u1"), table)
     places = np.linspace(0, 100, len(classes.colours) + 1).round(2).tolist()
@@ -262,7 +262,8 @@ def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str,
 
 
 def _packed(values: np.ndarray) -> str:
-    """Values of the cells, to five digits, compressed, as text (little-endian float32)."""
+    """Values of the cells, rounded to five digits and compressed, as text (little-endian
+    float32)."""
     bits = np.ascontiguousarray(values, "<f4").view("<u4")
     is_known = np.isfinite(values)
     bits = np.where(is_known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))
@@ -292,7 +293,7 @@ def _picture(basemap: Basemap, window: Window) -> Image:
 
 
 def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
-    """PNG of grey levels, or of colours by number, with number 0 transparent."""
+    """PNG of grey levels, or of palette colours; colour 0 is transparent."""
     from PIL import Image as Picture
 
     image, options = Picture.fromarray(index), {}
@@ -305,17 +306,17 @@ def _png(index: np.ndarray, table: np.ndarray | None = None) -> str:
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """Content of a media type, such as image/png, as a URI within the page."""
+    """Data URI of content with a media type such as image/png."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _path(curves: Iterable[np.ndarray], decimals: int = 2) -> str:
-    """Polylines (n, 2) as one SVG path."""
+    """Polylines (n, 2) as an SVG path."""
     return "".join(
         "M" + "L".join(f"{x:.{decimals}f} {y:.{decimals}f}" for x, y in curve) for curve in curves
     )
 
 
 def _dots(points: np.ndarray) -> str:
-    """Points (n, 2) as one SVG path of strokes without length."""
+    """Points (n, 2) as an SVG path of zero-length strokes."""
     return "".join(f"M{x:.2f} {y:.2f}h0" for x, y in points)

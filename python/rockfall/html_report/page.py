@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Report of a result as one HTML page that needs no network: text, maps, lines, figures,
-provenance.
+"""Report of a result as an HTML page that works offline: text, maps, lines, figures, provenance.
 
-The modules of this package provide numbers and texts; `templates` define the structure of the page.
+The modules of this package provide numbers and texts; the files in `templates` define the page
+structure.
 """
 
 from __future__ import annotations
@@ -96,21 +96,21 @@ PDF = ".pdf"
 NOBODY = Parties()
 GROUNDS = "page.grounds_radii_of_their_rocks"
 GROUND_PART = "page.part_grounds"
-DRAWN_LINES = 8  # maximum number of lines with figures; tables have all lines
+DRAWN_LINES = 8  # maximum number of lines with figures; tables show all lines
 
 
 @dataclass(frozen=True)
 class ReportInputs:
-    """Inputs of a page.
+    """Inputs of a report page.
 
-    `terrain`, from `rockfall.plots.terrain.terrain_of`, puts relief under maps; `observed`, from
-    `rockfall.analysis.observed.observations.read_observed`, is compared with the result in figures
-    and tables; `look` has limits between classes of maps and a basemap. `view` is the page of a
-    view of the result, from `rockfall.show`. With `on_paper` all maps are figures. `hazard`, from
-    `rockfall.hazard`, adds its zones; `models`, from `rockfall.studies.models`, the spread over
-    rebound models; `section`, from `rockfall.section`, its figure; `factors` is a table with the
-    numbers of a standard, as in `rockfall.design`; `left` notes what the page leaves out, because a
-    file of the case cannot be read.
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, is the relief under the maps. Figures and
+    tables compare the result with `observed`, from
+    `rockfall.analysis.observed.observations.read_observed`. `look` has class limits of maps and a
+    basemap. `view` is the interactive page from `rockfall.show`. `on_paper` turns all maps into
+    figures. `hazard`, from `rockfall.hazard`, adds hazard zones; `models`, from
+    `rockfall.studies.models`, the spread over rebound models; `section`, from `rockfall.section`,
+    its figure. `factors` is a table with the numbers of a standard, as in `rockfall.design`.
+    `left` collects notes on omissions, where a file of the case cannot be read.
     """
 
     result: xr.Dataset
@@ -124,12 +124,12 @@ class ReportInputs:
     models: Models | None = None
     section: Section | None = None
     factors: str | Path | None = None
-    of_site: bool = False  # `observed` is from the case
+    of_site: bool = False  # `observed` comes from the case
     left: LeftOut = field(default_factory=LeftOut)
 
 
 def write_report(inputs: ReportInputs, path: str | Path, language: str = "en") -> None:
-    """Write the page of a result to `path` (.html, or .pdf as on paper) atomically."""
+    """Write the report page of a result to `path` (.html, or .pdf for paper) atomically."""
     path = Path(path)
     check_page(path, files_behind(inputs.result))
     with speaking(language):
@@ -138,7 +138,7 @@ def write_report(inputs: ReportInputs, path: str | Path, language: str = "en") -
 
 
 def is_pdf(path: Path) -> bool:
-    """Return True for the path of a page on paper."""
+    """Return True if the path has the extension of a PDF."""
     return path.suffix.lower() == PDF
 
 
@@ -152,13 +152,13 @@ def write_page(page: str, path: Path) -> None:
 
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse a page that cannot be made or written, before the work starts."""
+    """Raise an error for a page that cannot be made or written, before the work starts."""
     check_page_needs(path)
     check_output(path, inputs)
 
 
 def check_page_needs(path: str | Path) -> None:
-    """Refuse a page that cannot be made, wherever it is to be written."""
+    """Raise an error for a page that cannot be made, regardless of its path."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     if path.suffix.lower() not in (".html", ".htm", PDF):
@@ -168,7 +168,7 @@ def check_page_needs(path: str | Path) -> None:
 
 
 def report(inputs: ReportInputs) -> str:
-    """Page of a result as text, in the current language. The same inputs give the same text."""
+    """HTML text of a report page in the current language; the same inputs give identical text."""
     result = flat_maps(inputs.result)
     with sharing(result):
         return _report(inputs, result)
@@ -190,7 +190,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         shown.insert(0, section_entry(inputs.section))
     laboratory = [figure for figure in shown if figure.name in LABORATORY]
     if not sets_of(result):
-        laboratory = []  # the reference is not the model of the rebounds
+        laboratory = []  # the reference does not apply to the model used for rebounds
     zones = left.attempt(GROUND_PART, lambda: [*zone_table(result)])
     grounds = None if zones is None else left.attempt(GROUND_PART, ground_figure, result, terrain)
     endangered = [] if hazard is None else list(hazard_tables(hazard))
@@ -297,7 +297,7 @@ def _pictures(shown: Iterable[Figure], on_paper: bool) -> list[Picture]:
 def _convergence(
     result: xr.Dataset, rows: Rows, on_paper: bool
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
-    """Figure and table of convergence of each line; none if no boulder passes."""
+    """Convergence figure and table for each line; none if no boulder passes."""
     of_several = LineSamples(result).sources > 1
     key = "page.numbers_after_so_many_boulders_with"
     caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""PDF report: the same page, with maps as figures, typeset by WeasyPrint."""
+"""PDF report: the same page with maps as figures, typeset by WeasyPrint."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from rockfall.simulation.progress import add_steps, step
 if TYPE_CHECKING:
     from weasyprint import Document
 
-PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # packages of Debian
+PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # Debian packages
 FONTS = "fonts-dejavu-core"
-OPTIONS: dict[str, Any] = {"pdf_version": "1.4"}  # later versions hide the creator in a stream
-CSS_PIXELS = 96 / 25.4  # of a millimetre
-BOTTOM = 16.0  # margin of a sheet [mm]: templates/page.css
+OPTIONS: dict[str, Any] = {"pdf_version": "1.4"}  # later versions compress the creator metadata
+CSS_PIXELS = 96 / 25.4  # per millimetre
+BOTTOM = 16.0  # bottom margin of a sheet [mm], as in templates/page.css
 
 
 def check_pdf() -> None:
-    """Refuse PDF output if its libraries are missing, before the work starts."""
+    """Raise an error if libraries for PDF output are missing, before the work starts."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # WeasyPrint warns of missing fonts, then crashes
+            warnings.simplefilter("ignore")  # without fonts, WeasyPrint warns, then crashes
             need("a PDF needs", "pdf", "weasyprint")
-    except OSError:  # missing C library
+    except OSError:  # a C library is missing
         raise RockfallError(f"a PDF needs Pango, as root: apt-get install {PANGO}") from None
-    if not _number_of_fonts():  # Pango would crash
+    if not _number_of_fonts():  # without fonts, Pango would crash
         raise RockfallError(f"a PDF needs fonts, as root: apt-get install {FONTS}")
 
 
 def _number_of_fonts() -> int:
-    """Number of fonts of the system, by the library and configuration that Pango takes."""
+    """Number of system fonts, from the library and configuration used by Pango."""
     from weasyprint.text.ffi import ffi, fontconfig
 
     configuration = ffi.gc(fontconfig.FcInitLoadConfigAndFonts(), fontconfig.FcConfigDestroy)
@@ -45,25 +45,25 @@ def _number_of_fonts() -> int:
 
 
 def _fonts_of_figures() -> str:
-    """Style sheet with the fonts of the texts of figures, which the system may lack."""
+    """Style sheet with the figures' fonts, which the system may lack."""
     from matplotlib.font_manager import FontProperties, findfont
 
     rules = []
     for weight in ("normal", "bold"):
         font = FontProperties(family="DejaVu Sans", weight=weight)
-        uri = Path(findfont(font)).resolve().as_uri()  # data would be read character by character
+        uri = Path(findfont(font)).resolve().as_uri()  # data URIs are parsed very slowly
         face = f"font-family: 'DejaVu Sans'; font-weight: {weight}; src: url('{uri}')"
         rules.append(f"@font-face {{ {face} }}")
     return "\n".join(rules)
 
 
 def write_pdf(page: str, path: Path) -> None:
-    """Typeset an HTML page, atomically and without network access."""
+    """Typeset an HTML page as a PDF, atomically and without network access."""
     with atomic_write(path) as part:
         document = _laid_out(page)
         if "signature" not in document.pages[0].anchors:
             reason = "the signature is not on page 1: shorten the title and the line names"
-            warnings.warn(f"{path.name}: {reason}", stacklevel=4)  # its folder may be temporary
+            warnings.warn(f"{path.name}: {reason}", stacklevel=4)  # the folder may be temporary
         add_steps(len(document.pages))
         for sheet in document.pages:
             sheet.paint = _noted(sheet.paint)
@@ -71,7 +71,7 @@ def write_pdf(page: str, path: Path) -> None:
 
 
 def _noted(paint: Callable[..., None]) -> Callable[..., None]:
-    """Paint a sheet as a step of work."""
+    """Wrap a function that paints a sheet, to report progress and allow a stop."""
 
     def painted(*arguments: Any, **options: Any) -> None:
         paint(*arguments, **options)
@@ -88,7 +88,7 @@ class Layout(NamedTuple):
 
 
 def layout(page: str, anchor: str) -> Layout:
-    """Layout of an HTML page, without writing it."""
+    """Compute the layout of an HTML page without writing the page."""
     sheets = _laid_out(page).pages
     below = [
         (sheet.height - sheet.anchors[anchor][1]) / CSS_PIXELS - BOTTOM
@@ -99,14 +99,14 @@ def layout(page: str, anchor: str) -> Layout:
 
 
 def _laid_out(page: str) -> Document:
-    """Typeset an HTML page; its figures are drawn when it is written."""
+    """Typeset an HTML page; figures are drawn only when it is written."""
     from weasyprint import CSS, HTML
     from weasyprint.text.fonts import FontConfiguration
     from weasyprint.urls import URLFetcher
 
-    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # it warns about CSS for screens
+    logging.getLogger("weasyprint").setLevel(logging.ERROR)  # hide its warnings on CSS for screens
     fetcher, fonts = URLFetcher(allowed_protocols=["data"]), FontConfiguration()
-    local = URLFetcher(allowed_protocols=["file"])  # only for our own style sheet
+    local = URLFetcher(allowed_protocols=["file"])  # only for the package's own style sheet
     style = CSS(string=_fonts_of_figures(), font_config=fonts, url_fetcher=local)
     source = HTML(string=page, url_fetcher=fetcher)
     return source.render(font_config=fonts, stylesheets=[style], **OPTIONS)

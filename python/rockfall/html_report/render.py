@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rendering of a page from its template, with figures inside it."""
+"""Rendering of a page with its figures from a template."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     import jinja2
     from matplotlib.figure import Figure
 
-MAX_SVG = 400_000  # bytes; a denser figure is rasterised
-MAX_VERTICES = 200_000  # with more vertices, SVG is not tried first
+MAX_SVG = 400_000  # [bytes]; larger figures are rasterised
+MAX_VERTICES = 200_000  # figures with more vertices are rasterised without trying SVG
 DOTS_PER_INCH = 200
-UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # kept on the line of its number
+UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # non-breaking space
 SHEET = re.compile(r"<style[^>]*>\s*\*\s*\{([^}]*)\}\s*</style>")
 STYLE = re.compile(r' style="([^"]*)"')
-COLOURS = 256  # of a rasterised figure
-NEARLY_WHITE = 250  # grey value, 0 to 255: mean of a leaf of the octree
+COLOURS = 256  # colours of a rasterised figure
+NEARLY_WHITE = 250  # minimum mean grey value (0 to 255) of a palette colour that becomes white
 
 
 class Picture(NamedTuple):
-    """A figure of the page: a data URI and its size [CSS pixels]."""
+    """A figure on the page: a data URI and its size [CSS pixels]."""
 
     title: str
     caption: str
@@ -44,15 +44,15 @@ class Picture(NamedTuple):
 
 
 class EmbeddedView(NamedTuple):
-    """The page of `rockfall.show` within a report: packed, and unpacked on request, so that other
-    readers do not wait; and the hash that permits its script there."""
+    """The page of `rockfall.show` within a report: compressed, so that readers who do not open it
+    need not wait, and the hash that permits its script in the report."""
 
     page: str
     script_hash: str
 
 
 def embedded(page: str) -> EmbeddedView:
-    """Pack a page that has one script."""
+    """Compress a page that has a single script."""
     (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
     checksum = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return EmbeddedView(base64.b64encode(zlib.compress(page.encode(), 9)).decode(), checksum)
@@ -60,8 +60,8 @@ def embedded(page: str) -> EmbeddedView:
 
 def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) -> Picture:
     """Figure as vectors (SVG), or rasterised if too dense. The same figure gives the same bytes.
-    Texts are outlines, since readers lack the font; on paper they are texts, whose font `write_pdf`
-    includes: outlines would take half of the typesetting time."""
+    Texts are outlines, because readers may lack the font. On paper they stay texts with a font
+    from `write_pdf`: outlines would take half of the typesetting time."""
     import matplotlib
 
     wide, high = (round(96 * inch) for inch in figure.get_size_inches())
@@ -77,9 +77,9 @@ def picture(figure: Figure, title: str, caption: str, on_paper: bool = False) ->
 
 
 def _without_styles(svg: str) -> str:
-    """SVG of Matplotlib with attributes in place of styles, because WeasyPrint needs a sixth of its
-    time to parse styles. Texts keep their styles: `font` is no attribute."""
-    for sheet in SHEET.finditer(svg):  # the rule of all elements, which would precede attributes
+    """Matplotlib's SVG with attributes instead of styles, which take WeasyPrint six times as long
+    to parse. Texts keep their styles, because `font` is not an attribute."""
+    for sheet in SHEET.finditer(svg):  # the universal rule, which would override attributes
         svg = svg.replace("<svg", f"<svg{_attributes(sheet[1])}", 1).replace(sheet[0], "")
     return STYLE.sub(
         lambda style: _attributes(style[1]) if "font:" not in style[1] else style[0], svg
@@ -92,7 +92,7 @@ def _attributes(style: str) -> str:
 
 
 def _vertices(figure: Figure) -> int:
-    """Number of vertices of collections, such as trajectories."""
+    """Number of vertices in collections, such as trajectories."""
     collections = [collection for axes in figure.axes for collection in axes.collections]
     paths = [path for collection in collections for path in collection.get_paths()]
     return sum(np.shape(path.vertices)[0] for path in paths)
@@ -101,21 +101,21 @@ def _vertices(figure: Figure) -> int:
 def _saved(figure: Figure, ending: str) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"figure.{ending}"
-        how = {"pil_kwargs": {"compress_level": 1}} if ending == "png" else {}  # written again
+        how = {"pil_kwargs": {"compress_level": 1}} if ending == "png" else {}  # recompressed
         save(figure, path, DOTS_PER_INCH, **how)
-        if ending == "png":  # a third of the bytes
+        if ending == "png":  # reduces the size to a third
             from PIL import Image
 
             drawn = Image.open(path).convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
             palette: np.ndarray = np.reshape(drawn.getpalette() or [], (-1, 3))
-            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # white, like the paper
+            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # white, like the page
             drawn.putpalette(palette.ravel().tolist())
             drawn.save(path)
         return path.read_bytes()
 
 
 def rendered(template: str, **content: Any) -> str:
-    """Render a page; all texts are escaped, and only our scripts can run in it."""
+    """Render a template; all texts are escaped, and only the package's own scripts can run."""
     from markupsafe import Markup
 
     script = _read("page.js")
@@ -131,8 +131,8 @@ def rendered(template: str, **content: Any) -> str:
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Templates, which take longer to compile than to fill. Texts are looked up when they are
-    filled, in the language of the time."""
+    """Template environment, cached because compiling takes longer than rendering. Texts are
+    translated when a template is rendered, in the current language."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -147,6 +147,6 @@ def _environment() -> jinja2.Environment:
 
 
 def _read(name: str) -> str:
-    """Text of a template, style or script."""
+    """Text of a template, style sheet or script."""
     folder = importlib.resources.files(__package__) / "templates"
     return (folder / name).read_text(encoding="utf-8")

@@ -32,12 +32,12 @@ from rockfall.tables.ensemble import (
 from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers
 
 YEARS = 100.0  # return period on page 1
-MOST_LINES = 3  # lines with a sentence
-ONE_SIDED = ("interval.from", "interval.up_to")  # messages
+MOST_LINES = 3  # maximum lines with a sentence
+ONE_SIDED = ("interval.from", "interval.up_to")  # message ids
 
 
 def question(rows: Rows, has_hazard: bool) -> str:
-    """Question that the report answers."""
+    """The question that the report answers."""
     if has_hazard:
         return say("summary.which_areas_and_objects_are_endangered")
     if rows:
@@ -46,15 +46,15 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line; the run-out if there is none."""
+    """A sentence for each line; the run-out if there are no lines."""
     nets = {line_names(result)[k] for k in barriers_of(result)}
     lines = (_line(line, rows[line], line in nets) for line in rows)
     return [*lines, *around_ends(result, rows), *run_out(result)]
 
 
 def around_ends(result: xr.Dataset, rows: Rows) -> Iterator[Text]:
-    """Sentence on each line that boulders reach past the ends of barriers; none where not all rows
-    of boulders are kept."""
+    """Sentences on the lines where boulders pass around the ends of barriers; none if only a part
+    of the boulders' rows was kept."""
     names, boulders = line_names(result), simulated(result)
     if not barriers_of(result) or result.sizes["boulder"] < boulders:
         return
@@ -67,7 +67,7 @@ def around_ends(result: xr.Dataset, rows: Rows) -> Iterator[Text]:
 
 
 def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
-    """Sentence on the boulders that pass a line, or reach a barrier."""
+    """Sentence on the boulders that pass a line or reach a barrier."""
     row, kind = numbers["speed"], "barrier" if is_barrier else "line"
     if not row["n"]:
         high = in_unit(row["fraction_high"], "fraction")
@@ -84,7 +84,7 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
 
 
 def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[str]:
-    """Sentences on the energy once in a return period at the lines of a hazard."""
+    """Sentences on the energy of a return period at the lines of a hazard."""
     if hazard is None or "line_energy_by_period" not in hazard:
         return
     period = hazard["event_period"].values.tolist().index(years)
@@ -103,7 +103,7 @@ def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[
 
 
 def range_answers(result: xr.Dataset) -> list[str]:
-    """A sentence for each line: range of the draws, then value of the unchanged case."""
+    """A sentence for each line: the range over the draws, then the value of the unchanged case."""
     answers = []
     for line in line_names(result):
         passing, energy, height, _ = headline_numbers(result, line)
@@ -119,7 +119,7 @@ def range_answers(result: xr.Dataset) -> list[str]:
 
 
 def run_out(result: xr.Dataset) -> Iterator[str]:
-    """Sentences on the run-out in plan."""
+    """Sentences on the run-out in plan view."""
     distance = LineSamples(result).ends("plan_distance")
     if not distance.max():
         yield say("summary.no_boulder_left_its_place")
@@ -131,10 +131,10 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
-    """Sentences on the Monte Carlo error of the answer, and on errors beyond it."""
+    """Sentences on the Monte Carlo error of the answer, and on other errors."""
     boulders, samples = simulated(result), LineSamples(result)
     limits = [cell.interval for numbers in rows.values() for cell in key_numbers(numbers)]
-    if is_ensemble(result):  # the answer is the range of the draws
+    if is_ensemble(result):  # its answer is the range over the draws
         yield say_count("summary.simulated_in_each_run", samples.sources, boulders=boulders)
         yield say("summary.the_ranges_of_the_draws_hold")
         return
@@ -158,7 +158,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
 
 
 def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
-    """Explanations of the tables."""
+    """Sentences that explain the tables of ranges."""
     if not tables:
         return []
     words = [
@@ -173,7 +173,7 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
 
 
 def angle(result: xr.Dataset) -> Iterator[str]:
-    """Sentences on the slope of straight lines from release to end."""
+    """Sentences on the angle of the straight line from release to end."""
     if not has_rows(result):
         return
     angles = mean_slopes(result)[result["plan_distance"].values > 0]
@@ -186,7 +186,7 @@ def angle(result: xr.Dataset) -> Iterator[str]:
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
-    """Technical details of the random numbers, for repeating the run."""
+    """Technical details of the random numbers, needed to repeat the run."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"]) for suffix in ("", "_redrawn", "_forced")
     )
@@ -199,5 +199,5 @@ def technical(result: xr.Dataset) -> Iterator[str]:
 
 
 def requested(result: xr.Dataset) -> list[str]:
-    """Requested precision of `run --until`, and whether it was reached."""
+    """Precision requested by `run --until`, and whether it was reached."""
     return [str(verdict) for verdict in verdicts_of(result)]

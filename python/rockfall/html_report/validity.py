@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits to the validity of a result on its slope, each in a sentence with its numbers."""
+"""Limits to the validity of a result on its slope: a sentence with numbers for each."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from rockfall.result.samples import is_ensemble, simulated
 from rockfall.result.trajectories import ended, gone
 from rockfall.tables.lines import Rows
 
-FEW = 100  # boulders at a line, below which its upper quantiles are uncertain
-FEW_IN_CELL = 30  # boulders through a cell, below which its numbers are mostly Monte Carlo error
-SHIPPED = {  # impact sets: docs/impact_sets.md
+FEW = 100  # with fewer boulders at a line, its upper quantiles are uncertain
+FEW_IN_CELL = 30  # with fewer boulders in a cell, Monte Carlo error dominates
+SHIPPED = {  # impact sets described in docs/impact_sets.md
     "laboratory-spheres": "validity.the_rebound_comes_from_simulated_impacts",
     "bourrier2009": "validity.the_rebound_was_fitted_to_simulations",
     "vaujany-observed": "validity.the_rebound_was_fitted",
 }
 OWN = "validity.the_impact_set_is_the_users"
 AS_GIVEN = "validity.terrain_ground_sources_and_volumes_are"
-NOT_DRAWN = "validity.not_drawn"  # for an ensemble
-ABSENT = {  # by the group of the case that would add it
+NOT_DRAWN = "validity.not_drawn"  # used for an ensemble
+ABSENT = {  # message by the missing group of the case
     "forest": "validity.the_case_has_no_trees",
     "barrier": "validity.the_case_has_no_nets_or",
     "dam": "validity.the_case_has_no_dams",
@@ -37,7 +37,7 @@ ABSENT = {  # by the group of the case that would add it
 FOREST = "validity.stems_are_vertical_and_as_thick"
 FOREST_AND_LOGS = "validity.stems_and_logs"
 BARRIER = "validity.a_barrier_takes_as_much_at"
-BREAKS = {  # by &breakage at
+BREAKS = {  # message by the value of &breakage at
     "none": "validity.whole",
     "release": "validity.whole_after_release",
     "impact": "validity.whole_at_release",
@@ -45,7 +45,7 @@ BREAKS = {  # by &breakage at
 
 
 def warnings(result: xr.Dataset) -> list[str]:
-    """Most important warnings: missing boulders, then warnings on the model by grade."""
+    """The most important warnings: missing boulders first, then model warnings by grade."""
     return [
         *missing(result),
         *(
@@ -57,8 +57,8 @@ def warnings(result: xr.Dataset) -> list[str]:
 
 
 def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
-    """Limits to validity, in the order of their importance for a decision: unobserved events,
-    conditions at the edge of the model, assumed inputs, processes not modelled."""
+    """Limits to validity, ordered by importance for a decision: unobserved events, conditions at
+    the edge of the model, assumed inputs, processes not modelled."""
     return [
         *_few(rows),
         *_ended(result),
@@ -77,12 +77,12 @@ def cautions(result: xr.Dataset, rows: Rows, levels: pd.DataFrame) -> list[str]:
 
 
 def sets_of(result: xr.Dataset) -> list[str]:
-    """Names of the impact sets that made rebounds of the run."""
+    """Names of the impact sets used for rebounds of the run."""
     return sets_followed(result, str(result.attrs["impact_set"]))
 
 
 def missing(result: xr.Dataset) -> Iterator[str]:
-    """Warnings on boulders missing in a result."""
+    """Warnings on boulders that a result lacks."""
     boulders, requested = simulated(result), int(result.attrs["boulders_requested"])
     if not result.attrs["complete"]:
         attrs = {"requested": requested, "fraction": percent(1 - boulders / requested)}
@@ -92,7 +92,7 @@ def missing(result: xr.Dataset) -> Iterator[str]:
 
 
 def _few(rows: Rows) -> Iterator[str]:
-    """Lines crossed by few boulders."""
+    """Caution on lines crossed by few boulders."""
     for line, numbers in rows.items():
         if (n := int(numbers["speed"]["n"])) < FEW:
             if n:
@@ -102,7 +102,7 @@ def _few(rows: Rows) -> Iterator[str]:
 
 
 def _ended(result: xr.Dataset) -> Iterator[str]:
-    """Boulders that left the terrain or were stopped by a limit."""
+    """Caution on boulders that left the terrain or were stopped by a limit."""
     boulders, limit = simulated(result), ended(result)["impact_limit"]
     if boulders == 1:
         yield say("validity.one_boulder")
@@ -115,7 +115,7 @@ def _ended(result: xr.Dataset) -> Iterator[str]:
 
 
 def _left_out(case: Case) -> Iterator[str]:
-    """Processes that the model of this case omits or simplifies."""
+    """Caution on processes that the model of this case omits or simplifies."""
     yield from (say(key) for group, key in ABSENT.items() if not has(case, group))
     if has(case, "forest"):
         has_logs = any("diameter" in barrier for barrier in case.barrier)
@@ -124,7 +124,7 @@ def _left_out(case: Case) -> Iterator[str]:
 
 
 def _boulder(result: xr.Dataset, case: Case) -> Iterator[str]:
-    """Shape, sliding and breaking of the boulders of this run."""
+    """Caution on the shape, sliding and breaking of boulders in this run."""
     followed = {ground.model for ground in rebounds_by_ground(result) if ground.rebounds}
     if case.boulder["volume"] == "source":
         yield say("validity.shapes_of_sources")
@@ -142,12 +142,13 @@ def _boulder(result: xr.Dataset, case: Case) -> Iterator[str]:
 
 
 def has(case: Case, group: str) -> bool:
-    """Return True if a case has trees (some keys of &forest have defaults), or a repeated group."""
+    """Return True if a case has trees (some keys of &forest have defaults), or a group of this
+    name."""
     return case.has_forest if group == "forest" else bool(getattr(case, group))
 
 
 def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
-    """Reliability of maxima and return levels."""
+    """Caution on the reliability of maxima and return levels."""
     if not any(numbers["speed"]["n"] for numbers in rows.values()):
         return
     yield say("validity.maxima_grow_with_the_number_of")
@@ -157,7 +158,7 @@ def _extremes(rows: Rows, levels: pd.DataFrame) -> Iterator[str]:
 
 
 def _of_cells(result: xr.Dataset) -> Iterator[str]:
-    """Cells that too few boulders passed, where the Monte Carlo error dominates."""
+    """Caution on cells with few passing boulders, where Monte Carlo error dominates."""
     if "passages" in result:
         passed = result["passages"].values
     elif "reach_probability" in result:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page that compares variants of a protection, with a column for each."""
+"""Page that compares protection variants, with a column for each."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from rockfall.studies.difference_maps import difference_maps, have_passages, on_
 from rockfall.studies.variants import compare_variants
 from rockfall.tables.variants import comparison_notes, measures_table, variant_table
 
-BESIDE_FIRST = 4  # variants in a table on paper
+BESIDE_FIRST = 4  # maximum variants next to the first in a table on paper
 
 
 class Given(NamedTuple):
-    """Facts about the variants that results do not contain."""
+    """Details of the variants that results do not contain."""
 
-    frequencies: pd.DataFrame | None = None  # over scenarios, from `yearly_variants`
+    frequencies: pd.DataFrame | None = None  # over the scenarios, from `yearly_variants`
     costs: Mapping[str, float] = {}  # by variant, in any unit
-    title: str = ""  # of the page; "": that of the first
+    title: str = ""  # page title; "": title of the first result
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
-        """Refuse inputs that cannot be compared."""
+        """Raise an error for inputs that cannot be compared."""
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(f"cost of {name}: unknown, variants: {', '.join(results)}")
@@ -55,7 +55,7 @@ def write_variants_page(
     parties: Parties,
     inputs: Iterable[str | Path],
 ) -> None:
-    """Write the page of variants (.html, or .pdf) atomically, never over `inputs`."""
+    """Write the page of variants (.html or .pdf) atomically; `inputs` are never overwritten."""
     path = Path(path)
     check_page(path, inputs)
     given.check(results)
@@ -114,7 +114,7 @@ def _page(
 
 
 def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
-    """Limits of the model and warnings, with the variants that they concern."""
+    """Model limits and warnings, with the variants concerned."""
     notes: dict[str, list[str]] = {}
     for name, result in results.items():
         for text in missing(result):
@@ -127,7 +127,8 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
-    """Numbers of a line, on paper in parts of the page's width, each with the first variant."""
+    """Numbers at a line; on paper, split into parts of the page width, each with the first
+    variant."""
     first, *others = of_line["variant"].unique()
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):

@@ -4,7 +4,7 @@
 {
   const maps = [...document.querySelectorAll(".map svg[tabindex]")];
   const [wide, high] = maps.length ? maps[0].getAttribute("viewBox").split(" ").slice(2).map(Number) : [1, 1];
-  const view = { x: 0, y: 0, part: 1 }; // shown: `part` of either side, from cell x, y
+  const view = { x: 0, y: 0, part: 1 }; // visible: `part` of each side, from cell x, y
   const smallest = Math.min(1, 8 / Math.max(wide, high));
   const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 
@@ -18,13 +18,13 @@
     rescale();
   }
 
-  // Pixels of a cell, on the screen or as it will be on paper; 0 where the map is not shown.
+  // Pixels per cell, on the screen or on paper; 0 for a hidden map.
   let isPrinting = false;
   const pixels = (map) => isPrinting
     ? (map.closest("figure").dataset.printed * 96) / 25.4 / wide
     : map.getScreenCTM()?.a ?? 0;
 
-  // Texts keep their size on the screen; coordinates and rulers are round numbers at any zoom.
+  // Texts keep their size on the screen; coordinates and rulers show round numbers at any zoom.
   function rescale() {
     for (const map of maps) {
       const side = pixels(map);
@@ -54,7 +54,7 @@
     return one;
   }
 
-  // Along the lower and the left edge of what is shown.
+  // Coordinates along the lower and left edges of the visible part.
   function coordinates() {
     const side = pixels(maps[0]), { west, north, cell: size } = maps[0].dataset;
     if (!side) return;
@@ -73,13 +73,13 @@
     document.getElementById("coordinates").replaceChildren(...all);
   }
 
-  // Above and below each place that a name may have.
+  // Candidate places of a name, above and below each point.
   function* places(text) {
     const numbers = text.dataset.places.split(" ");
     for (let k = 0; k < numbers.length; k += 2) for (const side of ["-.3em", "1em"]) yield [numbers[k], numbers[k + 1], side];
   }
 
-  // A text that would lie on another, or on the frame, is left out.
+  // Hide texts that would overlap another text or the frame.
   function part() {
     const frame = maps[0].getBoundingClientRect();
     const fixed = [...maps[0].parentElement.querySelectorAll(".north, .ruler")];
@@ -109,7 +109,7 @@
   const cell = (map, x, y) => new DOMPoint(x, y).matrixTransform(map.getScreenCTM().inverse());
   const middle = () => ({ x: view.x + (wide * view.part) / 2, y: view.y + (high * view.part) / 2 });
 
-  // The numbers of a map, unpacked when they are first asked for.
+  // Values of a map, unpacked on first use.
   const unpack = async (map) => new DataView(await inflated(map.dataset.values).arrayBuffer());
   function inflated(text) {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -133,10 +133,10 @@
   }
 
   for (const map of maps) {
-    const held = new Map(); // pointers that are down, where they are on the screen
+    const held = new Map(); // pressed pointers and their screen positions
     map.addEventListener("wheel", (event) => {
-      const zooms = event.ctrlKey || document.activeElement === map; // a pinch has ctrlKey
-      if (!zooms || (event.deltaY > 0 && view.part === 1)) return; // the page scrolls on
+      const zooms = event.ctrlKey || document.activeElement === map; // true for a pinch gesture
+      if (!zooms || (event.deltaY > 0 && view.part === 1)) return; // let the page scroll
       event.preventDefault();
       zoom(Math.exp(clamp(-event.deltaY, -240, 240) / 400), cell(map, event.clientX, event.clientY));
     }, { passive: false });
