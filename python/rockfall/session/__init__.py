@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An open scene: its changes, and its runs in batches."""
+"""An open scene, its changes, and its runs in batches."""

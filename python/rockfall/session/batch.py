@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a run that continues."""
+"""Partial results of a run in progress."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from rockfall.simulation.simulate import recorded_numbers, trajectory
 from rockfall.simulation.tally_dataset import make_result, trajectory_variables
 from rockfall.studies.run_until import Rule, evaluate
 
-RECORDED = 100  # trajectories, if no number is given
+RECORDED = 100  # default number of trajectories
 
 
 class Batch:
-    """Results so far of a run of a session: of the boulders completed so far, spread evenly over
-    all sources (with maps of sources: the first sources). The last batch is complete and equals
+    """Results of the boulders that a session's run has completed so far, spread evenly over all
+    sources (with maps by source: from the first sources). The last batch is complete and equals
     `rockfall.run` bit for bit.
 
-    Statistics and trajectories may be taken at any time; a Dataset, which has the maps, only
+    Statistics and trajectories are available at any time; a Dataset, which includes the maps, only
     until the run continues.
 
     >>> import rockfall
@@ -60,7 +60,7 @@ class Batch:
 
     @property
     def case(self) -> Case:
-        """Case of the run: `rockfall.run` on it gives the same result.
+        """Case of the run; `rockfall.run` gives the same result for it.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -108,7 +108,7 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """Time of the kernel so far [s].
+        """Kernel time so far [s].
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -120,7 +120,7 @@ class Batch:
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of the kernel so far, over all threads [s].
+        """CPU time of the kernel so far, summed over threads [s].
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -132,7 +132,7 @@ class Batch:
 
     @cached_property
     def until_met(self) -> bool:
-        """True if all rules of `until` are met; False without rules.
+        """True if all rules of `until` are met; False if there are none.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -146,7 +146,7 @@ class Batch:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Limits of the model that matter for the completed boulders, as in the report.
+        """Model limits that concern the completed boulders, as in the report.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -162,7 +162,7 @@ class Batch:
         classes: Sequence[float] | None = None,
         quantities: Sequence[str] | None = None,
     ) -> pd.DataFrame:
-        """Statistics at the lines: `rockfall.line_statistics` of the completed boulders.
+        """Statistics at the lines for the completed boulders; see `rockfall.line_statistics`.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -173,8 +173,8 @@ class Batch:
         return line_statistics(self._result or self._rows, by, classes, quantities)
 
     def trajectories(self, number: int = RECORDED, skip: Collection[int] = ()) -> list[Trajectory]:
-        """Trajectories of at most this number of completed boulders, evenly spread over the run, as
-        in `rockfall.trajectories`, except boulders whose numbers are in `skip`.
+        """Trajectories of at most `number` completed boulders, evenly spread over the run, as in
+        `rockfall.trajectories`. Boulders whose numbers are in `skip` are left out.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -187,9 +187,9 @@ class Batch:
         return curves(motion_of(vertices, gravity=self.case.flight["gravity"]))
 
     def dataset(self) -> xr.Dataset:
-        """Result so far, with maps, as from `rockfall.run`; the attribute `complete` is 0 until the
-        last batch. Raises a RockfallError once the run has continued, because the maps have
-        changed.
+        """Result so far, with maps, in the form of `rockfall.run`; the attribute `complete` is 0
+        before the last batch. Raises a RockfallError once the run has continued, because the maps
+        have changed.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -209,7 +209,7 @@ class Batch:
             return make_result(self._tally, maps=False)
 
     def _make(self) -> Contents:
-        """Complete results of the boulders done."""
+        """Results of the completed boulders, with all variables."""
         tally = self._tally
         if self._run.begun != self._begun and tally.scene.case.output.get("maps"):
             raise RockfallError(
@@ -226,7 +226,8 @@ class Batch:
         return result
 
     def _recorded(self, number: int) -> dict[int, np.ndarray]:
-        """Vertices of completed boulders, selected from this number over the whole run."""
+        """Vertices of completed boulders, from a selection of `number` boulders over the whole
+        run."""
         scene, kept, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
         assert isinstance(scene, Scene)
         if number < 1:

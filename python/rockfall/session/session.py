@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene that is kept open: only changed inputs are read again."""
+"""A scene that stays open: only changed inputs are read again."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ BATCH_SECONDS = 0.1
 
 
 def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Session:
-    """Open a case for many runs: a Session, which keeps its inputs in memory.
+    """Open a case for repeated runs: a Session that keeps the inputs in memory.
 
-    `arrays` (dem, zones, lines, ...) are as in `rockfall.run`, and must not be changed in place;
-    `threads` are those of all runs (default: the case's). The terrain stays in memory: a terrain
-    that needs more than half of it is refused. Likely mistakes in the case raise a UserWarning.
+    `arrays` (dem, zones, lines, ...) are as in `rockfall.run` and must not be changed in place.
+    `threads` applies to all runs (default: the case's). A terrain that needs more than half of the
+    memory raises a RockfallError. Likely mistakes in the case give a UserWarning.
 
     >>> import rockfall
     >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -50,8 +50,8 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
 
 
 class Session:
-    """An open case, from `rockfall.open`. Its methods may be called from any thread: a run in
-    progress continues with the case it was started with.
+    """An open case, from `rockfall.open`. Methods may be called from any thread; a run in progress
+    keeps the case with which it started.
 
     >>> import rockfall
     >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -63,7 +63,7 @@ class Session:
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
         self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
-        self._boulders: int | None = None  # threads of the runs; None: the case's
+        self._boulders: int | None = None  # for all runs; None: the case's
         self._case, self._arrays = case, arrays
         self._scene: Scene | None = None
         try:
@@ -82,7 +82,7 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Free the memory of the session. Runs in progress and their batches remain usable.
+        """Free the session's memory. Runs in progress and their batches remain usable.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -97,7 +97,7 @@ class Session:
 
     @property
     def case(self) -> Case:
-        """The case as changed.
+        """The case, including all changes.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -119,9 +119,9 @@ class Session:
 
     @property
     def sources(self) -> GeoDataFrame:
-        """Sources as points with their release attributes, a GeoDataFrame: `rockfall.run(case,
-        sources=...)` and `change(sources=...)` accept it, also with changed values. Needs
-        geopandas.
+        """Source points with their release attributes, as a GeoDataFrame that
+        `rockfall.run(case, sources=...)` and `change(sources=...)` accept, with or without
+        changes. Needs geopandas.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -162,13 +162,13 @@ class Session:
         cancel: Event | None = None,
         batch_seconds: float = BATCH_SECONDS,
     ) -> Iterator[Batch]:
-        """Run the case, and yield the results so far about every `batch_seconds`, the complete ones
-        last: see `Batch`.
+        """Run the case and yield a `Batch` with the results so far about every `batch_seconds`
+        [s]; the last batch is complete.
 
-        `boulders` is the number over all sources, in place of the case's; the last batch then
-        equals `rockfall.run` with `&case boulders_total`. The run ends early once the rules of
-        `until` (as in `rockfall.run_until`) are met, which each batch checks, or, without another
-        batch, within 0.05 s after `cancel`, an Event, has been set by another thread.
+        `boulders` is the total over all sources, instead of the case's number; the last batch then
+        equals `rockfall.run` with `&case boulders_total`. The run ends early if a batch meets the
+        rules of `until` (as in `rockfall.run_until`). It ends without another batch within 0.05 s
+        after another thread sets the Event `cancel`.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))
@@ -200,7 +200,7 @@ class Session:
         return scene.case.case["threads"] if self._threads is None else self._threads
 
     def _read(self, case: Case, arrays: dict[str, Any], boulders: int | None) -> None:
-        """Read a case with this number of boulders; apply everything or nothing."""
+        """Read a case with this number of boulders, and apply all its inputs or none."""
         total = {"boulders": None, "boulders_total": boulders}
         stages = self._stages.copy()
         scene = read_scene(
@@ -226,12 +226,12 @@ class Session:
 
 
 def scene_of(session: Session) -> Scene:
-    """Scene read by an open session; must not be changed."""
+    """Scene read by an open session; it must not be changed."""
     return session._opened()
 
 
 def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Rasters and layers after changes; the transform belongs to the elevations that need it."""
+    """Rasters and layers after changes. The transform goes with the elevations that need it."""
     arrays = {**before, **changes}
     if arrays.get("dem") is None or hasattr(arrays["dem"], "coords"):
         arrays["transform"] = changes.get("transform")
@@ -241,7 +241,8 @@ def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str
 def _batches(
     batches: Batches, until: str, criteria: list[Rule], cancelled: Event, seconds: float
 ) -> Iterator[Batch]:
-    """Advance a run and yield its results until complete, by the rules, or cancelled."""
+    """Advance a run and yield its results until it is complete, meets the rules, or is
+    cancelled."""
     complete = met = False
     while not complete and not met:
         batches.advance(seconds, cancelled.is_set)
