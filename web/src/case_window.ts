@@ -78,7 +78,7 @@ export class CaseWindow {
   readonly results: Results;
   private readonly ended = new AbortController();
 
-  private chooser: boolean; // the user may choose the map; in a case also edit
+  private chooser: boolean; // the user may choose the map and, in a case, edit
   private state: State = { type: 'state', revision: 0, errors: [], warnings: [] };
   mode: Mode = 'map';
   wanted: Wanted;
@@ -206,7 +206,7 @@ export class CaseWindow {
       pixelOf: (place: Position) => this.pixelOf(place),
     };
   }
-  /** Stored variants, in case another window of the same file replaces this one. */
+  /** Stored variants, kept when another window of the same file replaces this window. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
     return same ? this.variants.kept : null;
@@ -289,7 +289,7 @@ export class CaseWindow {
 
   // Display
 
-  /** True if the results shown belong to an older document. */
+  /** True if the results belong to an older document. */
   get preliminary(): boolean {
     const batch = this.results.header;
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;
@@ -308,7 +308,7 @@ export class CaseWindow {
     this.shell.hint(this.drawer.tool !== 'select' ? say(`app.hint.${this.drawer.tool}`) : empty ? say('app.hint.begin') : '');
     this.view.dim(preliminary || failed);
     this.shell.fitDock(header?.lines.length || this.store.layer('lines').length, this.section.message !== null);
-    // Without sources the hint shows the next step; with errors the warnings belong to an older state.
+    // Without sources the hint shows the next step; with errors the warnings are out of date.
     this.messages.update(empty ? [] : errors, failed ? [] : (header?.warnings ?? []), this.state.warnings);
     this.features.update(errors, this.writer);
     this.settings.update(errors, this.writer);
@@ -448,7 +448,7 @@ export class CaseWindow {
     this.notices.show(this.welcome.mode === 'case' && !this.writer, this.writer);
   }
 
-  /** Put a picture of the map on the sheet, whatever is shown; the browser prints it with the table. */
+  /** Put a picture of the map on the printed sheet, in map or 3-D view; the browser prints it with the table. */
   private print(): void {
     const { mode } = this;
     this.show('map');

@@ -68,7 +68,7 @@ export interface ColourScale {
   low: number;
   high: number;
   scale: 'linear' | 'log';
-  whole?: boolean; // only has integers
+  whole?: boolean; // values are integers
 }
 
 export function placeOf(value: number, { low, high, scale }: ColourScale): number {

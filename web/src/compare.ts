@@ -65,7 +65,7 @@ export class CompareView {
     this.legend.root.classList.add('small');
   }
 
-  /** Compare a state with another; the first option is the present state. */
+  /** Compare two states; option 0 is the present state. */
   open(terrain: Terrain, shade: Shade | null, states: readonly Snapshot[], a: number, b: number): void {
     if (!this.sides) {
       this.sides = [new Side('A', terrain, shade), new Side('B', terrain, shade)];
@@ -81,7 +81,7 @@ export class CompareView {
     this.sides[0].view.fitResults();
   }
 
-  /** Show the states as they are now. */
+  /** Update the list of states. */
   update(states: readonly Snapshot[]): void {
     this.states = states;
     const [i, j] = this.chosen;
@@ -104,7 +104,7 @@ export class CompareView {
   }
 }
 
-/** Common scale for two results of the same map; null if the maps differ. */
+/** Common scale of two results of the same map; null if the maps differ. */
 function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader | null {
   if (!a || !b || a.name !== b.name) return a && b ? null : (a ?? b);
   return {

@@ -5,7 +5,7 @@ import { decode, isOf, variantOf, type Binary, type Request, type Text } from '.
 export interface Receiver {
   text(message: Text): void;
   binary(message: Binary): void;
-  /** The server is gone; no further attempt until `connect`. */
+  /** The connection is lost; no new attempt until `connect`. */
   lost(reason: 'refused' | 'closed'): void;
 }
 
@@ -15,7 +15,7 @@ const TRIES = 3;
 const REFUSED = 4401; // close code: wrong key
 
 export class Connection {
-  /** Page that contains its messages: it has no server and cannot be edited. */
+  /** True if the page contains its messages: it has no server and is read-only. */
   readonly standalone = document.getElementById('messages') !== null;
   private socket: WebSocket | null = null;
   private tries = 0;
@@ -101,7 +101,7 @@ function replaces(message: Binary, earlier: Binary): boolean {
   return message.header.type === kind && variantOf(message) === variantOf(earlier);
 }
 
-/** Key, initially from the address, then from the store of this tab. */
+/** Key from the address at first, later from the tab's storage. */
 function takeKey(): string {
   const given = new URLSearchParams(location.hash.slice(1)).get('key');
   if (given) {
@@ -111,7 +111,7 @@ function takeKey(): string {
   return sessionStorage.getItem(STORED_KEY) ?? '';
 }
 
-/** Language chosen before; '' leaves the choice to the server. */
+/** Language chosen earlier; '' leaves the choice to the server. */
 function chosenLanguage(): string {
   return localStorage.getItem(STORED_LANGUAGE) ?? '';
 }

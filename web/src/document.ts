@@ -20,7 +20,7 @@ export class DocumentStore {
   private past: CaseDocument[] = [];
   private future: CaseDocument[] = [];
   private gesture = '';
-  private last = 0; // number of the newest id
+  private last = 0; // newest id
   private readonly listeners: ((changed: Difference) => void)[] = [];
 
   get document(): CaseDocument {
@@ -46,7 +46,7 @@ export class DocumentStore {
     this.gesture = '';
   }
 
-  /** Adopt a changed document. All changes of a gesture, such as a drag, are a single undo step. */
+  /** Adopt a changed document. All changes within a gesture, such as a drag, form a single undo step. */
   change(next: CaseDocument, gesture = ''): void {
     const before = this.now;
     if (next === before) return;
@@ -80,7 +80,7 @@ export class DocumentStore {
     this.change({ ...this.now, layers: { ...this.now.layers, [layer]: features } }, gesture);
   }
   add(layer: Layer, feature: Feature): void {
-    // Sources are all points or all polygons: new sources replace those of the other kind.
+    // Sources are either points or polygons: new sources replace those of the other kind.
     const kept = this.layer(layer).filter((one) => one.type === feature.type);
     this.setLayer(layer, [...kept, feature]);
   }
@@ -109,7 +109,7 @@ export class DocumentStore {
     this.change({ ...this.now, settings: { ...this.now.settings, surface } });
   }
 
-  /** Id that no feature has or had, because an undone feature may come back. */
+  /** A new id; ids of removed features are not reused, because undo may restore them. */
   newId(layer: Layer): string {
     const letter = layer.slice(0, 1);
     for (const { id } of LAYERS.flatMap((name) => this.layer(name)))
@@ -137,7 +137,7 @@ function difference(before: CaseDocument, after: CaseDocument): Difference {
   return {
     layers: LAYERS.filter((layer) => {
       const [old, now] = [before.layers[layer], after.layers[layer]];
-      return old !== now && old.length + now.length > 0; // an empty layer may be one that cannot be drawn
+      return old !== now && old.length + now.length > 0; // both empty: the page may lack the layer
     }),
     groups: [...groups].filter((group) => before.settings[group] !== after.settings[group]),
   };

@@ -58,7 +58,7 @@ export function options(choices: readonly (readonly [string, string])[]): HTMLOp
   return choices.map(([value, text]) => element('option', { attributes: { value } }, text));
 }
 
-/** Select box. */
+/** Create a drop-down list. */
 export function select(
   choices: readonly (readonly [string, string])[],
   chosen: string,
@@ -71,7 +71,7 @@ export function select(
   return made;
 }
 
-/** Check box with a label. */
+/** Create a check box with a label. */
 export function checkbox(text: Child, checked: boolean, action: (checked: boolean) => void, given: Options = {}): HTMLLabelElement {
   const box = element('input', { ...given, class: '', attributes: { type: 'checkbox', ...given.attributes } });
   box.checked = checked;
@@ -79,7 +79,7 @@ export function checkbox(text: Child, checked: boolean, action: (checked: boolea
   return element('label', { class: `check ${given.class ?? ''}` }, box, typeof text === 'string' ? element('span', {}, text) : text);
 }
 
-/** Control after its label; `wide`: below the label. */
+/** Control with its label in front or, if `wide`, above. */
 export function labelled(text: string, control: HTMLElement, wide = false): HTMLElement {
   control.id ||= uniqueId('control');
   return element('div', { class: wide ? 'field wide' : 'field' }, element('label', { attributes: { for: control.id } }, text), control);
@@ -91,7 +91,7 @@ export function patches(entries: readonly (readonly [text: string, colour: strin
   return element('ul', { class: style }, ...items);
 }
 
-/** Unique number for an element of the page. */
+/** Counter for unique element ids. */
 let count = 0;
 export function uniqueId(prefix: string): string {
   return `${prefix}-${++count}`;

@@ -25,7 +25,7 @@ interface Drawing {
   type: Feature['type'];
   letter: string;
 }
-/** Layer and shape drawn by each tool, and its key. */
+/** Layer and shape of each drawing tool, and its shortcut key. */
 export const TOOLS: Readonly<Record<Tool, Drawing | { layer: null; letter: string }>> = {
   select: { layer: null, letter: 'V' },
   source: { layer: 'sources', type: 'Point', letter: 'S' },
@@ -46,14 +46,14 @@ export interface DrawListener {
   propertiesOf(layer: Layer): Record<string, Value>;
   onReplaced(count: number): void;
   onSection(vertices: Position[]): void;
-  /** Click where the document has no feature. */
+  /** A click where the document has no feature. */
   onBeside(pixel: number[]): void;
 }
 
 export class Drawer {
   tool: Tool = 'select';
   private enabled = false;
-  private asks = false; // the user may request a section
+  private asks = false; // sections can be drawn
   private draw: Draw | null = null;
   private gesture = 0;
   private readonly chosen = new Collection<OlFeature>();
@@ -95,7 +95,7 @@ export class Drawer {
     this.activate();
   }
 
-  /** Allow editing, or only sections; otherwise features can only be viewed. */
+  /** Allow editing, or only drawing a section; otherwise features are read-only. */
   enable(on: boolean, asks: boolean): void {
     this.enabled = on;
     this.asks = asks;
@@ -122,7 +122,7 @@ export class Drawer {
       this.draw.on('drawend', ({ feature }) => this.finish(drawing, feature));
     }
     if (this.draw) map.addInteraction(this.draw);
-    if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: they are queried first
+    if (this.enabled) this.snaps.forEach((snap) => map.addInteraction(snap)); // last: the map queries the latest first
     this.view.target.dataset['tool'] = tool;
     this.activate();
     this.listener.onTool(tool);
@@ -145,7 +145,7 @@ export class Drawer {
     return this.view.features.selected;
   }
 
-  /** Remove features that no longer exist from the selection after a change of the document. */
+  /** Deselect features that no longer exist after a change of the document. */
   refresh(): void {
     const { selected } = this;
     if (!selected) return;
@@ -154,7 +154,7 @@ export class Drawer {
     else if (this.chosen.item(0) !== found.feature) this.select(selected);
   }
 
-  /** Escape: cancel first the drawing, then the tool, then the selection. */
+  /** Handle Escape: cancel the drawing, else the tool, else the selection. */
   escape(): void {
     if (this.draw && this.drawing) this.draw.abortDrawing();
     else if (this.tool !== 'select') this.use('select');
@@ -197,7 +197,7 @@ export class Drawer {
     this.modify.setActive(editing);
   }
 
-  /** Update the document while a feature is moved or modified; one drag is a single undo step. */
+  /** Update the document while a feature is moved or reshaped; each drag is one undo step. */
   private follow(listen: (begin: () => void, end: () => void) => void): void {
     let stop = (): void => undefined;
     const begin = (): void => {
@@ -232,7 +232,7 @@ export class Drawer {
     const feature = featureOf(this.store.newId(layer), this.listener.propertiesOf(layer), geometry);
     const replaced = this.store.layer(layer).filter((one) => one.type !== type).length;
     this.store.add(layer, feature);
-    // The interaction still has to handle its last click.
+    // Wait until the interaction has handled its last click.
     setTimeout(() => {
       this.use('select');
       this.select(feature.id);

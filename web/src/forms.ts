@@ -37,7 +37,7 @@ function parsed(text: string, integer: boolean): number {
   return integer && !Number.isInteger(value) ? NaN : value;
 }
 
-/** Value of typed text: undefined if empty, null if invalid. */
+/** Value of the typed text: undefined if empty, null if invalid. */
 export function read(field: Field, text: string): SettingValue | undefined | null {
   const trimmed = text.trim();
   if (!trimmed) return undefined;
@@ -54,11 +54,11 @@ export function read(field: Field, text: string): SettingValue | undefined | nul
   return parts.some((part) => part === null) ? null : (parts as Value[]);
 }
 
-/** Field: label, control, unit, and a line for its error. */
+/** A field: label, control, unit, and error line. */
 class Row {
   readonly root: HTMLElement;
   private readonly control: Control;
-  private unreadable = ''; // error of an invalid text
+  private unreadable = ''; // error for invalid text
   private readonly message = element('p', { class: 'field-error', id: uniqueId('error'), attributes: { role: 'alert' } });
 
   constructor(
@@ -76,7 +76,7 @@ class Row {
     this.message.hidden = true;
     if (!field.choices || this.control.tagName !== 'INPUT') return;
     const words = options(field.choices.map((one) => [one, '']));
-    const list = element('datalist', { id: uniqueId('words') }, ...words); // suggestions for a typed list
+    const list = element('datalist', { id: uniqueId('words') }, ...words); // suggestions for a list
     this.control.setAttribute('list', list.id);
     this.root.append(list);
   }
@@ -139,12 +139,12 @@ class Row {
       return;
     }
     this.unreadable = '';
-    this.complain(''); // until the server answers
+    this.complain(''); // until the server replies
     control.dataset['committed'] = shown(value);
     this.change(value);
   }
 
-  /** Arrow keys step a number, by ten with Shift. */
+  /** Arrow keys change a number by one step, with Shift by ten. */
   private step(event: KeyboardEvent): void {
     const direction = event.key === 'ArrowUp' ? 1 : event.key === 'ArrowDown' ? -1 : 0;
     if (!direction || this.field.list || this.field.read_only || (this.control as HTMLInputElement).readOnly) return;
@@ -160,7 +160,7 @@ class Row {
   }
 }
 
-/** Form of several fields. Its rows are kept when values change, so that the focus is not lost. */
+/** A form with several fields. Its rows stay when values change, so that the focus is kept. */
 export class Form {
   readonly root = element('div', { class: 'form' });
   private readonly rows = new Map<string, Row>();

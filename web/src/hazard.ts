@@ -10,7 +10,7 @@ import { say } from './texts';
 interface Listener {
   want(change: Partial<Wanted>): void;
   wanted(): Wanted;
-  /** Classes to show instead of a map of results; null: none. */
+  /** Hazard classes to show instead of a result map; null: none. */
   onClasses(classes: HazardMessage['classes'] | null): void;
 }
 
@@ -37,12 +37,12 @@ export class Hazard {
     });
   }
 
-  /** Show the sources of boulders that reach a place, once the hazard has them. */
+  /** Show the sources of boulders that reach a place, once the hazard is known. */
   choose(origin: string): void {
     if (this.listener.wanted().hazard && origin !== this.listener.wanted().origin) this.listener.want({ origin });
   }
 
-  /** Check the design of the selected net or line; '': none. */
+  /** Select a net or line for the design check; '': none. */
   select(net: string): void {
     if (net !== this.listener.wanted().net) this.listener.want({ net });
     if (!net) this.showNet(null);
@@ -71,7 +71,7 @@ export class Hazard {
     return true;
   }
 
-  /** After an edit, the results belong to the previous state. */
+  /** Discard the results, because an edit has made them out of date. */
   forget(): void {
     if (!this.message) return;
     this.message = null;

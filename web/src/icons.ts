@@ -37,7 +37,7 @@ export function icon(name: Icon): SVGSVGElement {
   return svg('svg', { viewBox: '0 0 20 20', class: 'icon', 'aria-hidden': 'true' }, svg('path', { d: STROKES[name] }));
 }
 
-/** Button with only an icon; `title` if its label is not sufficient. */
+/** Button with only an icon; `title` adds to its label. */
 export function iconButton(sign: Icon | SVGElement, label: string, action: () => void, options: Options = {}): HTMLButtonElement {
   return button(typeof sign === 'string' ? icon(sign) : sign, action, { class: 'icon-button', title: label, label, ...options });
 }

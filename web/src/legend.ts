@@ -15,7 +15,7 @@ export class Legend {
   private readonly zones = element('details', { class: 'zone-legend' });
   private unfolded = false; // the list has all maps
 
-  /** The legend names the map shown if there is no choice of maps. */
+  /** Without a choice of maps, the legend shows the name of the current map. */
   constructor(
     private readonly maps: readonly MapName[],
     private shown: string,
@@ -32,7 +32,7 @@ export class Legend {
     this.zones.hidden = true;
   }
 
-  /** Allow the choice of another map, or only name the map shown. */
+  /** Allow the choice of another map, or show only the name. */
   enable(on: boolean): void {
     this.choice.disabled = !on;
   }
@@ -46,7 +46,7 @@ export class Legend {
     this.ramp.replaceChildren(...(header ? [...name, ramp(header, header.unit, viridis)] : []));
   }
 
-  /** List all maps or only the most used, and reopen the list if the browser can. */
+  /** List all maps or only the most used, and reopen the list if the browser supports it. */
   private fold(unfolded: boolean): void {
     this.unfolded = unfolded;
     this.list();
@@ -57,7 +57,7 @@ export class Legend {
     }
   }
 
-  /** At most LISTED maps, including the map shown; then the others, and finally the limits of intervals. */
+  /** List at most LISTED maps, including the current map, then the others, and finally the interval limits. */
   private list(): void {
     const { maps, shown, unfolded } = this;
     const plain = maps.filter(({ name }) => !LIMIT.test(name));
@@ -80,7 +80,7 @@ export class Legend {
     this.choice.value = shown;
   }
 
-  /** Hazard classes replace the result; null: they no longer do. */
+  /** Show hazard classes instead of the result; null: the result. */
   setClasses(classes: readonly (readonly [name: string, colour: string])[] | null): void {
     this.ramp.hidden = this.choice.hidden = classes !== null;
     this.classes.hidden = classes === null;
@@ -104,14 +104,14 @@ export class Legend {
   }
 }
 
-const FOLD = '+'; // value of the option that switches between all maps and the most used
+const FOLD = '+'; // option that switches between all maps and the most used
 const LISTED = 12; // maximum number of maps in the short list
 // Most used maps, which have names in every language.
 const COMMON = [
   'passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max',
   'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'energy_line_angle_max', 'travel_time_min',
 ];
-const LIMIT = /_(low|high)$/; // limit of an interval
+const LIMIT = /_(low|high)$/; // interval limit
 
 function mapOptions(maps: readonly MapName[]): HTMLOptionElement[] {
   return options(maps.map((map) => [map.name, withUnit(nameOfMap(map), map.unit)] as const));
@@ -140,9 +140,9 @@ interface Tick {
   place: number;
 }
 
-const LETTER = 0.033; // width of a digit relative to a bar of 200 pixels
+const LETTER = 0.033; // width of a digit, in widths of a 200-pixel bar
 
-/** Round numbers and their positions on the bar, except those that would touch their predecessor. */
+/** Round numbers and their positions on the bar, except those that would touch the previous number. */
 export function spread(scale: ColourScale): Tick[] {
   const found: Tick[] = [];
   for (const value of ticks(scale)) {

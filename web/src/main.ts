@@ -31,7 +31,7 @@ function welcome(message: Welcome): void {
   setTexts(message.texts, message.language);
   document.documentElement.lang = message.language;
   document.title = message.title ? `${message.title} – rockfall` : 'rockfall';
-  const variants = current?.variantsFor(message) ?? null; // after a lost connection
+  const variants = current?.variantsFor(message) ?? null; // reuse the variants of a lost connection
   current?.dispose();
   current = null;
   if (message.mode === 'start')
@@ -39,9 +39,9 @@ function welcome(message: Welcome): void {
   else current = new CaseWindow(root, message, connection, variants);
 }
 
-/** Report above the content that the server is gone. */
+/** Show above the content that the connection is lost. */
 function lost(reason: 'refused' | 'closed'): void {
-  // Before the first message the page has no texts, so this one is in English.
+  // Before the first message the page has no texts; the notice is then in English.
   const known = say('app.lost') !== 'app.lost';
   const text = known
     ? say(reason === 'refused' ? 'app.refused' : 'app.lost')

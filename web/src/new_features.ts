@@ -3,7 +3,7 @@
 import type { DocumentStore } from './document';
 import { LAYERS, type Layer, type Value, type Welcome } from './protocol';
 
-/** Initial properties of a drawn feature, if its layer has them. */
+/** Initial properties of drawn features, by layer. */
 const INITIAL: Readonly<Record<Layer, Readonly<Record<string, Value>>>> = {
   sources: {},
   lines: {},
@@ -19,12 +19,12 @@ const LETTERS: Readonly<Partial<Record<Layer, string>>> = {
   sources: 'S',
 };
 
-/** Height of a new dam [m] with faces as wide as the cells require, on terrain up to about 30 degrees. */
+/** Height of a new dam [m] whose faces have the width that the cells require, on slopes up to about 30 degrees. */
 function damHeight(cell: number): number {
   return Math.min(10, Math.max(5, Math.ceil(3 * cell)));
 }
 
-/** Properties of a new feature, given the terrain's cell size [m]: a unique name, and usual values. */
+/** Properties of a new feature: a unique name and default values, which depend on the cell size [m]. */
 export function propertiesOf(
   layer: Layer,
   forms: Welcome['forms'],

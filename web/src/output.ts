@@ -8,8 +8,8 @@ import { duration, say } from './texts';
 export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
-  private saved: readonly string[] = []; // files saved by a running task
-  private remark = ''; // remark on the saved files
+  private saved: readonly string[] = []; // files saved for the running task
+  private remark = ''; // remark on these files
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {
@@ -73,7 +73,7 @@ export class Output {
     this.buttons.replaceChildren(this.stop());
   }
 
-  /** The case has been written; continue with the report or the export. */
+  /** After the case has been written, continue with the report or export. */
   written(files: readonly string[], remark: string): void {
     this.remark = remark;
     if (isLong(this.task)) this.saved = files;
@@ -117,7 +117,7 @@ export class Output {
     this.buttons.replaceChildren(this.task === 'save' ? '' : this.stop());
   }
 
-  /** Button that cancels the task, which runs until its present step is complete. */
+  /** Button that cancels the task after its present step. */
   private stop(): HTMLButtonElement {
     const cancel = (): void => {
       this.cancelled = true;
@@ -142,7 +142,7 @@ export class Output {
   }
 }
 
-/** True for tasks with progress reports. */
+/** True for tasks that report progress. */
 export function isLong(task: string): task is LongTask {
   return task === 'report' || task === 'export' || task === 'simulate';
 }

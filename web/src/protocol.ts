@@ -24,7 +24,7 @@ export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
-  readonly variant: string; // name of the case's variant from which it comes; '': the case without variants
+  readonly variant: string; // name of its variant; '' for the case without variants
 }
 
 /** A key of the case, or a property of a feature. */
@@ -43,7 +43,7 @@ export interface Field {
 }
 export interface Forms {
   settings: Record<string, Field[]>;
-  layers: Partial<Record<Layer, Field[]>>; // a layer without fields is not drawn
+  layers: Partial<Record<Layer, Field[]>>; // layers without fields are not drawn
 }
 export interface MapName {
   name: string;
@@ -54,7 +54,7 @@ export interface MapName {
 export type LongTask = 'report' | 'export' | 'simulate';
 export type Task = 'save' | LongTask;
 
-/** Complete layer, or its changes since the last message. */
+/** A complete layer, or its changes since the last message. */
 export type LayerChange = readonly Feature[] | { set: readonly Feature[]; remove: readonly string[] };
 
 /** Messages from the page to the server. */
@@ -66,7 +66,7 @@ export type Request =
       layers: Partial<Record<Layer, LayerChange>>;
       settings: Record<string, Group>;
       variant: string;
-      whole: boolean; // contains all layers and groups, as required in an edit after a refused one
+      whole: boolean; // has all layers and groups, as required after a refused edit
     }
   | { type: 'compare'; variant: string }
   | ({ type: 'view' } & Wanted)
@@ -81,7 +81,7 @@ export interface Wanted {
   trajectories: number;
   lines: readonly string[];
   section: readonly Position[]; // vertices of the section
-  objects: string; // a layer in `Welcome.offers`; '': none
+  objects: string; // label in `Welcome.offers`; '': none
   basemap: string;
   net: string; // line or barrier for the design check
   hazard: boolean; // compute the hazard of the scenarios
@@ -93,7 +93,7 @@ export interface WebMap {
   layers: string;
   crs: string; // CRS of the terrain
 }
-/** Ground for a document without one; `radius` of its rocks [m], if the ground needs it. */
+/** Ground for a document without ground; `radius` [m] of its rocks if the ground needs it. */
 export interface GroundChoice {
   name: string;
   radius: number | null;
@@ -131,11 +131,11 @@ export interface CaseError {
 }
 export interface State {
   type: 'state';
-  running?: boolean; // false while paused
+  running?: boolean; // false if paused
   revision: number;
   errors: CaseError[];
   warnings: string[];
-  refused?: boolean; // the edit was refused, and the server has an older document
+  refused?: boolean; // true if the edit was refused: the server keeps an older document
 }
 export interface Progress {
   type: 'progress';
@@ -234,10 +234,10 @@ export interface BatchMessage {
   seconds_left: number | null;
   warnings: string[];
   ended: Record<string, number>;
-  lines: (Line | LineStatistics)[]; // if there are many, initially only visible lines have statistics
+  lines: (Line | LineStatistics)[]; // with many lines, only visible lines have statistics at first
   overlay: OverlayHeader | null;
 }
-/** Statistics of further lines, for the boulders of a batch. */
+/** Statistics of further lines, for the boulders of an earlier batch. */
 export interface LinesMessage {
   type: 'lines';
   revision: number;
@@ -252,7 +252,7 @@ export interface TrajectoriesMessage {
   append: boolean;
   count: number;
 }
-/** Section in SI units; its columns are arrays, named as in `rockfall section`. */
+/** Section in SI units; its arrays are columns of `rockfall section`. */
 export interface SectionMessage {
   type: 'section';
   revision: number;
@@ -262,7 +262,7 @@ export interface SectionMessage {
   quantities: Record<string, { unit: string; factor: number; decimals: number }>;
   lines: { name: string; kind: 'line' | 'barrier' | 'dam'; distance: number; height: number | null; q95: Record<string, (number | null)[]> }[];
 }
-/** Table of the program; lines in a cell end with a line feed. */
+/** Table as texts; lines within a cell are separated by line feeds. */
 export interface TableEntry {
   caption: string;
   head: string[];
@@ -275,7 +275,7 @@ export interface HazardMessage {
   north: number;
   cell: number;
   classes: [name: string, colour: string][];
-  tables: TableEntry[]; // tables of the scenarios, then of places
+  tables: TableEntry[]; // first of the scenarios, then of places
   sentences: string[];
   nets: Record<string, TableEntry[]>;
   places: string[];
@@ -311,7 +311,7 @@ export interface Grid<A extends TypedArray = TypedArray> {
   shape: number[];
 }
 
-/** Header with its arrays, which are views of the message. */
+/** A header and its arrays, which are views of the message buffer. */
 export class Binary<Header extends BinaryHeader = BinaryHeader> {
   constructor(
     readonly header: Header,
@@ -341,7 +341,7 @@ export class Binary<Header extends BinaryHeader = BinaryHeader> {
 
 const decoder = new TextDecoder();
 
-/** Parse a binary message: length of its header, header, arrays; nothing is copied. */
+/** Parse a binary message (header length, header, arrays) without copying the arrays. */
 export function decode(message: ArrayBuffer): Binary {
   const length = new DataView(message).getUint32(0, true);
   const header = JSON.parse(decoder.decode(new Uint8Array(message, 4, length))) as BinaryHeader & {
@@ -356,12 +356,12 @@ export function decode(message: ArrayBuffer): Binary {
   return new Binary(header, arrays);
 }
 
-/** Name of the case's variant to which results belong; '' for the document. */
+/** Name of the variant to which results belong; '' for the document. */
 export function variantOf({ header }: Binary): string {
   return ('variant' in header ? header.variant : undefined) ?? '';
 }
 
-/** Narrow a binary message to a type. */
+/** Narrow a binary message to its type. */
 export function isOf<Type extends BinaryHeader['type']>(
   message: Binary,
   type: Type,

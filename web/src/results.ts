@@ -25,7 +25,7 @@ export interface Parts {
 
 export interface ResultListener {
   onBatch(): void;
-  /** Statistics of further lines have arrived; `all`: none are missing. */
+  /** Statistics of further lines have arrived; `all` if none are missing. */
   onLines(all: boolean): void;
   onSection(message: Binary<SectionMessage>): void;
 }
@@ -52,7 +52,7 @@ export class Results {
     if (isOf(message, 'terrain')) this.setTerrain(message);
     else if (isOf(message, 'background')) this.setBackground(message);
     else {
-      if ('revision' in message.header && message.header.revision < this.parts.sender.revision) return; // result of an older state
+      if ('revision' in message.header && message.header.revision < this.parts.sender.revision) return; // older state
       if (isOf(message, 'lines')) this.addLines(message.header);
       else if (isOf(message, 'batch')) this.setBatch(message);
       else if (isOf(message, 'section')) this.listener.onSection(message);
@@ -119,7 +119,7 @@ export class Results {
     this.listener.onBatch();
   }
 
-  /** Adopt statistics of further lines for the results shown. */
+  /** Add statistics of further lines to the results shown. */
   private addLines({ revision, boulders, lines }: LinesMessage): void {
     const shown = this.batch?.header;
     if (!shown || shown.revision !== revision || shown.boulders !== boulders) return;
@@ -129,7 +129,7 @@ export class Results {
     this.listener.onLines(shown.lines.every(hasStatistics));
   }
 
-  /** Mark in the browser's timeline, for benchmarks, when the last data passed to the map is visible. */
+  /** Mark in the browser's timeline when the latest data are visible on the map, for benchmarks. */
   private markDrawn(what: string, revision = 0): void {
     performance.clearMarks(what);
     this.parts.view.map.once('postrender', () =>
@@ -146,7 +146,7 @@ export class Results {
   }
 }
 
-/** Text on the final statuses of boulders, most frequent first. */
+/** Text on the outcomes of boulders, most frequent first. */
 function endedText({ ended, boulders }: BatchMessage): string {
   const percent = (n: number): string =>
     n < 0.0005 * boulders ? `< ${decimal(0.1, 1)}` : decimal((100 * n) / boulders, 1);

@@ -24,7 +24,7 @@ export class RunBar {
     if (live) this.root.append(this.toggle, this.tenfold);
   }
 
-  /** Show a batch; if it is missing or out of date, show that results are awaited, or the reason why none will come. */
+  /** Show a batch. If it is missing or out of date, show that results are awaited, or why there are none. */
   update(batch: BatchMessage | null, preliminary: boolean, reason: string, writer: boolean, paused: boolean): void {
     const failed = reason !== '';
     const current = batch !== null && !preliminary;

@@ -32,7 +32,7 @@ export class ScenePane {
     this.view?.dispose();
   }
 
-  /** Adopt changes; no effect while the map is shown. */
+  /** Adopt changes; without effect while the map is shown. */
   update(...changed: (keyof SceneContent)[]): void {
     if (this.shown) this.view?.update(this.content(), changed);
   }

@@ -5,7 +5,7 @@ import type { Difference, DocumentStore } from './document';
 import { LAYERS, type Feature, type Group, type Layer, type LayerChange, type Layers } from './protocol';
 
 const SHORTEST = 60; // [ms] minimum interval between two edits
-const LONGEST = 400; // [ms] maximum wait of an edit for results of the previous edit
+const LONGEST = 400; // [ms] maximum wait of an edit for the previous results
 
 export class Sender {
   /** Revision of the last edit sent. */
@@ -23,7 +23,7 @@ export class Sender {
     private readonly onSent: () => void,
   ) {}
 
-  /** True while the server does not know all changes of the document. */
+  /** True while the document has changes unknown to the server. */
   get pending(): boolean {
     return this.layers.size + this.groups.size > 0;
   }
@@ -42,13 +42,13 @@ export class Sender {
     this.schedule();
   }
 
-  /** Results, or errors, of the last edit have arrived. */
+  /** Results or errors of the last edit have arrived. */
   answer(): void {
     this.answered = true;
     if (this.pending) this.schedule();
   }
 
-  /** An edit was refused: the next edit is complete, and follows at once if later edits were sent. */
+  /** An edit was refused: the next edit contains the whole document, and is sent at once if later edits were pending. */
   refused(revision: number): void {
     if (!this.known) return;
     this.known = null;
@@ -84,7 +84,7 @@ export class Sender {
   }
 }
 
-/** Change from one layer to another; the complete layer if the order differs by more than appended features. */
+/** Change from one layer to another: the complete layer if features were reordered. */
 function change(before: readonly Feature[], after: readonly Feature[]): LayerChange {
   const old = new Map(before.map((feature) => [feature.id, feature]));
   const now = new Set(after.map(({ id }) => id));

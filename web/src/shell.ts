@@ -40,7 +40,7 @@ export class Shell {
     parent.replaceChildren(this.root);
   }
 
-  /** Printed content that replaces the map. */
+  /** Content that replaces the map in print. */
   printed(picture: HTMLCanvasElement): void {
     this.sheet.replaceChildren(picture);
   }
@@ -49,13 +49,13 @@ export class Shell {
     this.dockBody.replaceChildren(...content);
   }
 
-  /** Line in the title of the dock. */
+  /** Set the text in the title of the dock. */
   noteDock(text: string): void {
     this.dockNote.textContent = text;
     this.dockNote.title = text;
   }
 
-  /** Set the heights of the table of statistics and of a section; without both the map fills the space. */
+  /** Set the heights of the statistics table and the section; without both, the map fills the space. */
   fitDock(lines: number, section: boolean): void {
     this.root.style.setProperty('--dock-most', section ? '54vh' : '42vh');
     this.root.style.setProperty('--dock', section ? '440px' : `${lines ? 134 + 43 * lines : 104}px`);
@@ -68,7 +68,7 @@ export class Shell {
     this.root.dataset['mode'] = mode;
   }
 
-  /** Dim and label content that belongs to an older state. */
+  /** Dim outdated content and label it. */
   mark(text: string): void {
     for (const tag of [this.tag, this.dockTag]) {
       tag.hidden = !text;
@@ -89,7 +89,7 @@ export class Shell {
     this.timer = window.setTimeout(() => this.toast.classList.remove('shown'), 5000);
   }
 
-  /** Notice across the window, such as that of a second tab; replaces the notice with the same name. */
+  /** Notice across the window, for example about a second tab; it replaces an earlier notice of the same name. */
   notice(name: string, kind: 'red' | 'amber', text: string, action: HTMLButtonElement | null = null): void {
     this.clearNotice(name);
     this.notices.append(

@@ -7,7 +7,7 @@ interface Actions {
   redo(): void;
   save(): void;
   fit(): void;
-  /** True while the map is shown, when letters choose tools. */
+  /** True while the map is shown and letters select tools. */
   onMap(): boolean;
   /** Distance [m] by which an arrow key moves the selected feature. */
   step(): number;
@@ -52,7 +52,7 @@ export function listenToKeys(drawer: Drawer, map: HTMLElement, tools: readonly T
     },
     { signal },
   );
-  // Runs before the map, which pans with the same keys.
+  // Capture keys before the map, which would pan.
   map.addEventListener(
     'keydown',
     (event) => {

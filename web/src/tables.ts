@@ -8,7 +8,7 @@ function cell(text: string): (Node | string)[] {
   return [first, ...others.map((line) => element('small', {}, line))];
 }
 
-/** Table of a single row, shown with a line for each non-empty column. */
+/** A single-row table, shown as a list with a line for each non-empty column. */
 function pairsOf(caption: string, head: readonly string[], row: readonly string[], firstOf: typeof cell): HTMLElement {
   const lines = head.map((title, k) => [title, row[k] ?? ''] as const).filter(([title, text]) => title && text && text !== '-');
   return element(
@@ -19,14 +19,14 @@ function pairsOf(caption: string, head: readonly string[], row: readonly string[
   );
 }
 
-/** Table folded below its caption. */
+/** Table that unfolds below its caption. */
 export function foldedTable(entry: TableEntry, open: boolean): HTMLElement {
   const box = element('details', {}, element('summary', {}, entry.caption || (entry.head[0] ?? '')), tableOf({ ...entry, caption: '' }));
   box.open = open;
   return box;
 }
 
-/** Table; `choose` turns each name in its first column that is `chosen` into a button. */
+/** Table; names in the first column that occur in `choices` become buttons that call `choose`. */
 export function tableOf({ caption, head, rows }: TableEntry, choices: readonly string[] = [], choose = (_: string): void => undefined): HTMLElement {
   const firstOf = (name: string): (Node | string)[] =>
     choices.includes(name) ? [button(name, () => choose(name), { class: 'line-name', attributes: { 'data-place': name } })] : cell(name);

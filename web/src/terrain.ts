@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Terrain of the page in its own CRS [m]: cell elevations and hillshade.
 
-/** Elevations [m] of cells: row 0 is the northernmost, NaN is unknown. West and south [m]. */
+/** Elevations [m] of cells; row 0 is the northernmost, NaN is unknown. `west` and `south` in [m]. */
 export interface Terrain { west: number; south: number; cell: number; nx: number; ny: number; heights: Float32Array }
 
-/** Hillshade 1..255, 0 is unknown, from the north-western corner of the terrain. */
+/** Hillshade from 1 to 255 (0: unknown), starting at the terrain's north-western corner. */
 export interface Shade { cell: number; nx: number; ny: number; values: Uint8Array }
 
 /** West, south, east and north [m]. */
 export type Extent = [west: number, south: number, east: number, north: number];
 
-/** Extent of cells, given their north-western corner. */
+/** Extent of cells from their north-western corner. */
 export function extentOf(west: number, north: number, cell: number, [ny = 0, nx = 0]: readonly number[]): Extent {
   return [west, north - ny * cell, west + nx * cell, north];
 }
@@ -20,7 +20,7 @@ export interface Range {
   high: number;
 }
 
-/** Minimum and maximum, ignoring NaN; null without any number. */
+/** Minimum and maximum without NaN; null if there are no numbers. */
 export function rangeOf(...all: readonly ArrayLike<number>[]): Range | null {
   const range = { low: Infinity, high: -Infinity };
   for (const numbers of all)
@@ -32,7 +32,7 @@ export function rangeOf(...all: readonly ArrayLike<number>[]): Range | null {
   return range.low <= range.high ? range : null;
 }
 
-/** Elevation [m] interpolated between cell centres, at [m] from the south-western corner; NaN if unknown. */
+/** Elevation [m] interpolated between cell centres, at x, y [m] from the south-western corner; NaN if unknown. */
 export function elevationAt({ cell, nx, ny, heights }: Terrain, x: number, y: number): number {
   if (!(x >= 0 && y >= 0 && x <= nx * cell && y <= ny * cell)) return NaN;
   const column = Math.min(Math.max(x / cell - 0.5, 0), nx - 1);

@@ -12,12 +12,12 @@ export function setTexts(catalogue: Readonly<Record<string, string>>, chosen: st
   formats.clear();
 }
 
-/** Text of a key with filled placeholders; numbers in the format of the language. */
+/** Text of a key with its placeholders filled; numbers are formatted for the language. */
 export function say(key: string, values: object = {}): string {
   return sayOr(key, key, values);
 }
 
-/** Text of a key, or a default if the catalogue lacks it. */
+/** Text of a key, or `otherwise` if the catalogue lacks the key. */
 export function sayOr(key: string, otherwise: string, values: object = {}): string {
   const given = values as Readonly<Record<string, unknown>>;
   return (texts[key] ?? otherwise).replace(/\{(\w+)\}/g, (whole, name: string) => {
@@ -28,7 +28,7 @@ export function sayOr(key: string, otherwise: string, values: object = {}): stri
 
 const formats = new Map<number, Intl.NumberFormat>();
 
-/** Number with this many decimals; by default as many as needed (at most 6). */
+/** Format a number with this many decimals; by default as many as needed (at most 6). */
 export function decimal(value: number, decimals = -1): string {
   let format = formats.get(decimals);
   if (!format) {
@@ -40,12 +40,13 @@ export function decimal(value: number, decimals = -1): string {
     formats.set(decimals, format);
   }
   if (language === 'en') return format.format(value);
-  // Thousands separator as in the report (ISO 80000-1): a narrow space in every language except English.
+  // Thousands separator as in the report (ISO 80000-1): a narrow space, except in English.
   const parts = format.formatToParts(value).map((part) => (part.type === 'group' ? '\u202f' : part.value));
   return parts.join('').replace(/^-/, '−');
 }
 
-/** Decimals that an interval supports: to the first digit of its half width, or the second after a 1; negative: tens. */
+/** Decimals that an interval supports, down to the first digit of its half-width, or the second if the first is 1; negative
+ * for tens. */
 export function supportedDecimals([value, low, high]: Estimate, otherwise: number): number {
   if (value === null || low === null || high === null || !(high > low)) return otherwise;
   const half = (high - low) / 2;
@@ -68,7 +69,7 @@ export function duration(seconds: number): string {
   return `${decimal(seconds / 3600, 1)} h`;
 }
 
-/** Unit as printed. */
+/** Unit in its printed form. */
 export function unitText(unit: string): string {
   const word = texts[`app.unit.${unit}`];
   if (word !== undefined) return word;

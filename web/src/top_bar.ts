@@ -20,7 +20,7 @@ export class TopBar {
   private readonly redo: HTMLButtonElement;
   private readonly views = new Map<Mode, HTMLButtonElement>();
 
-  /** Fill a bar; without a server, it has no output. */
+  /** Fill the bar; without a server it offers no output. */
   constructor(
     bar: HTMLElement,
     welcome: Welcome,
@@ -69,7 +69,7 @@ export class TopBar {
     return made;
   }
 
-  /** Less frequent actions. */
+  /** Menu of less frequent actions. */
   private more({ mode, language, languages }: Welcome, live: boolean): HTMLElement[] {
     const { write, picture, speak } = this.actions;
     const shot = button(say('app.picture'), picture, { action: 'picture' });

@@ -2,15 +2,15 @@
 // Trajectories of a message, joined with earlier messages of the same run, and the motion between two of their points.
 import type { Binary, TrajectoriesMessage } from './protocol';
 
-/** Points (n, COLUMNS): x - west, y - south, z [m], time since release [s], speed [m/s], and gravity on the way to the next point [m/s2]: 0 on
- * the ground and at rest; masses [kg]. */
+/** Points (n, COLUMNS): x - west, y - south, z [m], time since release [s], speed [m/s], and gravity until the next point
+ * [m/s2] (0 on the ground and at rest); masses [kg]. */
 export interface Trajectories { points: Float32Array; first: Uint32Array; boulder: Uint32Array; mass: Float32Array }
 
 /** Components of a point: x, y, z, time, speed, gravity. */
 export const COLUMNS = 6;
 
-/** Write x, y, z, time and speed after a part (0 to 1) of the motion from the point at index a to that at b: a parabola by a gravity, or
- * straight without. */
+/** Write x, y, z, time and speed at a fraction (0 to 1) of the motion from the point at index a to the point at b: on a
+ * parabola, or on a straight line without gravity. */
 export function between(points: Float32Array, a: number, b: number, gravity: number, part: number, to: Float32Array): void {
   const span = points[b + 3]! - points[a + 3]!;
   for (let column = 0; column < 5; column++) to[column] = points[a + column]! + part * (points[b + column]! - points[a + column]!);
@@ -27,7 +27,7 @@ function trajectoriesOf(message: Binary<TrajectoriesMessage>): Trajectories | nu
   return { points: points.values, first: first.values, boulder: boulder.values, mass: mass.values };
 }
 
-/** Trajectories of a message, appended to the known ones if it continues the same run. */
+/** Trajectories of a message, appended to earlier ones if the message continues their run. */
 export function extended(known: Trajectories | null, message: Binary<TrajectoriesMessage>): Trajectories | null {
   const added = trajectoriesOf(message);
   return added && message.header.append && known ? joined(known, added) : added;

@@ -10,7 +10,7 @@ import type { Mode } from './shell';
 import { say } from './texts';
 import { unrun, withResults, type Snapshot } from './variants';
 
-/** Window, as seen by its variants. */
+/** The window, as the list of variants uses it. */
 interface Host {
   readonly store: DocumentStore;
   readonly results: Results;
@@ -49,7 +49,7 @@ export class VariantList {
     this.panel.update(this.kept, results.batch !== null && !preliminary, writer, based);
   }
 
-  /** Adopt results of a variant of the case. */
+  /** Adopt the results of a variant. */
   receive(message: Binary): void {
     this.set(withResults(this.kept, message));
     this.updateCompare();
@@ -82,7 +82,7 @@ export class VariantList {
     return true;
   }
 
-  /** Run a variant of the case, unless it already has results of the map shown. */
+  /** Run a variant, unless it already has results for the current map. */
   private run({ name, document, batch }: Snapshot): void {
     if (name === document.variant && !(batch && (batch.overlay?.name ?? '') === this.host.wanted.map))
       this.host.connection.send({ type: 'compare', variant: name });

@@ -11,22 +11,22 @@ import {
 } from './protocol';
 import { extended, type Trajectories } from './trajectories';
 
-/** State of the page that can be viewed. */
+/** A state of the page that can be viewed again. */
 export interface Snapshot {
   name: string;
   document: CaseDocument;
-  batch: BatchMessage | null; // null for a variant of the case that was not run
+  batch: BatchMessage | null; // null for a variant that has not run
   overlay: { values: Float32Array; shape: number[] } | null;
   trajectories: Trajectories | null;
   background: Binary<BackgroundMessage> | null;
 }
 
-/** Variant of the case that was not yet run. */
+/** A variant of the case that has not run. */
 export function unrun(document: CaseDocument): Snapshot {
   return { name: document.variant, document, batch: null, overlay: null, trajectories: null, background: null };
 }
 
-/** Snapshots after replacing the results of a case's variant with those of a message. */
+/** Snapshots in which a message has replaced the results of its variant. */
 export function withResults(snapshots: readonly Snapshot[], message: Binary): Snapshot[] {
   const variant = variantOf(message);
   return snapshots.map((one) => {
@@ -38,8 +38,9 @@ export function withResults(snapshots: readonly Snapshot[], message: Binary): Sn
 }
 
 /**
- * Difference b - a of two estimates with a 95 % interval from their intervals (square-and-add, Zou and Donner 2008).
- * It assumes independent estimates; boulders with the same numbers make the true interval narrower.
+ * Difference b - a of two estimates, with a 95 % interval from their intervals (square-and-add,
+ * Zou and Donner 2008). The estimates are assumed independent; common boulder numbers make the
+ * true interval narrower.
  */
 export function difference([a, aLow, aHigh]: Estimate, [b, bLow, bHigh]: Estimate): Estimate {
   if (a === null || b === null) return [null, null, null];

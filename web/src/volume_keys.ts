@@ -13,7 +13,7 @@ const OF_DISTRIBUTION: Readonly<Record<string, readonly string[]>> = {
 };
 const ALL = new Set(Object.values(OF_DISTRIBUTION).flat());
 
-/** True if the distribution in these values uses a key, or if the key is given among them. */
+/** True if the distribution uses a key, or if the values contain the key. */
 export function applies(name: string, values: Values, distribution: string): boolean {
   return !ALL.has(name) || values[name] !== undefined || (OF_DISTRIBUTION[distribution] ?? []).includes(name);
 }

@@ -10,12 +10,12 @@ const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
 const LINES = 40; // approximate maximum number
 const INDEX = 5; // every fifth contour is thicker
 const TOUCH = 1e-6; // cells
-const ROOM = 160; // length of a contour [px] that has room for its elevation
+const ROOM = 160; // minimum length of a contour with a label [px]
 
 interface Contour {
   elevation: number;
   index: boolean;
-  /** Coordinates [m] east and north of the south-western corner. */
+  /** Coordinates [m] from the south-western corner. */
   parts: Float32Array[];
 }
 
@@ -36,7 +36,7 @@ export function contoursOf({ heights, nx, ny, cell }: Terrain): Contour[] {
     if (i < 0 || j < 0 || i > nx - 2 || j > ny - 2) return true;
     return [0, 1, nx, nx + 1].some((step) => Number.isNaN(heights[j * nx + i + step] as number));
   };
-  // Along missing elevations, a contour runs through the centres of the last known cells.
+  // Next to missing elevations, a contour would follow the centres of the last known cells.
   const atEdge = (x: number, y: number): boolean => isUnknown(x - TOUCH, y - TOUCH) || isUnknown(x + TOUCH, y + TOUCH);
   const trace = contours().size([nx, ny]);
   return levels.map((elevation) => {
@@ -104,7 +104,7 @@ export class ContourLayer extends PlotLayer {
   }
 }
 
-/** Write an elevation upright in the middle of the visible part of a contour. */
+/** Label the middle of the visible part of a contour with its elevation, upright. */
 function label(context: CanvasRenderingContext2D, { scale, x0, y0, width, height, pixelRatio }: Plan, part: Float32Array, text: string): void {
   const places: [number, number][] = [];
   let length = 0;

@@ -78,7 +78,7 @@ function makeStyles(layer: Exclude<Layer, 'dams'>, wide: number): Style[] {
 
 const made = new Map<string, Style[]>();
 
-/** Styles of a shape, shared within a layer because each style has its own picture. */
+/** Styles of a shape, shared within a layer because each style caches its own picture. */
 function shapeStyles(
   layer: Layer,
   properties: Readonly<Record<string, Value>>,
@@ -99,7 +99,7 @@ function shapeStyles(
   return styles;
 }
 
-/** Vertices, and edge midpoints from which a new vertex can be dragged. */
+/** Vertices, and edge midpoints that can be dragged to add a vertex. */
 export function handles(geometry: LineString | Polygon): { vertices: number[][]; middles: number[][] } {
   const ring = geometry instanceof Polygon ? (geometry.getCoordinates()[0] ?? []) : geometry.getCoordinates();
   const middles = ring
@@ -129,7 +129,7 @@ function handleStyles(geometry: unknown): Style[] {
   ];
 }
 
-/** Styles of a feature, with its name on request. */
+/** Styles of a feature, optionally with its name. */
 export function featureStyles(
   feature: OlFeature,
   layer: Layer,

@@ -10,13 +10,13 @@ import { LAYERS, type Feature, type Layer, type Layers } from '../protocol';
 import { featureStyles, selectedStyles } from './feature_style';
 
 const format = new GeoJSON();
-const DATA = 'rockfall'; // property of a map feature that holds the document feature
+const DATA = 'rockfall'; // property with the document feature
 
-const LABELLED = 300; // number of visible features of a layer above which their names would hide the map
+const LABELLED = 300; // with more visible features in a layer, names would hide the map
 
 export class FeatureLayers {
   readonly layers: Readonly<Record<Layer, VectorLayer<VectorSource>>>;
-  /** Layer of the selected feature alone, so that dragging it does not redraw the others. */
+  /** Layer for the selected feature alone: dragging it does not redraw the other features. */
   readonly selection: VectorLayer<VectorSource>;
   selected = '';
   private selectedLayer: Layer = 'sources';
@@ -150,7 +150,7 @@ export function dataOf(feature: OlFeature): Feature | null {
   return (feature.get(DATA) as Feature | undefined) ?? null;
 }
 
-/** Mark a map feature as up to date, so that `show` keeps its geometry. */
+/** Set the document feature of an up-to-date map feature, so that `show` keeps its geometry. */
 export function setData(feature: OlFeature, data: Feature): void {
   feature.set(DATA, data, true);
 }

@@ -6,7 +6,7 @@ import { decimal, say } from '../texts';
 import type { MapView } from './map_view';
 import { scaleBar } from './scale';
 
-/** Buttons on the map, and its north arrow. */
+/** Map buttons and north arrow. */
 export function mapButtons(view: MapView): HTMLElement {
   const made = (name: Icon, key: string, action: () => void): HTMLButtonElement =>
     iconButton(name, say(key), action, { class: '', action: name });

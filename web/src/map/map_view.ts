@@ -26,7 +26,7 @@ import { DotLayer, TrajectoryLayer } from './trajectory_layer';
 /** Layers that can be switched on and off. */
 export type Shown = keyof MapView['switched'];
 
-const CODE = 'rockfall:terrain'; // code of the map's CRS
+const CODE = 'rockfall:terrain'; // code of the terrain's CRS
 const FIRST = 40; // minimum number of cells in the initial view
 const PADDING = 28; // margin around the fitted extent [px]
 const TAG = 44; // margin above the map for the label "preliminary"
@@ -71,7 +71,7 @@ export class MapView {
   private overlayOpacity = 0.85;
   private preliminary = false;
   private terrain: Terrain | null = null;
-  private moved = false; // the user has moved the view
+  private moved = false; // set once the user moves the view
   private result: { header: OverlayHeader; values: Float32Array; shape: number[] } | null = null;
 
   constructor(readonly target: HTMLElement) {
@@ -81,7 +81,7 @@ export class MapView {
       interactions: defaultInteractions({ altShiftDragRotate: false, pinchRotate: false, doubleClickZoom: false }),
       layers: [this.shade, ...Object.values(this.switched), this.hazard, this.origins, this.features.selection, this.section],
     });
-    this.map.on('change:size', () => this.fitAtFirst()); // after folding a panel, or turning a phone
+    this.map.on('change:size', () => this.fitAtFirst()); // after a panel folds or a phone turns
     this.map.on('moveend', ({ frameState }) => {
       if (frameState?.extent) this.features.nameWithin(frameState.extent);
     });
@@ -92,7 +92,7 @@ export class MapView {
     this.overlay.setOpacity(this.overlayOpacity);
   }
 
-  /** Show a terrain; a map may share the view of another map to move with it. */
+  /** Show a terrain; `shared` is the view of another map that moves with this map. */
   setTerrain(terrain: Terrain, shade: Shade | null, shared?: View): void {
     this.terrain = terrain;
     this.contours.display(terrain);
@@ -117,7 +117,7 @@ export class MapView {
     );
   }
 
-  /** Show parts of a case that are not drawn: zones, on the cells of the hillshade; sources; trees. */
+  /** Show the parts of a case that are not drawn features: zones (on hillshade cells), sources, trees. */
   setBackground(message: Binary<BackgroundMessage> | null, cell: number): void {
     const [, , , north] = this.terrainExtent();
     const { west } = this.terrainOrThrow();
@@ -137,7 +137,7 @@ export class MapView {
     this.switched.wms.setSource(webMapSource(given, CODE));
   }
 
-  /** Show a picture instead of the hillshade; without a picture, remove the present one. */
+  /** Show a picture instead of the hillshade; without a picture, show the hillshade again. */
   showBasemap(message: Binary<BasemapMessage>): void {
     const rgba = message.u1('rgba');
     if (!rgba) return this.basemap.display(null);
@@ -155,7 +155,7 @@ export class MapView {
     this.paintResult(header);
   }
 
-  /** Draw the result with a different scale. */
+  /** Redraw the result with a new scale. */
   paintResult(scale: ColourScale | null): void {
     if (!this.result || !scale) {
       this.overlay.display(null);
@@ -187,7 +187,7 @@ export class MapView {
     this.dim(this.preliminary);
   }
 
-  /** Dim pictures of an older state. */
+  /** Dim the pictures of an older state. */
   dim(preliminary: boolean): void {
     this.preliminary = preliminary;
     const factor = preliminary ? 0.45 : 1;
@@ -200,11 +200,11 @@ export class MapView {
     this.switched[name].setVisible(visible);
   }
 
-  /** Until the user moves it, the view fits sources, lines, nets, dams and results; without any, the terrain. */
+  /** Fit sources, lines, nets, dams and results (or else the terrain), until the user moves the view. */
   fitAtFirst(): void {
     if (this.terrain && !this.moved) this.fit(this.contentExtent() ?? this.terrainExtent());
   }
-  /** Name of the object, such as a house, at a pixel; '': none. */
+  /** Name of the object, such as a house, at a pixel; '' if none. */
   objectAt(pixel: number[]): string {
     const found = this.map.getFeaturesAtPixel(pixel, { hitTolerance: 4, layerFilter: (layer) => layer === this.objects });
     return String(found[0]?.get('name') ?? '');
@@ -225,7 +225,7 @@ export class MapView {
     if (geometry)
       this.map.getView().fit(geometry.getExtent(), { padding: [90, 90, 90, 90], minResolution: (this.terrain?.cell ?? 1) / 6, duration: 250 });
   }
-  /** Fit the view to a section that is not fully visible, once the panels have their final size. */
+  /** Fit the view to a section that is partly hidden, once the panels have their final size. */
   async fitSection(): Promise<void> {
     await new Promise(requestAnimationFrame);
     this.map.updateSize();

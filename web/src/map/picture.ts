@@ -120,7 +120,7 @@ function drawRamp(context: CanvasRenderingContext2D, result: OverlayHeader, left
   }
 }
 
-/** Offer a picture for download. */
+/** Start the download of a picture. */
 export function download(picture: HTMLCanvasElement, name: string): void {
   picture.toBlob((blob) => {
     if (!blob) return;

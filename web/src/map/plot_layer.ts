@@ -6,7 +6,7 @@ import type Source from 'ol/source/Source';
 import { element } from '../dom';
 import type { Extent } from '../terrain';
 
-/** Canvas in its own container, as required by the map's renderer and picture. */
+/** Canvas in its own container, as the map's renderer and the picture export require. */
 abstract class CanvasLayer extends Layer<Source> {
   protected canvas = element('canvas');
   private readonly box = element('div', { class: 'ol-layer plot-layer' }, this.canvas);
@@ -34,7 +34,7 @@ abstract class CanvasLayer extends Layer<Source> {
   }
 }
 
-/** Raster with one pixel per cell. Panning and zooming only move it, without redrawing. */
+/** Raster with one pixel per cell; panning and zooming move the canvas without redrawing. */
 export class RasterLayer extends CanvasLayer {
   private extent: Extent | null = null;
 
@@ -72,7 +72,7 @@ export class RasterLayer extends CanvasLayer {
   }
 }
 
-/** Transform from [m] east and north of an origin to canvas pixels. */
+/** Transformation from [m] east and north of an origin to canvas pixels. */
 export interface Plan {
   scale: number;
   x0: number;
@@ -91,9 +91,9 @@ interface View {
   pixelRatio: number;
 }
 
-const FRAME = 10; // [ms] a plot that takes longer is moved, not redrawn, while the view moves
+const FRAME = 10; // [ms] while the view moves, slower plots are shifted instead of redrawn
 
-/** Plot of points or lines in [m] from an origin. */
+/** Plot of points or lines with coordinates in [m] from an origin. */
 export abstract class PlotLayer extends CanvasLayer {
   protected originX = 0;
   protected originY = 0;

@@ -3,7 +3,7 @@
 import { placeOf, rgbOf, viridis, ZONE_COLOURS, type ColourScale, type Rgb } from '../colours';
 import { element } from '../dom';
 
-/** Little-endian RGBA of an opaque pixel. */
+/** Opaque pixel as little-endian RGBA. */
 function pixel([r, g, b]: Rgb): number {
   return ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0;
 }
@@ -31,14 +31,14 @@ export function zoneColour(index: number): Rgb {
   return ZONE_COLOURS[index % ZONE_COLOURS.length] as Rgb;
 }
 
-/** Coloured zones; cells without a zone are transparent. */
+/** Zone colours; cells without a zone are transparent. */
 export function zoneRaster(values: Uint8Array, nx: number, ny: number, zones: readonly { value: number }[]): HTMLCanvasElement {
   const colours = new Uint32Array(256);
   zones.forEach(({ value }, k) => (colours[value] = pixel(zoneColour(k))));
   return paint(nx, ny, (k) => colours[values[k] as number] as number);
 }
 
-/** Picture from red, green, blue and opacity. */
+/** Picture from red, green, blue and alpha values. */
 export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasElement {
   const canvas = element('canvas');
   [canvas.width, canvas.height] = [nx, ny];
@@ -46,7 +46,7 @@ export function picture(rgba: Uint8Array, nx: number, ny: number): HTMLCanvasEle
   return canvas;
 }
 
-/** Classes in their colours, given as CSS; the first is transparent. */
+/** Classes in CSS colours; the first class is transparent. */
 export function classRaster(values: Uint8Array, nx: number, ny: number, colours: readonly string[]): HTMLCanvasElement {
   const pixels = colours.map((colour) => pixel(rgbOf(colour)));
   return paint(nx, ny, (k) => (values[k] ? (pixels[values[k] as number] ?? 0) : 0));
@@ -55,7 +55,7 @@ export function classRaster(values: Uint8Array, nx: number, ny: number, colours:
 const STEPS = 256;
 const RAMP = Uint32Array.from({ length: STEPS }, (_, k) => pixel(viridis(k / (STEPS - 1))));
 
-/** Paint a result on a canvas in the colours of its scale; transparent without data. */
+/** Paint a result on a canvas with its colour scale; transparent without data. */
 export function paintResult(values: Float32Array, nx: number, ny: number, scale: ColourScale, canvas: HTMLCanvasElement): void {
   const colourOf = (k: number): number => {
     const value = values[k] as number;

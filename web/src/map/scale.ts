@@ -6,7 +6,7 @@ export interface ScaleBar {
   pixels: number;
 }
 
-/** Longest round bar of at most this many pixels. */
+/** Longest scale bar with a round length and at most this many pixels. */
 export function scaleBar(resolution: number, most: number): ScaleBar {
   const longest = most * resolution;
   const power = 10 ** Math.floor(Math.log10(longest));

@@ -10,7 +10,7 @@ import { nameText } from './feature_style';
 
 const [INK, WHITE] = ['#111827', 'rgb(255 255 255 / 0.9)'];
 
-/** Line of a section, shown or being drawn. */
+/** Style of a section's line. */
 export const SECTION_STYLE = [
   new Style({ stroke: new Stroke({ color: WHITE, width: 5 }) }),
   new Style({
@@ -43,7 +43,7 @@ export class SectionLayer extends VectorLayer<VectorSource> {
     this.mark(null);
   }
 
-  /** Show the position being read in the charts. */
+  /** Mark the position at which the charts are read. */
   mark(place: Position | null): void {
     this.read.setGeometry(place ? new Point(place) : undefined);
   }

@@ -9,9 +9,9 @@ import type { Shape } from '../protocol';
 import { nameText } from './feature_style';
 import { geometryOf } from './features';
 
-const NAMED = 300; // number of shapes above which their names would hide the map
+const NAMED = 300; // with more shapes, names would hide the map
 
-/** Shapes with names that cannot be edited. */
+/** Read-only shapes with names. */
 export class ShapeLayer extends VectorLayer<VectorSource> {
   constructor(kind: 'objects' | 'stands', zIndex: number) {
     super({ source: new VectorSource({ wrapX: false }), zIndex, declutter: true });

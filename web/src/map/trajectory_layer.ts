@@ -5,9 +5,9 @@ import { css, LAYER_COLOURS, plasma, SPEED_CLASSES } from '../colours';
 import { COLUMNS, type Trajectories } from '../trajectories';
 import { PlotLayer, type Plan } from './plot_layer';
 
-const SPEED = 4; // column of a point
-const TOGETHER = 10; // number of trajectories drawn by one stroke
-const SHORTEST = 1; // [px] vertices nearer to the last one drawn are skipped
+const SPEED = 4; // column of the speed
+const TOGETHER = 10; // trajectories per stroke
+const SHORTEST = 1; // [px] nearer vertices are skipped
 
 export class TrajectoryLayer extends PlotLayer {
   private shown: Trajectories | null = null;
@@ -36,11 +36,11 @@ export class TrajectoryLayer extends PlotLayer {
 
   protected override paint(context: CanvasRenderingContext2D, plan: Plan): void {
     if (!this.shown) return;
-    // Lines of one pixel are drawn many times faster than wider ones.
+    // One-pixel lines are drawn many times faster than wider lines.
     context.lineWidth = Math.max(1, Math.floor(plan.pixelRatio));
     context.lineJoin = 'round';
     const number = this.shown.first.length - 1;
-    // In a single colour each trajectory has its own stroke, so that crossings get darker. Very long strokes are slow.
+    // With a single colour, each trajectory has its own stroke, so that crossings get darker; very long strokes are slow.
     const [together, classes] = this.bySpeed ? [TOGETHER, SPEED_CLASSES] : [1, 1];
     context.globalAlpha = this.bySpeed ? 0.85 : Math.max(0.12, Math.min(0.6, 3.5 / Math.sqrt(number + 1)));
     for (let t = 0; t < number; t += together)
@@ -50,7 +50,7 @@ export class TrajectoryLayer extends PlotLayer {
       });
   }
 
-  /** Segments of several trajectories, as one path per speed class. */
+  /** Segments of several trajectories, as a path for each speed class. */
   private pathsOf({ points, first }: Trajectories, begin: number, behind: number, classes: number, { scale, x0, y0 }: Plan): Path2D[] {
     const paths = Array.from({ length: classes }, () => new Path2D());
     const perClass = this.fastest / classes || 1;
@@ -74,7 +74,7 @@ export class TrajectoryLayer extends PlotLayer {
   }
 }
 
-/** Points in rows of numbers, which start with [m] east and north of an origin. */
+/** Points from rows of numbers that start with x and y [m] from an origin. */
 export class DotLayer extends PlotLayer {
   private rows: Float32Array | Float64Array = new Float32Array();
   private columns = 2;

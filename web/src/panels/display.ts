@@ -65,10 +65,10 @@ export class DisplayPanel {
       labelled(say('app.display.objects'), this.objects, true),
       element('p', { class: 'hint' }, say('app.display.objects_hint')),
     );
-    for (const name of ['zones', 'background_sources', 'trees', 'stands'] as const) this.offer(name, false); // until available
+    for (const name of ['zones', 'background_sources', 'trees', 'stands'] as const) this.offer(name, false); // initially
   }
 
-  /** Allow the choice of the number of trajectories and of the layer of objects. */
+  /** Allow the choice of the number of trajectories and of the object layer. */
   enable(on: boolean): void {
     this.number.disabled = this.objects.disabled = this.basemap.disabled = !on;
   }
@@ -78,19 +78,19 @@ export class DisplayPanel {
     return this.rows.get(name)?.querySelector('input')?.checked ?? true;
   }
 
-  /** Name the layer of objects shown. */
+  /** Set the label of the object layer. */
   setObjects(label: string): void {
     this.objects.value = label;
     this.offer('objects', label !== '');
   }
 
-  /** Name the picture shown. */
+  /** Set the label of the basemap. */
   setBasemap(label: string): void {
     this.basemap.value = label;
     this.offer('basemap', label !== '');
   }
 
-  /** Hide layers that the case does not have. */
+  /** Show the switch of a layer only if the case has the layer. */
   offer(name: Shown, offered: boolean): void {
     const row = this.rows.get(name);
     if (row) row.hidden = !offered;

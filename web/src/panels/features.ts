@@ -10,7 +10,7 @@ import { LAYERS, type CaseError, type Feature, type Forms, type Layer, type Laye
 import { decimal, say } from '../texts';
 import { applies } from '../volume_keys';
 
-const LONG = 30; // number of features from which the list has its own scroll bar
+const LONG = 30; // with more features the list has its own scroll bar
 
 interface Actions {
   select(id: string): void;
@@ -54,13 +54,13 @@ export class FeaturePanel {
     this.showProperties();
     const row = this.buttons.get(id);
     if (!row) return;
-    // The list scrolls instead of the panel, because the properties are at the top of the panel.
+    // Scroll the list, not the panel, so that the properties at the top of the panel stay visible.
     const above = row.offsetTop - this.list.scrollTop;
     if (above < 0 || above > this.list.clientHeight - row.offsetHeight) this.list.scrollTop = row.offsetTop - this.list.clientHeight / 2;
     this.properties.scrollIntoView({ block: 'nearest' });
   }
 
-  /** List the features. Only changed rows are updated, so that no click is lost while a shape is dragged. */
+  /** List the features. Only changed rows are updated, so that clicks work while a shape is dragged. */
   private showList(): void {
     const shown = LAYERS.filter((layer) => this.store.layer(layer).length > 0);
     const wrong = new Set(this.errors.map(({ id, layer }) => `${layer ?? ''} ${id ?? ''}`));

@@ -6,7 +6,7 @@ import { Chart } from '../section/chart';
 import { tableOf } from '../tables';
 import { decimal, say } from '../texts';
 
-const [WIDTH, HEIGHT] = [320, 190]; // of the curve [px]
+const [WIDTH, HEIGHT] = [320, 190]; // curve size [px]
 const RAREST = 1e-5; // lowest frequency shown, relative to the highest
 
 interface Actions {
@@ -42,7 +42,7 @@ export class HazardPanel {
     );
   }
 
-  /** Set whether the scenarios are run, and whether their classes are shown. */
+  /** Set whether the scenarios run and whether their classes are shown. */
   set(running: boolean, shown: boolean, enabled: boolean): void {
     this.runs.checked = running;
     this.shows.checked = shown;
@@ -82,7 +82,7 @@ export class HazardPanel {
   }
 }
 
-/** Annual frequency of boulders above each energy, with its limits; empty without boulders. */
+/** Chart of the annual frequency of boulders above each energy, with limits; empty without boulders. */
 function exceedance(message: Binary<OriginsMessage>): Node[] {
   const [energy, ...curves] = ['energy', 'frequency', 'low', 'high'].map((name) => message.f8(`curve_${name}`)?.values);
   const [frequency, low, high] = curves;

@@ -19,7 +19,7 @@ export class MessagePanel {
 
   update(errors: readonly CaseError[], model: readonly string[], checks: readonly string[]): void {
     const next = JSON.stringify([errors, model, checks]);
-    if (next === this.shown) return; // a screen reader would repeat the message
+    if (next === this.shown) return; // avoids repetition by screen readers
     this.shown = next;
     const open = this.root.querySelector('details[open].red') !== null;
     const red: Message[] = [
@@ -33,7 +33,7 @@ export class MessagePanel {
     this.root.hidden = !this.root.firstChild;
   }
 
-  /** Line with the first message, which opens to show all: the map keeps its size while messages change. */
+  /** A line with the first message; it unfolds to show all, so that the map keeps its size. */
   private strip(colour: 'red' | 'amber', messages: readonly Message[], open: boolean): HTMLElement | null {
     const [first, ...others] = messages;
     if (!first) return null;

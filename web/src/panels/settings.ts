@@ -54,7 +54,7 @@ export class SettingsPanel {
   update(errors: readonly CaseError[], editable: boolean): void {
     const { settings } = this.store.document;
     const now = [settings, errors, editable] as const;
-    if (now.every((one, k) => one === this.shown[k])) return; // while shapes are dragged
+    if (now.every((one, k) => one === this.shown[k])) return; // unchanged, as while a shape is dragged
     this.shown = now;
     for (const { group, form, root } of [...this.common, ...this.others]) {
       const found = errors.filter((error) => error.group === group && error.key).map(({ key = '', text }) => [key, text] as const);

@@ -4,9 +4,9 @@ import { button, element, svg } from '../dom';
 import { hasStatistics, type Estimate, type Line, type LineStatistics, type QuantityStatistics } from '../protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from '../texts';
 
-const FEW = 30; // up to this number of lines, all are written
+const FEW = 30; // with at most this many lines, all are written
 const MOST = 200; // maximum number of visible lines reported to the server
-const PAUSE = 80; // [ms] without movement of the table, before visible lines are reported
+const PAUSE = 80; // [ms] after scrolling, before visible lines are reported
 
 export const QUANTITIES = ['speed', 'energy_total', 'passing_height'] as const;
 
@@ -23,7 +23,7 @@ function limit(value: number | null, decimals: number): string {
   return value === null ? '?' : rounded(value, decimals);
 }
 
-/** Distribution as bars, with a mark at the 95 % quantile. */
+/** Bar chart of a distribution, with a mark at the 95 % quantile. */
 export function histogram({ counts, range: [first, last], q95: [q95], label, unit }: QuantityStatistics): SVGSVGElement {
   const [width, height] = [66, 28];
   const most = Math.max(...counts, 1);
@@ -47,7 +47,7 @@ export function histogram({ counts, range: [first, last], q95: [q95], label, uni
   return drawing;
 }
 
-/** Bar of a fraction in per cent, with its interval. */
+/** Bar for a fraction in per cent, with its interval. */
 function fractionBar([value, low, high]: Estimate): SVGSVGElement {
   const bar = svg(
     'svg',
@@ -60,14 +60,14 @@ function fractionBar([value, low, high]: Estimate): SVGSVGElement {
   return bar;
 }
 
-/** Fraction passing in per cent. */
+/** Passing fraction in per cent. */
 export function percent([value, low, high]: Estimate): Estimate {
   const of = (part: number | null): number | null => (part === null ? null : 100 * part);
   return [of(value), of(low), of(high)];
 }
 
-/** Row of a line. Its head stays while numbers change, so that neither click nor focus is lost. Its numbers are written
- * only while it is visible, because there may be thousands of rows. */
+/** Row of a line. Its head stays when numbers change, so that clicks and focus are not lost. Its numbers are written only
+ * while it is visible, because there may be thousands of rows. */
 interface Row {
   root: HTMLTableRowElement;
   update(line: LineStatistics): void;
@@ -89,7 +89,7 @@ export class StatisticsPanel {
         this.write(name);
       } else {
         this.visible.delete(name);
-        target.classList.add('unwritten'); // its numbers may be out of date when it becomes visible again
+        target.classList.add('unwritten'); // its numbers may be outdated when it reappears
       }
     }
     window.clearTimeout(this.timer);
@@ -121,7 +121,7 @@ export class StatisticsPanel {
     const line = this.lines.get(name);
     const row = this.rows.get(name);
     if (line && hasStatistics(line)) row?.update(line);
-    else row?.root.classList.add('unwritten'); // its numbers come once the server knows that it is visible
+    else row?.root.classList.add('unwritten'); // its numbers arrive once the server knows that it is visible
   }
 
   /** Highlight the line with this name. */

@@ -10,7 +10,7 @@ interface Actions {
   compare(index: number): void;
   restore(index: number): void;
   forget(index: number): void;
-  /** Use the case without its variants as the document. */
+  /** Use the case without variants as the document. */
   base(): void;
 }
 
@@ -38,11 +38,11 @@ export class VariantPanel {
     this.suggest();
   }
 
-  /** `based`: case variant from which the present state comes, '' for none; null if the case has no variants. */
+  /** `based`: name of the variant behind the present state; '' for the base case, null if the case has no variants. */
   update(variants: readonly Snapshot[], canKeep: boolean, canRestore: boolean, based: string | null): void {
     this.keepButton.disabled = !canKeep;
     const listed = JSON.stringify([variants.map(({ name }) => name), canRestore, based]);
-    if (listed === this.listed) return; // rebuilding the list would lose a click
+    if (listed === this.listed) return; // rebuilding the list would lose clicks
     this.listed = listed;
     const base = element(
       'li',

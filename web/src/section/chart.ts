@@ -8,7 +8,7 @@ import { decimal } from '../texts';
 type Numbers = ArrayLike<number>;
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 16, 18]; // margins of the axes [px]
 
-/** Chart with axes, to which curves are added. */
+/** Chart with axes; curves are added by its methods. */
 export class Chart {
   readonly root: SVGSVGElement;
   private readonly cursor = svg('path', { class: 'cursor' });
@@ -19,7 +19,7 @@ export class Chart {
     private readonly height: number,
     private readonly along: Range,
     private readonly up: Range,
-    private readonly scale: 'linear' | 'log' = 'linear', // scale of both axes
+    private readonly scale: 'linear' | 'log' = 'linear', // of both axes
   ) {
     this.root = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title });
     const [right, foot] = [width - RIGHT, height - BOTTOM];
@@ -53,12 +53,12 @@ export class Chart {
     return (value - low) / (high - low || 1);
   }
 
-  /** Curve with gaps at missing numbers. */
+  /** Draw a curve with gaps at missing numbers. */
   curve(x: Numbers, y: Numbers, style: string): void {
     this.add(this.points(x, y, 0, x.length), style);
   }
 
-  /** Area between two curves, where both are known. */
+  /** Fill the area between two curves where both are known. */
   band(x: Numbers, low: Numbers, high: Numbers, style: string): void {
     const known = (k: number): boolean => !Number.isNaN((low[k] as number) + (high[k] as number));
     let d = '';
@@ -72,7 +72,7 @@ export class Chart {
     this.add(d, style);
   }
 
-  /** Value with its interval at a position. */
+  /** Draw a value and its interval at a position. */
   mark(x: number, [value, low, high]: readonly (number | null)[], style: string): void {
     if (value == null) return;
     const [at, y] = [this.x(x), this.y(value)];
@@ -80,23 +80,23 @@ export class Chart {
     if (low != null && high != null) this.add(`M${at} ${this.y(low)}V${this.y(high)}`, `${style} bar`);
   }
 
-  /** Vertical line across the chart at a distance, with a name. */
+  /** Draw a named vertical line across the chart at a distance. */
   line(x: number, name: string, level = 0): void {
     this.add(`M${this.x(x)} ${TOP}V${this.height - BOTTOM}`, 'place');
     if (name) this.text(this.x(x) + 3, TOP + 9 + 11 * level, name, 'start', 'name');
   }
 
-  /** Vertical line from one height to another, for example a net. */
+  /** Draw a vertical line from one height to another, for example a net. */
   upright(x: number, low: number, high: number, style: string): void {
     this.add(`M${this.x(x)} ${this.y(low)}V${this.y(high)}`, style);
   }
 
-  /** Mark the distance being read; null: none. */
+  /** Mark the distance at which the chart is read; null: none. */
   read(distance: number | null): void {
     this.cursor.setAttribute('d', distance === null ? '' : `M${this.x(distance)} ${TOP}V${this.height - BOTTOM}`);
   }
 
-  /** Distance along the section at a point on the screen. */
+  /** Distance along the section for a screen position. */
   distanceAt(clientX: number): number {
     const { left, width } = this.root.getBoundingClientRect();
     const at = ((clientX - left) / width) * this.width;

@@ -9,9 +9,9 @@ import { rangeOf } from '../terrain';
 import { decimal, rounded, say } from '../texts';
 import { Chart } from './chart';
 
-const [WIDTH, PROFILE, SMALL] = [520, 300, 104]; // sizes of the charts [px]
-const ENLARGED = [1, 2, 5, 10]; // vertical exaggerations of a flat profile
-const LEAST = 0.25; // minimum fraction of the chart's height that a profile fills
+const [WIDTH, PROFILE, SMALL] = [520, 300, 104]; // chart sizes [px]
+const ENLARGED = [1, 2, 5, 10]; // vertical exaggerations for flat profiles
+const LEAST = 0.25; // minimum fraction of the chart height that a profile fills
 
 export class SectionPanel {
   readonly root = element('section', { class: 'section-panel', hidden: true, label: say('app.section.title') });
@@ -38,7 +38,7 @@ export class SectionPanel {
     return this.shown?.header ?? null;
   }
 
-  /** Show a section, or remove it if it has no vertices. */
+  /** Show a section, or remove it if the message has no vertices. */
   show(message: Binary<SectionMessage> | null): void {
     const vertices = message?.header.vertices ?? [];
     this.root.hidden = vertices.length === 0;
@@ -61,7 +61,7 @@ export class SectionPanel {
     return this.shown?.f8(name)?.values ?? new Float64Array();
   }
 
-  /** Ground with trajectories and nets, at true scale if it is steep enough to be read. */
+  /** Chart of the ground with trajectories and nets, at true scale if the profile is steep enough. */
   private profile(message: Binary<SectionMessage>, length: number): Chart {
     const distance = this.numbers('distance');
     const ground = this.numbers('elevation');
@@ -125,7 +125,7 @@ export class SectionPanel {
     return element('ul', { class: 'key' }, ...items);
   }
 
-  /** Write the numbers at the station nearest to a distance, and show its position on the map. */
+  /** Show the numbers at the station nearest to a distance, and its position on the map. */
   private read(distance: number | null): void {
     const at = this.numbers('distance');
     const known = distance !== null && at.length > 0 && distance >= 0 && distance <= (at[at.length - 1] ?? 0);

@@ -4,20 +4,20 @@ import { MathUtils, PerspectiveCamera, Raycaster, Vector2, Vector3 } from 'three
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import type { Ground } from './ground';
 
-const PLAYER = 70; // [CSS pixel] at the bottom, covered by the player
-const LEGEND = 150; // [CSS pixel] at the top, covered by the legend of a narrow picture
+const PLAYER = 70; // [CSS pixel] height of the player at the bottom
+const LEGEND = 150; // [CSS pixel] height of the legend at the top of a narrow picture
 const NARROW = 600; // [CSS pixel] maximum width of a narrow picture
 const FLIGHT = 350; // [ms] duration of a change of view
-const MARGIN = 1.08; // margin factor around the complete view
-const STEEP = MathUtils.degToRad(62); // angle from the vertical of the first view
-const ASIDE = MathUtils.degToRad(38); // angle from straight below the slope, so that the view shows its relief
+const MARGIN = 1.08; // size of the complete view, relative to the terrain
+const STEEP = MathUtils.degToRad(62); // angle of the first view from the vertical
+const ASIDE = MathUtils.degToRad(38); // angle from the line of fall, so that the relief is visible
 
 interface Pose { target: Vector3; theta: number; phi: number; radius: number }
 
-/** Camera over a terrain whose z axis points up. */
+/** Camera above a terrain whose z axis points up. */
 export class Camera {
   readonly eye = new PerspectiveCamera(40, 1, 1, 1e5);
-  /** True once the reader has chosen a view, which new trajectories then keep. */
+  /** True once the user has chosen a view; new trajectories then keep the view. */
   chosen = false;
   private readonly controls: OrbitControls;
   private readonly pointer = new Raycaster();
@@ -26,7 +26,7 @@ export class Camera {
 
   constructor(private readonly canvas: HTMLCanvasElement, private readonly moved: () => void) {
     this.eye.up.set(0, 0, 1);
-    // Listens before the controls, so that they work at the distance of the ground under the pointer.
+    // Added before the controls' listeners, so that they use the distance to the ground under the pointer.
     canvas.addEventListener('wheel', (event) => this.anchor(event, true), { passive: true });
     canvas.addEventListener('pointerdown', (event) => this.anchor(event, false));
     this.controls = new OrbitControls(this.eye, canvas);
@@ -54,7 +54,7 @@ export class Camera {
     return Math.atan2(this.controls.target.x - this.eye.position.x, this.controls.target.y - this.eye.position.y);
   }
 
-  /** Adopt a terrain; a terrain with a different size is shown completely, from below its slope. */
+  /** Adopt a terrain. If its size is new, show it completely, looking up its slope. */
   setGround(ground: Ground): void {
     const before = this.ground;
     this.ground = ground;
@@ -65,7 +65,7 @@ export class Camera {
     this.place(this.poseOf(ground.sample(), besideOf(slopeOf(ground)), STEEP));
   }
 
-  /** Show points that fall in a direction as large as possible, unless the reader has chosen a view. */
+  /** Show points that fall in a direction as large as possible, unless the user has chosen a view. */
   propose(points: Vector3[], fall: Vector3): void {
     if (!this.chosen) this.place(this.poseOf(points, besideOf(fall), STEEP));
   }
@@ -91,7 +91,7 @@ export class Camera {
     this.eye.updateProjectionMatrix();
   }
 
-  /** Move to the present pose; returns whether the camera is still moving. */
+  /** Move to the present pose; return true while the camera is moving. */
   update(now: number): boolean {
     if (this.flight) {
       const { from, to, begun } = this.flight;
@@ -116,7 +116,7 @@ export class Camera {
     this.controls.dispose();
   }
 
-  /** The reader moves the camera, which ends a change of view. */
+  /** The user takes control of the camera: end a change of view. */
   private take(): void {
     this.flight = null;
     this.chosen = true;
@@ -157,7 +157,7 @@ export class Camera {
   }
 
   private place({ target, theta, phi, radius }: Pose): void {
-    this.controls.enableDamping = false; // discards the rest of an earlier movement, which would add to this one
+    this.controls.enableDamping = false; // discard inertia from an earlier movement
     this.controls.update();
     this.controls.enableDamping = true;
     this.controls.target.copy(target);
@@ -221,7 +221,7 @@ function outward(theta: number, phi: number): Vector3 {
   return new Vector3(Math.sin(phi) * Math.sin(theta), -Math.sin(phi) * Math.cos(theta), Math.cos(phi));
 }
 
-/** Direction (theta) of the first view: from the foot of the slope, somewhat to the side. */
+/** Direction (theta) of the first view: from the foot of the slope, slightly from the side. */
 function besideOf(fall: Vector3): number {
   return (fall.x === 0 && fall.y === 0 ? 0 : Math.atan2(fall.x, -fall.y)) + ASIDE;
 }

@@ -8,18 +8,18 @@ const UNITS = { speed: 'm/s', energy: 'kJ', height: 'm' };
 /** Quantities by which trajectories can be coloured. */
 export type Quantity = keyof typeof UNITS;
 
-/** Layers with lines that are drawn. */
+/** Layers that are drawn as lines. */
 export const KINDS = ['lines', 'barriers', 'dams'] as const;
 export type Kind = (typeof KINDS)[number];
 
-/** Palette as RGBA bytes of a texture one pixel high. */
+/** Palette as RGBA bytes of a texture with a height of one pixel. */
 export function paletteBytes(size: number): Uint8Array<ArrayBuffer> {
   const bytes = new Uint8Array(4 * size).fill(255);
   for (let k = 0; k < size; k++) bytes.set(plasma(k / (size - 1)), 4 * k);
   return bytes;
 }
 
-/** Upper end of a scale: the smallest of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is not below a value. */
+/** Upper end of a scale: the smallest of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that reaches a value. */
 export function scaleEnd(value: number): number {
   if (!(value > 0)) return 1;
   const power = 10 ** Math.floor(Math.log10(value));
@@ -45,7 +45,7 @@ export class Legend {
     this.showKinds([]);
   }
 
-  /** Show the scale of the quantity up to `end`, which the largest values may exceed; no scale without values. */
+  /** Show the scale of the quantity up to `end`; `exceeded` if values are larger. No scale without values. */
   showScale(end: number, exceeded: boolean): void {
     const texts = [0, 0.5, 1].map((part) => decimal(Number((part * end).toPrecision(3))));
     if (exceeded) texts[2] = `≥ ${texts[2]}`;
@@ -54,7 +54,7 @@ export class Legend {
     this.root.hidden = this.scale.hidden && this.kinds.hidden;
   }
 
-  /** List the kinds of lines that are drawn. */
+  /** List the kinds of drawn lines. */
   showKinds(kinds: readonly Kind[]): void {
     const items = kinds.map((kind) =>
       element('li', {}, element('span', { class: `view3d-swatch view3d-${kind}`, style: `color: ${LAYER_COLOURS[kind]}` }), say(`app.view3d_${kind.slice(0, -1)}`)),

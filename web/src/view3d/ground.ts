@@ -9,7 +9,7 @@ import { elevationAt, rangeOf, type Extent, type Shade, type Terrain } from '../
 
 const MAX_SIDE = 500; // maximum number of vertices along the longer side of the mesh
 const FLAT_SHADE = 180;
-const CONTOURS = 30; // approximate number between the lowest and the highest point
+const CONTOURS = 30; // approximate number over the whole relief
 
 const VERTEX = /* glsl */ `
   attribute float wall;
@@ -26,7 +26,7 @@ const VERTEX = /* glsl */ `
   }`;
 const FRAGMENT = /* glsl */ `
   uniform sampler2D shade, drape;
-  uniform float draped, interval; // of contours [m]
+  uniform float draped, interval; // contour interval [m]
   varying vec2 shadeAt, drapeAt;
   varying float isWall, height;
   void main() {
@@ -94,12 +94,12 @@ export class Ground {
     (drapeBox!.value as Vector4).set(west - x, south - y, east - x, north - y);
   }
 
-  /** Elevation [m] at metres from the south-western corner, NaN if unknown. */
+  /** Elevation [m] at x, y [m] from the south-western corner; NaN if unknown. */
   elevation(x: number, y: number): number {
     return elevationAt(this.terrain, x, y);
   }
 
-  /** About a thousand points of the known terrain. */
+  /** About 1,000 points on the known terrain. */
   sample(): Vector3[] {
     const { cell, nx, ny, heights } = this.terrain;
     const step = Math.max(Math.floor(Math.sqrt((nx * ny) / 1000)), 1);
@@ -113,7 +113,7 @@ export class Ground {
     return points;
   }
 
-  /** First point of a ray on the terrain, or null. */
+  /** First intersection of a ray with the terrain; null if none. */
   hit({ origin, direction }: Ray): Vector3 | null {
     const point = new Vector3();
     const longest = origin.distanceTo(new Vector3(this.width / 2, this.depth / 2, this.low)) + Math.hypot(this.width, this.depth);
@@ -134,7 +134,7 @@ export class Ground {
     this.root.material.dispose();
   }
 
-  /** Every `step`th height, without cells that have an unknown corner, on walls down to a common base. */
+  /** Mesh of every `step`th elevation, without cells that have an unknown corner, and with walls down to a common base. */
   private surface(step: number): BufferGeometry {
     const { cell, nx, ny, heights } = this.terrain;
     const columns = Math.max(Math.ceil((nx - 1) / step) + 1, 1);

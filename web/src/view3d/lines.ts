@@ -10,7 +10,7 @@ import type { Ground } from './ground';
 import { Ribbons } from './ribbons';
 
 const POST_SPACING = 10; // approximate spacing [m]
-const LABEL = 13; // [CSS pixel], size of the letters
+const LABEL = 13; // [CSS pixel] letter size
 
 const FENCE_VERTEX = /* glsl */ `
   attribute vec2 place; // along the line, and above the ground [m]
@@ -21,7 +21,7 @@ const FENCE_VERTEX = /* glsl */ `
   }`;
 const FENCE_FRAGMENT = /* glsl */ `
   uniform vec3 colour;
-  uniform float mesh; // mesh size of the net [m], 0: a wall
+  uniform float mesh; // mesh size of a net [m]; 0 for a wall
   varying vec2 at;
   void main() {
     float alpha = 0.75;
@@ -69,7 +69,7 @@ export class Lines {
     }
   }
 
-  /** Adopt the size [pixel] of the picture, its pixels per CSS pixel, and the field of view [degree]. */
+  /** Set the picture size [pixel], its pixels per CSS pixel, and the field of view [degree]. */
   setViewport(width: number, height: number, ratio: number, fov: number): void {
     for (const ribbons of this.ribbons) ribbons.setViewport(width, height, ratio);
     const pixel = (2 * Math.tan((fov * Math.PI) / 360) * ratio) / height;
@@ -114,7 +114,7 @@ export class Lines {
       depthWrite: false,
       side: DoubleSide,
     }));
-    fence.renderOrder = 4; // drawn after the trajectories, which would hide the fence
+    fence.renderOrder = 4; // drawn after trajectories, which would hide the fence
     this.fences.push(fence);
     this.root.add(fence);
   }
@@ -137,7 +137,7 @@ function isLine(feature: Feature): feature is LineFeature {
   return feature.type === 'LineString';
 }
 
-/** Pieces of a line on known ground, with points at least as dense as its mesh. */
+/** Pieces of a line on known ground, with points at least as dense as the ground mesh. */
 function draped(line: LineFeature, ground: Ground): Stretch[][] {
   const parts: Stretch[][] = [];
   let part: Stretch[] = [];
@@ -164,7 +164,7 @@ function draped(line: LineFeature, ground: Ground): Stretch[][] {
   return parts.filter((each) => each.length > 1);
 }
 
-/** Posts of a net: vertical lines at both ends and about every ten metres. */
+/** Posts of a net: vertical lines at both ends and about every 10 m. */
 function addPosts(part: Stretch[], height: number, posts: number[]): void {
   const begin = part[0]!.along;
   const length = part.at(-1)!.along - begin;
@@ -176,7 +176,7 @@ function addPosts(part: Stretch[], height: number, posts: number[]): void {
   }
 }
 
-/** Name as a picture, with twice the resolution of the screen, and its size in CSS pixels. */
+/** Picture of a name at twice the screen resolution, and its size [CSS pixel]. */
 function drawName(name: string, colour: string): { image: HTMLCanvasElement; w: number; h: number } {
   const text = name.length > 40 ? `${name.slice(0, 39)}…` : name;
   const image = document.createElement('canvas');

@@ -10,28 +10,28 @@ import { scaleEnd, type Quantity } from './colours';
 import type { Ground } from './ground';
 import { Ribbons, STRIDE } from './ribbons';
 
-const DENSITY = 2700; // [kg/m3], for the drawn size of a boulder
-const SAG = 0.06; // [m] maximum sag of a parabola from the chords drawn
-const SHORTEST = 0.1; // [s] minimum duration of a drawn hop, which is then at most 12 mm high
-const OFF = 0.02; // [m] distance from its neighbours' motion within which a point is omitted
-const COARSE = 0.45; // [s] between points drawn far away, 0.25 m above the chord
+const DENSITY = 2700; // [kg/m3] gives the drawn size of a boulder
+const SAG = 0.06; // [m] maximum distance of a parabola from its drawn chords
+const SHORTEST = 0.1; // [s] minimum duration of a drawn hop; shorter hops are at most 12 mm high
+const OFF = 0.02; // [m] points nearer to the motion between their neighbours are omitted
+const COARSE = 0.45; // [s] between points drawn far away; the parabola is then up to 0.25 m above the chord
 const DETAIL = 0.2; // [m] pixel size below which all points are drawn
-const MIN_RADIUS = 3.5; // [pixel] radius of a distant boulder
-const SAMPLE = 50; // one in this many points guides the camera
-const MOST = 0.995; // quantile of the values at the end of the palette
+const MIN_RADIUS = 3.5; // [pixel] minimum drawn radius of a boulder
+const SAMPLE = 50; // each SAMPLE-th point guides the camera
+const MOST = 0.995; // quantile at the upper end of the palette
 
-/** Trajectories with as many points as their motion needs, and positions of boulders at a time. */
+/** Trajectories with as few points as their motion needs, and positions of the boulders over time. */
 export class Paths {
   readonly root = new Group();
   readonly duration: number;
   readonly highest: number = -Infinity; // maximum z of the drawn points [m]
-  /** Some points [m] of the trajectories, and the sum of the vectors from their starts to their ends. */
+  /** Sample of trajectory points [m], and the sum of the vectors from start to end. */
   readonly sample: Vector3[] = [];
   readonly fall = new Vector3();
   readonly ribbons: Ribbons;
   private readonly points: Float32Array<ArrayBuffer>; // STRIDE numbers per point
   private readonly speed: Float32Array;
-  private readonly length: Float32Array; // path length [m]
+  private readonly length: Float32Array; // length along the path [m]
   private readonly first: Uint32Array;
   private readonly radius: Float32Array; // [m]
   private readonly boulders: InstancedMesh<DodecahedronGeometry, MeshLambertMaterial>;
@@ -73,7 +73,7 @@ export class Paths {
     this.root.add(this.boulders, this.ribbons);
   }
 
-  /** Colour by a quantity; returns the upper end of its scale, and whether values exceed it. */
+  /** Colour by a quantity; return the upper end of the scale, and whether values exceed it. */
   colourBy(quantity: Quantity): { end: number; exceeded: boolean } {
     const { points, speed, first, trajectories: { mass } } = this;
     const values = new Float32Array(speed.length);
@@ -92,16 +92,16 @@ export class Paths {
     return { end: this.end, exceeded: (sorted.at(-1) ?? 0) > this.end };
   }
 
-  /** Place the boulders at a time [s], at least a few pixels large; null: at the ends of their paths. */
+  /** Place the boulders at a time [s], with a minimum size in pixels; null: at the ends of their paths. */
   setTime(time: number | null, camera: PerspectiveCamera, pictureHeight: number): void {
     this.ribbons.setTime(time);
     const { points, first, placed, coloured, length } = this;
-    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // size of a pixel [m] at 1 m distance
+    const pixel = (2 * Math.tan((camera.fov * Math.PI) / 360)) / pictureHeight; // pixel size [m] at 1 m distance
     const { x: eyeX, y: eyeY, z: eyeZ } = camera.position;
     let nearest = Infinity;
     for (const point of this.sample) nearest = Math.min(nearest, camera.position.distanceToSquared(point));
     this.ribbons.setDetail(pixel * Math.sqrt(nearest) < DETAIL);
-    // Writes numbers directly to the buffers of the picture, so that no objects are created per boulder and frame.
+    // Numbers are written directly to the render buffers, which avoids objects per boulder and frame.
     for (let path = 0; path + 1 < first.length; path++) {
       const last = first[path + 1]! - 1;
       const k = time === null ? last : this.pointBefore(path, time);
@@ -118,14 +118,14 @@ export class Paths {
       let centreZ = z + part * (points[b + 2]! - z);
       const away = Math.hypot(centreX - eyeX, centreY - eyeY, centreZ - eyeZ);
       const radius = Math.max(this.radius[path]!, MIN_RADIUS * pixel * away);
-      centreZ += 0.8 * radius; // a trajectory runs along the underside of its boulder
-      const upright = 0.2 * (1 + (path % 3)); // forward roll, not quite upright
+      centreZ += 0.8 * radius; // trajectories follow the underside of boulders
+      const upright = 0.2 * (1 + (path % 3)); // mostly forward roll
       const norm = 1 / Math.hypot(north, east, upright);
       const [u, v, w] = [-north * norm, east * norm, upright * norm];
       const angle = path + (length[k]! + part * (length[next]! - length[k]!)) / (2 * radius);
       const [sine, cosine] = [radius * Math.sin(angle), radius * Math.cos(angle)];
       const rest = radius - cosine;
-      const at = 16 * path; // columns of the rotation about the axis (u, v, w), times the radius, and the position
+      const at = 16 * path; // matrix columns: rotation about the axis (u, v, w) times the radius, then the position
       placed[at] = rest * u * u + cosine;
       placed[at + 1] = rest * u * v + sine * w;
       placed[at + 2] = rest * u * w - sine * v;
@@ -168,7 +168,7 @@ export class Paths {
 }
 
 const SHADES = 255;
-/** Palette in linear light, slightly lightened. */
+/** Palette in linear light, slightly brightened. */
 const PALETTE = Float32Array.from({ length: SHADES + 1 }, (_, k) => k).reduce((palette, k) => {
   const [red, green, blue] = plasma(k / SHADES);
   new Color().setRGB(red / 255, green / 255, blue / 255, 'srgb').lerp(new Color('white'), 0.12).toArray(palette, 3 * k);
@@ -181,15 +181,15 @@ function rock(): DodecahedronGeometry {
   const position = geometry.getAttribute('position') as BufferAttribute;
   for (let k = 0; k < position.count; k++) {
     const [x, y, z] = [position.getX(k), position.getY(k), position.getZ(k)];
-    const dent = 0.92 + 0.16 * Math.sin(5 * x + 3 * y) * Math.cos(4 * z - 2 * x); // equal for all copies of a vertex
+    const dent = 0.92 + 0.16 * Math.sin(5 * x + 3 * y) * Math.cos(4 * z - 2 * x); // equal at all copies of a vertex
     position.setXYZ(k, x * dent, y * dent * 0.95, z * dent * 0.85);
   }
   geometry.computeVertexNormals();
   return geometry;
 }
 
-/** Points such that straight chords follow the motion: points on their neighbours' motion are omitted, and points are
- * inserted where gaps are too long. Contacts stay. A path with a single point gets a second. */
+/** Resample points so that chords follow the motion: omit points that lie on the motion between their neighbours, and
+ * insert points in long gaps. Contacts are kept. A path with a single point gets a second. */
 function resampled({ points, first }: Trajectories): { points: Float32Array<ArrayBuffer>; speed: Float32Array; first: Uint32Array } {
   let data = new Float32Array(1024);
   let used = 0;
@@ -212,7 +212,7 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
     const last = (first[path + 1]! - 1) * COLUMNS;
     add(points, begin);
     let kept = begin;
-    let mixed = false; // several kinds of legs were omitted since the last point kept
+    let mixed = false; // the omitted legs since the last kept point differ in kind
     for (let at = begin + COLUMNS; at <= last; at += COLUMNS) {
       if (at !== last && isSpare(points, kept, at)) {
         mixed ||= points[at + 5] !== points[kept + 5];
@@ -229,21 +229,21 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
       kept = at;
       mixed = false;
     }
-    // Without a second, later point, the next path would seem to continue from the first.
+    // Add a second, later point; otherwise the next path would continue from the first.
     if (begin === last) add(points, begin, 1e-3);
     firsts[path + 1] = used / STRIDE;
   }
   return { points: data.slice(0, used), speed: Float32Array.from(speeds), first: firsts };
 }
 
-/** Time [s] of a chord drawn for part of a parabola; unlimited for straight motion. */
+/** Duration [s] of a chord for part of a parabola; unlimited for straight motion. */
 function chord(gravity: number): number {
   return gravity > 0 ? Math.sqrt((8 * SAG) / gravity) : Infinity;
 }
 
 const there = new Float32Array(COLUMNS);
 
-/** True if the motion from a kept point to the point after this one is short, and passes through this or is invisible. */
+/** True if the motion from a kept point to the point after next is short, and passes through the point or is invisible. */
 function isSpare(points: Float32Array, kept: number, at: number): boolean {
   const next = at + COLUMNS;
   const span = points[next + 3]! - points[kept + 3]!;

@@ -6,7 +6,7 @@ import { decimal, say } from '../texts';
 
 const PACES = [0.25, 0.5, 1, 2, 4];
 
-/** Time of the view: running, paused, or at the end, where complete trajectories are shown. */
+/** Time of the view: running, paused, or at the end, where trajectories are complete. */
 export class Player {
   playing = false;
   private time = 0; // [s]
@@ -36,7 +36,7 @@ export class Player {
     return this.time < this.duration ? this.time : null;
   }
 
-  /** Adopt the longest time [s] of new trajectories. The time shown is kept, but the end becomes the new end. */
+  /** Set the longest time [s] of new trajectories. The current time is kept; at the end, it moves to the new end. */
   setDuration(duration: number): void {
     const atEnd = this.shown === null;
     this.duration = duration;
@@ -47,7 +47,7 @@ export class Player {
     this.refresh();
   }
 
-  /** Play, restarting at the end, or pause. */
+  /** Play (from the start if at the end) or pause. */
   toggle(): void {
     if (this.duration === 0) return;
     if (!this.playing && this.shown === null) this.time = 0;
@@ -55,7 +55,7 @@ export class Player {
     this.refresh();
   }
 
-  /** Advance by seconds of real time. */
+  /** Advance by real time [s]. */
   advance(seconds: number): void {
     if (!this.playing) return;
     this.time = Math.min(this.time + seconds * Number(this.pace.value), this.duration);

@@ -8,7 +8,7 @@ import {
 import { rgbOf } from '../colours';
 import { paletteBytes } from './colours';
 
-/** Components of each point: x, y, z [m], time [s], value. A new line begins where time decreases. */
+/** Components of a point: x, y, z [m], time [s], value. A decrease in time starts a new line. */
 export const STRIDE = 5;
 
 const VERTEX = /* glsl */ `
@@ -16,7 +16,7 @@ const VERTEX = /* glsl */ `
   attribute vec2 state;         // time, value
   uniform vec2 viewport; // [pixel]
   uniform float width;   // [pixel]
-  uniform float closer;  // fraction of the distance by which lines come before the ground they lie on
+  uniform float closer;  // fraction of the distance by which lines are drawn in front of the ground
   varying float time, value, edge;
 
   /** Direction on the screen from one point to another, which may be behind the camera. */
@@ -50,7 +50,7 @@ const FRAGMENT = /* glsl */ `
     float age = now - time;
     #ifdef PALETTE
       vec3 tone = texture2D(palette, vec2(clamp(value / end, 0.0, 1.0) * 0.996 + 0.002, 0.5)).rgb;
-      tone *= 1.0 - 0.5 * smoothstep(0.45, 1.0, abs(edge)); // a dark rim keeps yellow legible on bright ground
+      tone *= 1.0 - 0.5 * smoothstep(0.45, 1.0, abs(edge)); // a dark edge keeps yellow legible on bright ground
       float seen = age < 0.0 ? ahead : mix(4.0 * ahead, 1.0, exp(-age / 1.5));
       gl_FragColor = vec4(tone, opacity * mix(1.0, seen, fading));
     #else
@@ -58,8 +58,8 @@ const FRAGMENT = /* glsl */ `
     #endif
   }`;
 
-/** Appearance of lines: coloured by value through the palette if no colour is given; `ahead` is the opacity of what comes
- * later, `coarse` the time [s] between points that are drawn far away. */
+/** Appearance of lines. Without `colour`, the palette colours them by value; `ahead` is the opacity of the future part,
+ * `coarse` the time [s] between points drawn far away. */
 export interface RibbonStyle { width: number; closer: number; colour?: string; opacity?: number; ahead?: number; coarse?: number }
 
 /** Lines through points with STRIDE numbers each. */
@@ -94,7 +94,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
       Object.assign(palette, { magFilter: LinearFilter, minFilter: LinearFilter, needsUpdate: true });
       this.material.uniforms.palette!.value = palette;
     }
-    // Two extra vertices at each end keep the offsets to the previous and next vertices constant.
+    // Two extra vertices at each end give the previous and next vertices constant offsets.
     const count = points.length / STRIDE;
     const vertices = new Float32Array((2 * count + 4) * STRIDE);
     for (let k = 0; k < count; k++) {
@@ -110,11 +110,11 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
     this.fine = segments(points, 0);
     this.coarse = style.coarse ? segments(points, style.coarse) : this.fine;
     this.geometry.setIndex(this.fine);
-    this.geometry.boundingSphere = new Sphere(); // avoids its computation: nothing is culled, renderOrder sorts
+    this.geometry.boundingSphere = new Sphere(); // skips its computation: nothing is culled, renderOrder sorts
     this.frustumCulled = false;
   }
 
-  /** Adopt the values of all points; `end` is the value at the last colour. */
+  /** Set the values of all points; values of `end` and above get the last colour. */
   setValues(values: Float32Array, end: number): void {
     const { array } = this.buffer;
     values.forEach((value, k) => {
@@ -124,7 +124,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
     this.buffer.needsUpdate = true;
   }
 
-  /** Draw all points, or only points separated by a time, which suffices far away. */
+  /** Draw all points, or only points separated by a minimum time, which suffices far away. */
   setDetail(fine: boolean): void {
     this.geometry.setIndex(fine ? this.fine : this.coarse);
   }
@@ -135,7 +135,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
     this.material.uniforms.fading!.value = now === null ? 0 : 1;
   }
 
-  /** Adopt the size [pixel] of the picture, and its pixels per CSS pixel. */
+  /** Set the picture size [pixel] and its pixels per CSS pixel. */
   setViewport(width: number, height: number, ratio: number): void {
     (this.material.uniforms.viewport!.value as Vector2).set(width, height);
     this.material.uniforms.width!.value = this.style.width * ratio;
@@ -149,7 +149,7 @@ export class Ribbons extends Mesh<BufferGeometry, ShaderMaterial> {
   }
 }
 
-/** Triangles between points of a line that are separated by a time [s], and the ends of the line. */
+/** Triangles between points of a line that are at least a time [s] apart, and the ends of the line. */
 function segments(points: Float32Array, apart: number): BufferAttribute {
   const count = points.length / STRIDE;
   const index = new Uint32Array(6 * count);

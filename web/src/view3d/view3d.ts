@@ -24,10 +24,10 @@ export interface SceneContent {
   layers: Layers;
 }
 
-const FRAMES = 120; // number of frame times kept
-const MAX_RATIO = 2; // maximum pixels of the picture per CSS pixel
+const FRAMES = 120; // number of frames recorded
+const MAX_RATIO = 2; // maximum picture pixels per CSS pixel
 
-/** Create a view that fills its parent; if the browser cannot draw it, show an explanation there (null). */
+/** Create a view that fills its parent. If the browser cannot draw it, show an explanation and return null. */
 export function makeView(parent: HTMLElement): View3d | null {
   const canvas = element('canvas', { attributes: { tabindex: '0', role: 'img', 'aria-label': say('app.view3d_keys') } });
   const context = canvas.getContext('webgl2', { alpha: true, antialias: true, powerPreference: 'high-performance' });
@@ -36,7 +36,7 @@ export function makeView(parent: HTMLElement): View3d | null {
   return context && new View3d(root, canvas, context);
 }
 
-/** Script time per frame [ms], start time of the frame, and highest drawn trajectory point [m]. */
+/** Script time of a frame [ms], its start time, and the highest trajectory point drawn [m]. */
 export interface Frame {
   cost: number;
   now: number;
@@ -45,7 +45,7 @@ export interface Frame {
 
 type Part = keyof SceneContent | 'colours';
 
-/** View of a terrain; it draws only while visible, and only after a change. */
+/** 3-D view of a terrain; it draws only while visible, and only after a change. */
 export class View3d {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
@@ -61,9 +61,9 @@ export class View3d {
   private colouring: Quantity = 'speed';
   private readonly due = new Set<Part>();
   private shown = false;
-  private frame = 0; // id of the requested frame, 0: none
+  private frame = 0; // id of the requested frame; 0: none
   readonly frames: Frame[] = [];
-  private before: number | null = null; // [ms] time of the last frame of a movement
+  private before: number | null = null; // [ms] time of the last frame while moving
 
   constructor(private readonly root: HTMLElement, private readonly canvas: HTMLCanvasElement, context: WebGL2RenderingContext) {
     this.renderer = new WebGLRenderer({ canvas, context, antialias: true, alpha: true });
@@ -96,7 +96,7 @@ export class View3d {
     });
   }
 
-  /** Adopt changes; a new terrain changes everything. */
+  /** Adopt changes; a new terrain rebuilds everything. */
   update(content: SceneContent, changed: readonly Part[]): void {
     const before = this.content?.terrain;
     this.content = content;
@@ -136,10 +136,10 @@ export class View3d {
     this.camera.resize(width, height);
     if (this.paths) this.camera.propose(this.paths.sample, this.paths.fall);
     this.setViewports();
-    this.draw(performance.now()); // at once, because a new size clears the picture
+    this.draw(performance.now()); // at once, because resizing clears the picture
   }
 
-  /** Schedule parts of the scene for rebuilding before the next frame, so that a hidden view costs nothing. */
+  /** Mark parts of the scene for rebuilding before the next frame; a hidden view costs nothing. */
   private make(...parts: Part[]): void {
     for (const part of parts) this.due.add(part);
     this.request();
@@ -190,7 +190,7 @@ export class View3d {
     this.lines?.setViewport(width, height, ratio, this.camera.eye.fov);
   }
 
-  /** Request a frame, at most one at a time. */
+  /** Request a frame unless one is pending. */
   private request(): void {
     if (this.shown && this.frame === 0) this.frame = requestAnimationFrame((now) => {
       this.frame = 0;
@@ -212,7 +212,7 @@ export class View3d {
     if (moving || this.player.playing) this.request();
   }
 
-  /** Store the script time [ms] and the start of a frame, without drawing, for benchmarks. */
+  /** Record the script time [ms] and the start of a frame, for benchmarks. */
   private noteCost(cost: number, now: number): void {
     this.frames.push({ cost, now, highest: this.paths?.highest ?? -Infinity });
     if (this.frames.length > FRAMES) this.frames.shift();
