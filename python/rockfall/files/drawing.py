@@ -13,17 +13,17 @@ from rockfall.errors import need
 from rockfall.files.vector_style import Style, paint
 from rockfall.io.atomic import atomic_write
 
-NAMING = ("name", "object")  # attributes written as texts
+NAMING = ("name", "object")  # attributes drawn as text
 TEXT_HEIGHT = 5.0  # [m]
 DARK = 64  # grey value, 0 to 255
-METRES = 6  # $INSUNITS
+METRES = 6  # code of $INSUNITS
 
 
 def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, Style]) -> Path:
-    """Write layers to one drawing, atomically: trajectories as 3-D polylines, other lines and
-    polygons as plan polylines, points with heights, and names of lines and objects as text.
+    """Write layers to a drawing, atomically: trajectories as 3-D polylines, other lines and
+    polygons as plan polylines, points with heights, names of lines and objects as text.
 
-    A layer styled by the values of a field becomes a layer for each value, such as `zones_high`,
+    A layer that is styled by a field is split into a layer for each value, such as `zones_high`,
     because DXF has no attributes.
     """
     need("DXF needs", "cad", "ezdxf")
@@ -58,13 +58,14 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
 
 
 def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
-    """Give a layer a colour; near black remains DXF's 7, which is white on a dark background."""
+    """Set the colour of a layer; dark colours become DXF colour 7, which is white on dark
+    backgrounds."""
     if max(colour) > DARK:
         layer.rgb = colour
 
 
 def _colours(style: Style | None) -> dict[str, tuple[int, int, int]]:
-    """Colour by value of a style's field; "" for a single colour."""
+    """Colour for each value of a style's field; key "" for a uniform style."""
     if style is None or style.kind == "graduatedSymbol":
         return {}
     return {str(value): paint(symbol) for value, _, symbol in style.symbols}

@@ -55,33 +55,33 @@ from rockfall.system import has_locks
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Shapes, and the columns of their attributes.
+#: Shapes, and columns of attributes.
 Features = tuple[np.ndarray, dict[str, np.ndarray]]
-#: Name of a layer -> geometry type, and features in parts.
+#: Layer name -> geometry type, and features in parts.
 Layers = dict[str, tuple[str, Iterable[Features]]]
 
 USUAL = ("tif", "gpkg", "csv")
 FORMATS = (*USUAL, "kml", "dxf")
 GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
-DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF: no feature twice
-MEASURED = {"LineString ZM": "Measured 3D LineString"}  # by name in pyogrio
-_ROWS = 100_000  # boulders in memory at a time
-_TOGETHER = 500_000  # crossings written together: a third of a gigabyte
-PLACES = 4  # decimals of crossing places [m], accurate to 0.1 mm
+DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF, each feature once
+MEASURED = {"LineString ZM": "Measured 3D LineString"}  # pyogrio name
+_ROWS = 100_000  # boulders read at a time
+_TOGETHER = 500_000  # crossings written at a time: about 330 MB
+PLACES = 4  # decimals of crossing coordinates [m]
 METRES = {"units": "m"}
-#: Attributes of columns of crossings.
+#: Attributes of the crossing columns.
 ABOUT = {**dict.fromkeys(HEIGHTS, METRES), **LINE, **CROSSING, **FRAGMENT}
 
 
 class Chosen(NamedTuple):
-    """Choices for an export: its formats, and the tolerance [m] of drawn parabolas."""
+    """Options of an export: formats, and tolerance [m] of parabolas drawn as polylines."""
 
     formats: Sequence[str] = USUAL
     tolerance: float = TOLERANCE
 
 
 EXPORTED = Chosen()
-UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # in names of files and fields
+UNIT_NAMES = {"m s-1": "m_s", "rad s-1": "rad_s", "degree": "deg"}  # units in file and field names
 
 
 def export(
@@ -91,14 +91,14 @@ def export(
     formats: Sequence[str] = USUAL,
     tolerance: float = TOLERANCE,
 ) -> list[Path]:
-    """Write a result (a Dataset, or its netCDF file) to `folder`; returns the files written.
+    """Write a result (a Dataset, or its netCDF file) to `folder`. Return the files written.
 
-    `formats` are some of tif (<map>_<unit>.tif for each variable on (y, x), energies in kJ, nodata
-    where no boulder passed, with a QGIS style .qml for each), gpkg (rockfall.gpkg with the layers
-    sources, stops, lines, crossings, trajectories and flights, if the result has them, energies in
-    kJ, and their styles), csv (in SI boulders.csv, and line_<name>.csv for each line, in single
-    precision, from 1,000 on to four decimals), kml and dxf (sources, stops, lines, trajectories).
-    Parabolas are drawn to `tolerance` [m]. Writes all of them or, with a RockfallError, none.
+    `formats` are among: tif (<map>_<unit>.tif with a QGIS style .qml for each variable on (y, x),
+    energies in kJ, nodata where no boulder passed); gpkg (rockfall.gpkg with the available layers
+    of sources, stops, lines, crossings, trajectories and flights, energies in kJ, and styles); csv
+    (in SI units: boulders.csv, and line_<name>.csv for each line, in single precision, values from
+    1,000 with four decimals); kml and dxf (sources, stops, lines, trajectories). Parabolas are
+    drawn with the `tolerance` [m]. Either all files are written or none, with a RockfallError.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -121,19 +121,19 @@ def export(
 def put_export(
     data: xr.Dataset, folder: Path, chosen: Chosen = EXPORTED, result: object = "result"
 ) -> list[Path]:
-    """Write the files of `export` into a new folder; `result` is for messages."""
+    """Write the files of `export` to a new folder; `result` is used in messages."""
     data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
     try:
         check_formats(chosen.formats, FORMATS)
         return list(_export(data, folder, *chosen))
-    except RuntimeError as error:  # from netCDF4: values are read while they are written
+    except RuntimeError as error:  # raised by netCDF4, as values are read during writing
         raise RockfallError(f"{result}: cannot be read: {error}") from error
     except KeyError as error:
         raise RockfallError(f"the result is incomplete: {error}") from error
 
 
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
-    """Return the formats in the order of `allowed`; a RockfallError for no or other formats."""
+    """Formats in the order of `allowed`; RockfallError if empty or not allowed."""
     for name in formats:
         if name in GONE:
             raise RockfallError(f"--formats {name}: {GONE[name]}")
@@ -168,7 +168,7 @@ def _export(
 
 
 def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> Layers:
-    """Layers of the result for a drawing."""
+    """Layers of a result for a drawing."""
     layers = _layers(data, moving, what)
     if not (chosen := {name: layers[name] for name in drawn if name in layers}):
         raise RockfallError(f"{what}: the result contains nothing to draw")
@@ -176,7 +176,7 @@ def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> 
 
 
 def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, Style]) -> Path:
-    """Write layers of a result or hazard as KML, with a warning if places are not exact."""
+    """Write layers of a result or hazard as KML; warn if positions are not exact."""
     way = geographic(data, crs_wkt(data), "KML")
     for remark in way.remarks:
         warnings.warn(remark, stacklevel=2)
@@ -184,7 +184,7 @@ def put_kml(path: Path, layers: Layers, data: xr.Dataset, styles: Mapping[str, S
 
 
 def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
-    """Write a map in its display unit (fractions unchanged), and its style."""
+    """Write a map in its display unit (fractions unchanged), with its style."""
     variable, (unit, factor) = data[name], shown_as(data[name])
     stem, scale = _exported(name.removesuffix("_map"), variable.attrs.get("units", "1"))
     values, _ = _stored(variable)
@@ -202,19 +202,19 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
-    """Mask of cells passed by boulders, from the passages or positive values of any map."""
+    """Mask of cells that boulders passed, from the passages or from positive values of any map."""
     present = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[present[0]])[0] if present else values) > 0
 
 
 def _exported(name: str, units: str) -> tuple[str, float]:
-    """Name of a map or field with its unit, and the factor to this unit; energies in kJ."""
+    """Name of a map or field including its unit, and the factor to this unit; energies in kJ."""
     unit, factor = SHOWN["J"] if units == "J" else (units, 1.0)
     return name + (f"_{UNIT_NAMES.get(unit, unit)}" if unit != "1" else ""), factor
 
 
 def write_map(path: Path, data: xr.DataArray) -> Path:
-    """Write a map in plan as GeoTIFF, with its attributes as tags."""
+    """Write a plan map as GeoTIFF, with its attributes as tags."""
     stored, fill = _stored(data)
     values, grid = north_up(data, stored)
     grid = replace(grid, crs=in_plan(grid.crs) if grid.crs else None)
@@ -229,9 +229,9 @@ def write_map(path: Path, data: xr.DataArray) -> Path:
 
 
 def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
-    """Values and their missing-data marker: NaN for reals, the fill value for integers.
+    """Stored values and their missing-data marker: NaN for reals, the fill value for integers.
 
-    xarray's decoding (integers to reals, seconds to durations) is undone."""
+    This reverses xarray's decoding of integers to reals and of seconds to durations."""
     values = seconds(data.values)
     fill = data.attrs.get("_FillValue", data.encoding.get("_FillValue"))
     if values.dtype.kind == "f" and np.dtype(data.encoding.get("dtype", "f8")).kind in "iu":
@@ -244,12 +244,12 @@ def _stored(data: xr.DataArray) -> tuple[np.ndarray, float | int | None]:
 
 
 def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
-    """Names of lines, or numbers of boulders (from 1 if the result has no numbers)."""
+    """Names of lines, or boulder numbers (counted from 1 if the result has none)."""
     return data[dim].values if dim in data.coords else np.arange(1, data.sizes[dim] + 1)
 
 
 def _flag_words(data: xr.DataArray) -> tuple[list[str], np.ndarray]:
-    """Words of a CF flag variable, and the index of the word for each value."""
+    """Words of a CF flag variable, and for each value the index of its word."""
     stored, flags = _stored(data)[0], flags_of(data)
     which = np.full(stored.shape, len(flags))
     for k, flag in enumerate(flags.values()):
@@ -267,27 +267,27 @@ def _boulders(data: xr.Dataset) -> Iterator[xr.Dataset]:
 
 
 def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
-    """All variables with one value per boulder."""
+    """All variables with a value per boulder."""
     names = (str(name) for name in data.data_vars if data[name].dims == ("boulder",))
     return {"boulder": data["boulder"], **{name: data[name] for name in names}}
 
 
 def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
-    """Write a table of the crossing boulders for each evaluation line."""
+    """Write a table of the boulders that cross, for each evaluation line."""
     if "line" in data.dims:
         for k, name in enumerate(distinct_words(line_names(data))):
             yield _write_table(folder / f"line_{name}.csv", _parts(_crossings(data, k)))
 
 
 def _parts(columns: dict[str, xr.DataArray]) -> Iterator[dict[str, xr.DataArray]]:
-    """Yield columns in chunks of rows (at least one chunk)."""
+    """Yield columns in chunks of rows, at least one chunk."""
     for first in range(0, max(1, next(iter(columns.values())).size), _ROWS):
         rows = slice(first, first + _ROWS)
         yield {name: column[rows] for name, column in columns.items()}
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
-    """Columns of the boulders that cross a line, in the precision of the result."""
+    """Columns of the boulders that cross a line, with the precision of the result."""
     import xarray as xr
 
     columns = {}
@@ -303,7 +303,7 @@ def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
 
 
 def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
-    """Write tables with the same columns below each other; missing values are left empty."""
+    """Write tables with equal columns one below the other; missing values are empty."""
     with atomic_write(path) as part, open(part, "wb") as file:
         for k, columns in enumerate(tables):
             if k == 0:
@@ -314,7 +314,7 @@ def _write_table(path: Path, tables: Iterable[dict[str, xr.DataArray]]) -> Path:
 
 
 def _column(column: xr.DataArray) -> np.ndarray:
-    """Column of a table; missing values are empty."""
+    """Values of a table column as texts; missing values are empty."""
     values, fill = _stored(column)
     if "flag_meanings" in column.attrs:
         words, which = _flag_words(column)
@@ -328,25 +328,25 @@ def _column(column: xr.DataArray) -> np.ndarray:
 
 
 def _cell(text: str) -> str:
-    """Text as a cell of CSV, quoted where needed."""
+    """Text of a CSV cell, quoted where necessary."""
     csv.writer(cell := io.StringIO(), lineterminator="").writerow([spreadsheet_text(text)])
     return cell.getvalue()
 
 
 def export_layers(data: xr.Dataset, tolerance: float = TOLERANCE) -> Layers:
-    """Layers of rockfall.gpkg, by name, with parabolas drawn to `tolerance` [m]."""
+    """Layers of rockfall.gpkg by name, with parabolas drawn to `tolerance` [m]."""
     data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
     return _layers(data, _moving(data, tolerance))
 
 
 def _moving(data: xr.Dataset, tolerance: float) -> Sampled | None:
-    """Sampled recorded trajectories, if any."""
+    """Sampled trajectories, if any were recorded."""
     has_any = data.sizes.get("trajectory_vertex")
     return sampled(motion_of(data), tolerance) if has_any else None
 
 
 def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages") -> Layers:
-    """Layers of the result; `what` is the product, for messages."""
+    """Layers of a result; `what` is the product, for messages."""
     layers: Layers = {}
     has_rows = data.sizes.get("boulder", 1) > 0
     has_crossings = has_rows and "row_size" in data
@@ -385,7 +385,7 @@ def _stops(data: xr.Dataset) -> Features:
 
 
 def _source_table(data: xr.Dataset) -> SourceTable:
-    """Distinct start points, with the number of boulders from each."""
+    """Distinct start points, and the number of boulders from each."""
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
     places, first, source, boulders = np.unique(
         places, axis=0, return_index=True, return_inverse=True, return_counts=True
@@ -416,7 +416,7 @@ def _sources(sources: SourceTable) -> Features:
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
     """Yield the first crossings of lines, with all variables, in parts that fit in memory. Lines
-    with few crossings are combined, because GDAL indexes appended rows one by one.
+    with few crossings are combined, because GDAL indexes appended rows individually.
     """
     import shapely
 
@@ -444,7 +444,7 @@ def _joined(parts: Sequence[Features]) -> Features:
 
 
 def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
-    """Name with unit, and values of a column in a type of GeoPackage; energies in kJ."""
+    """Name with its unit, and the values of a column in a GeoPackage type; energies in kJ."""
     if "flag_meanings" in column.attrs:
         words, which = _flag_words(column)
         return name, np.array(words, dtype=object)[which]
@@ -456,7 +456,7 @@ def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
 
 
 def _lines(data: xr.Dataset) -> Features:
-    """Evaluation lines in plan; `line_vertex_line` counts lines from 0."""
+    """Evaluation lines in plan; `line_vertex_line` is the 0-based index of the line."""
     names, line = line_names(data), data["line_vertex_line"].values
     if not np.array_equal(np.unique(line), np.arange(len(names))):
         raise RockfallError(
@@ -467,7 +467,7 @@ def _lines(data: xr.Dataset) -> Features:
 
 
 def _barriers(data: xr.Dataset) -> Features:
-    """Evaluation lines that are barriers, with their height and energy capacity."""
+    """Evaluation lines that are barriers, with height and energy capacity."""
     shapes, fields = _lines(data)
     height, capacity = (_stored(data[f"barrier_{name}"])[0] for name in ("height", "capacity"))
     chosen = ~np.isnan(height)
@@ -476,9 +476,9 @@ def _barriers(data: xr.Dataset) -> Features:
 
 
 def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
-    """Line string of each owner, by increasing number, from its vertices in order.
+    """Line string for each owner, by increasing number, from its ordered vertices.
 
-    An owner with one vertex, a boulder that never moved, gets a string of zero length.
+    An owner with a single vertex (a boulder that never moved) gets a string of zero length.
     """
     import shapely
 
@@ -490,7 +490,8 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS of the grid mapping `crs`; None without. Older ones have a vertical part."""
+    """Horizontal CRS from the variable `crs`, or None; in older results `crs` includes a vertical
+    part."""
     wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
     return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 
@@ -498,7 +499,7 @@ def crs_wkt(data: xr.Dataset) -> str | None:
 def write_geopackage(
     path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
 ) -> Path:
-    """Write layers to one file, with QGIS styles if given, atomically."""
+    """Write layers to a GeoPackage, with any QGIS styles, atomically."""
     import pyogrio
     import shapely
 
@@ -532,7 +533,8 @@ def write_geopackage(
 
 @contextmanager
 def _lockable(path: Path) -> Iterator[Path]:
-    """Yield the path, or a temporary one where SQLite cannot lock it, which is then moved."""
+    """Yield the path or, if SQLite cannot lock it, a temporary file that is moved there
+    afterwards."""
     if has_locks(str(path.parent)):
         yield path
         return
@@ -542,9 +544,7 @@ def _lockable(path: Path) -> Iterator[Path]:
 
 
 def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
-    """Check the number of features of each layer, since GDAL does not report a full disk on
-    closing.
-    """
+    """Check the number of features in each layer, because GDAL ignores a full disk on closing."""
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:
         (state,) = database.execute("PRAGMA quick_check(1)").fetchone()

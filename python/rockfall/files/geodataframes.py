@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of a result or hazard as GeoDataFrames, as in exported files."""
+"""Layers of a result or hazard as GeoDataFrames, identical to exported files."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
     """Layers of a result or a hazard (a Dataset, or its netCDF file) as GeoDataFrames, by name.
 
-    Layers and columns are those of rockfall.gpkg or hazard.gpkg. In addition, `stops` have the
+    Layers and columns are as in rockfall.gpkg or hazard.gpkg. In addition, `stops` has the
     `ground_strength` of each boulder (`rockfall.ground_strength`), and a hazard has `lines` with
-    the boulders per year that cross them. Needs geopandas.
+    the number of boulders per year that cross them. Needs geopandas.
 
     >>> import rockfall
     >>> stops = rockfall.layers(rockfall.run(rockfall.read_case("case.nml")))["stops"]
@@ -61,7 +61,7 @@ def _hazard_lines(hazard: xr.Dataset) -> dict[str, tuple[str, list[Any]]]:
 
 
 def _frame(features: Any, crs: str | None) -> GeoDataFrame:
-    """GeoDataFrame of a layer, from parts that may be WKB."""
+    """GeoDataFrame of a layer, from parts whose geometry may be WKB."""
     import shapely
     from geopandas import GeoDataFrame
 

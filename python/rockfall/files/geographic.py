@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Longitudes and latitudes (WGS 84) of a result, for KML."""
+"""Longitudes and latitudes (WGS 84) of a result's positions, for KML."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ EASTINGS = ("x", "start_x", "stop_x", "line_vertex_x", "trajectory_x")
 
 
 class Geographic(NamedTuple):
-    """Transformation from plan coordinates to degrees, the names of both systems, and warnings."""
+    """Transformation from plan coordinates to degrees, with the names of both systems, and
+    warnings."""
 
     way: Transformation
     crs: str
@@ -63,7 +64,7 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
 
 
 def _bounds(data: xr.Dataset) -> Bounds:
-    """Extent of all places in a result or hazard."""
+    """Extent of all positions in a result or hazard."""
     limits = []
     for axis in "xy":
         names = [axis if name == "x" else f"{name[:-1]}{axis}" for name in EASTINGS]

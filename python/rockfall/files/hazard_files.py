@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard files for a GIS and a spreadsheet: netCDF, GeoTIFF with styles, zones, objects."""
+"""Hazard files for GIS and spreadsheets: netCDF, GeoTIFF with styles, zones, objects."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ from rockfall.result.maps.flat_maps import PLAN, flat_maps, shown
 from rockfall.result.trajectories import flags_of
 from rockfall.result.variables import ENDS
 
-#: Colours of hazard, as on Swiss hazard maps, and of intensity, from pale to dark.
+#: Colours of hazard (as on Swiss hazard maps) and of intensity, from pale to dark.
 HAZARD_COLOURS = ("#ffffff", "#fff9c4", "#ffe14d", "#5b8ff9", "#e03131")
-WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity: red, green, blue
+WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity (red, green, blue)
 DOUBTFUL = "#ff8c00"
 GEOMETRY = {
     "POINT": "point",
@@ -60,15 +60,15 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
-MOST_PLACES = 20  # maximum places of each kind with sources in a GeoPackage
-HAZARD = "hazard.nc"  # name in the folder of a hazard
-NO_CELL = 255  # value without data in a yes-no raster
+MOST_PLACES = 20  # maximum number of places of each kind with a source layer
+HAZARD = "hazard.nc"  # file name in the folder of a hazard
+NO_CELL = 255  # nodata value of yes-no rasters
 
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
-    """Write a hazard to a folder: hazard.nc, a GeoTIFF and a QGIS style (.qml) for each map,
-    hazard.gpkg with zones, objects and segments, their tables, and risk.csv. Writes all files or,
-    with a RockfallError, none.
+    """Write a hazard to a folder: hazard.nc; a GeoTIFF and a QGIS style (.qml) for each map;
+    hazard.gpkg with zones, objects and segments; their tables; and risk.csv. Either all files are
+    written or none, with a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -81,7 +81,7 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 
 def read_hazard(path: str | Path) -> xr.Dataset:
-    """Read the hazard from a file hazard.nc; a RockfallError refuses other files."""
+    """Read a hazard from a file hazard.nc; RockfallError for other files."""
     try:
         dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:
@@ -92,22 +92,22 @@ def read_hazard(path: str | Path) -> xr.Dataset:
 
 
 def is_hazard(path: str | Path) -> bool:
-    """Return True if a file is a netCDF file of a hazard; False otherwise."""
+    """Return True if a file is the netCDF file of a hazard."""
     try:
         with open_netcdf(path) as file:
             return "hazard_class" in file.variables
-    except (OSError, RockfallError):  # reading it as a result reports the error
+    except (OSError, RockfallError):  # not readable: reading it as a result reports the error
         return False
 
 
 def in_folder(path: Path) -> Path:
-    """Path of hazard.nc in the folder of a hazard; any other path is unchanged."""
+    """Path of hazard.nc in a hazard folder; other paths are returned unchanged."""
     return path / HAZARD if path.is_dir() and (path / HAZARD).is_file() else path
 
 
 def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
-    """Write zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF. Writes all
-    files or, with a RockfallError, none.
+    """Write the zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF.
+    Either all files are written or none, with a RockfallError.
     """
     folder, chosen, hazard = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
     need("zones need", "vector", "pyogrio", "shapely")
@@ -116,7 +116,7 @@ def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) 
 
 
 def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
-    """Drawings of the generalised zones, and of objects."""
+    """Write drawings of generalised zones and objects."""
     layers = {name: layer for name, layer in hazard_layers(hazard) if name in ("zones", "objects")}
     if not layers:
         raise RockfallError("the hazard has no zones and no objects")
@@ -128,7 +128,7 @@ def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Itera
 
 
 def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
-    """Write the files of `write_hazard` into a new folder."""
+    """Write the files of `write_hazard` to a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
     put_netcdf(hazard, folder / HAZARD, folder / HAZARD)
     yield folder / HAZARD
@@ -152,7 +152,7 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
-    """Write hazard.gpkg with zones and objects, and styled maps of classes, to a new folder."""
+    """Write hazard.gpkg with zones and objects, and styled class maps, to a new folder."""
     need("zones need", "vector", "pyogrio", "shapely")
     classes = [name for name, data in hazard.data_vars.items() if "flag_meanings" in data.attrs]
     yield from _put_maps(hazard[[*classes, "crs"]], folder)
@@ -166,7 +166,7 @@ def _put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def colours_of(data: xr.DataArray) -> dict[int, str]:
-    """Colour of each class of a class map, except classes left blank."""
+    """Colour of each class on a class map, except blank classes."""
     words = flags_of(data)
     if str(data.name).endswith("certain"):
         return {0: DOUBTFUL}
@@ -194,7 +194,7 @@ def _put_maps(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def hazard_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Yield layers with features: zones of both kinds, uncertain areas, and objects."""
+    """Yield the non-empty layers: both kinds of zones, uncertain areas, and objects."""
     import shapely
 
     words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(hazard)
@@ -224,7 +224,7 @@ def hazard_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
 
 def _styles(kinds: dict[str, str]) -> dict[str, Style]:
-    """Styles of zones and objects by their class, uncertain areas hatched."""
+    """Styles of zones and objects by class, with hatching for uncertain areas."""
     colours = dict(zip(CLASSES, HAZARD_COLOURS, strict=True))
     drawn = {"Point": marker, "LineString": thick, "Polygon": fill}
     styles = {"uncertain": alike(fill(DOUBTFUL, "f_diagonal"))}
@@ -235,8 +235,8 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Layer of cells with sources: boulders per year that start there, and that reach each line and
-    the objects hit most often, with their energies at those places.
+    """Layer of source cells: boulders per year that start there, and that reach each line and the
+    most frequently hit objects, with their energies at these places.
     """
     import shapely
 
@@ -251,8 +251,8 @@ def _source_layer(hazard: xr.Dataset) -> tuple:
 
 
 def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table of `rockfall.origins` for all lines and the objects hit most often, with `place` (line
-    or object), `name`, and energies [kJ]; no rows if the sources are unknown.
+    """Table of `rockfall.origins` for all lines and the most frequently hit objects, with `place`
+    (line or object), `name`, and energies [kJ]; no rows if sources are unknown.
     """
     import pandas as pd
 
@@ -268,7 +268,8 @@ def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
-    """Yield kind and index of the lines, and of the objects hit most often, with known sources."""
+    """Yield kind and index of lines and of the most frequently hit objects, if their sources are
+    known."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)
@@ -277,7 +278,7 @@ def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
 
 
 def _energies(hazard: xr.Dataset, kind: str) -> Iterator[str]:
-    """Names of energies of origins in a hazard; older files have none."""
+    """Names of the energies by origin in a hazard; older files have none."""
     return (name for name in ENERGIES if f"{kind}_source_{name}" in hazard)
 
 
@@ -291,11 +292,11 @@ def _object_layer(hazard: xr.Dataset) -> tuple:
 
 
 def object_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table with a row per object: frequencies with their limits, class, and known risks."""
+    """Table with a row for each object: frequencies with limits, class, and risks if known."""
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
     columns: dict[str, np.ndarray] = {"object": hazard["object"].values.astype(object)}
-    if "object_layer" in hazard:  # not in older files
+    if "object_layer" in hazard:  # absent in older files
         columns["layer"] = hazard["object_layer"].values.astype(object)
     columns["geometry"] = np.array(geometry, dtype=object)
     columns |= {f"frequency{end}": hazard[f"object_frequency{end}"].values for end in ENDS}

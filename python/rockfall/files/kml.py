@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers as KML 2.2 (OGC 07-147r2), for Google Earth and other viewers."""
+"""Layers as KML 2.2 (OGC 07-147r2), for Google Earth and similar viewers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockfall.files.geographic import Geographic
 from rockfall.files.vector_style import Style, Symbol, paint
 from rockfall.io.atomic import atomic_write
 
-#: Geometry types whose heights are drawn; others lie on the viewer's ground.
+#: Geometry types with heights; the viewer drapes the others on its ground.
 IN_THE_AIR = ("LineString ZM",)
 NAMING = ("name", "object", "hazard")  # attributes that name a feature, in order of preference
 DOT = "http://maps.google.com/mapfiles/kml/shapes/shaded_dot.png"
@@ -29,7 +29,8 @@ def write_kml(
     way: Geographic,
     styles: Mapping[str, Style],
 ) -> Path:
-    """Write layers as folders of one file, atomically: places in degrees, heights unchanged."""
+    """Write layers as folders of a KML file, atomically: positions in degrees, heights
+    unchanged."""
     text = (
         f"Trajectory heights: DEM in metres (vertical datum: {way.heights}), read by KML as above "
         f"EGM96. All else on the ground. Places: {way.crs} to WGS 84."
@@ -46,7 +47,7 @@ def write_kml(
 def _write_folder(
     file: TextIO, name: str, kind: str, parts: Iterable[tuple], way: Geographic, style: Style | None
 ) -> None:
-    """Write the features of a layer, after its styles."""
+    """Write the styles and features of a layer."""
     import shapely
 
     file.write(f"<Folder><name>{_text(name)}</name>\n")
@@ -72,14 +73,14 @@ def _write_folder(
 
 
 def _title(row: Mapping[str, Any]) -> str:
-    """Title of a feature: its name, its class, or the number in its first column."""
+    """Title of a feature: its name, its class, or the value in the first column."""
     first = next(iter(row), "")
     own = (row.get(key) for key in NAMING)
     return str(next((name for name in own if name), f"{first} {row.get(first, '')}"))
 
 
 def _span(row: dict[str, Any]) -> str:
-    """Time span of a feature with times, which is hidden until played, since it covers a
+    """Time span of a feature with times. It stays hidden until played, because it would cover its
     trajectory.
     """
     if not isinstance(row.get("begin"), datetime):
@@ -90,7 +91,7 @@ def _span(row: dict[str, Any]) -> str:
 
 
 def _attributes(row: Mapping[str, Any]) -> str:
-    """Attributes of a feature that are not missing."""
+    """Non-missing attributes of a feature."""
     given = ((key, value) for key, value in row.items() if value is not None and value == value)
     data = "".join(
         f"<Data name={quoteattr(key)}><value>{_text(value)}</value></Data>" for key, value in given
@@ -132,7 +133,7 @@ _SHAPES: dict[str, Callable[[Any, Geographic, str], str]] = {
 
 
 def _places(shape: Any, way: Geographic) -> str:
-    """Coordinates as text: longitude and latitude (to 0.1 mm), height (to 1 mm)."""
+    """Coordinates as text: longitude and latitude (about 0.1 mm), height (1 mm)."""
     import shapely
 
     xyz = way.degrees(shapely.get_coordinates(shape, include_z=True))
@@ -145,7 +146,7 @@ def _triples(xyz: np.ndarray) -> Iterator[str]:
 
 
 def _drawn(symbol: Symbol) -> str:
-    """Style of points, lines and areas of a colour."""
+    """Style of points, lines and areas in a colour."""
     red, green, blue = paint(symbol)
     colour = f"{blue:02x}{green:02x}{red:02x}"
     opaque = f"{round(255 * symbol.opacity):02x}"
@@ -159,5 +160,5 @@ def _drawn(symbol: Symbol) -> str:
 
 
 def _text(value: object) -> str:
-    """Escape a value for XML, without characters that are invalid in XML."""
+    """Value as XML text, escaped and without invalid characters."""
     return escape("".join(sign for sign in str(value) if sign in "\t\n" or sign >= " "))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams of a result as lines with their attributes."""
+"""Dams of a result as lines with attributes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FIELDS = {"height": "height_m", "crest_width": "crest_width_m", "slope": "slope_
 
 
 def dams_in(data: xr.Dataset) -> Dams:
-    """Keys of the dams in the case of a result; none if the case is unknown."""
+    """Dam groups in the case of a result; none if the case is unknown."""
     try:
         return case_of(data).dam
     except (RockfallError, KeyError):
@@ -26,7 +26,7 @@ def dams_in(data: xr.Dataset) -> Dams:
 
 
 def dam_lines(dams: Dams) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Crest lines of dams, and attributes with units in their names."""
+    """Crest lines of dams, and attributes whose names include units."""
     import shapely
 
     shapes = [shapely.LineString(np.column_stack([dam["x"], dam["y"]])) for dam in dams]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""QGIS styles (.qml) of maps, which QGIS finds next to the GeoTIFF."""
+"""QGIS styles (.qml) of maps; QGIS loads the style next to a GeoTIFF."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from rockfall.result.maps.classes import Classes
 
 HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 OPACITY = "0.7"
-RELIEF = "0.6"  # opacity: steep ground would be black
+RELIEF = "0.6"  # opacity; opaque steep ground would be black
 
 
 def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, str]) -> Path:
-    """Write the style of a map of numbers with a label and a colour each; others are left blank."""
+    """Write the style of a map of numbers, with a label and colour for each; other numbers stay
+    blank."""
     renderer = ElementTree.Element("rasterrenderer", type="paletted")
     palette = ElementTree.SubElement(renderer, "colorPalette")
     for value, colour in colours.items():
@@ -26,7 +27,8 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
 
 
 def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path:
-    """Write the style of a map in `per_unit` of the unit of its classes (0.01: fractions)."""
+    """Write the style of a class map whose values are in `per_unit` of the unit of the classes
+    (0.01: fractions)."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
     attrs = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")
@@ -39,14 +41,15 @@ def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path
 
 
 def write_relief(raster: Path) -> Path:
-    """Write the style of elevations as shaded relief, with light from several directions."""
+    """Write a style that shows elevations as shaded relief, with light from several directions."""
     attrs = {"azimuth": "315", "angle": "45", "zfactor": "1", "multidirection": "1"}
     renderer = ElementTree.Element("rasterrenderer", {"type": "hillshade", **attrs})
     return _written(raster, renderer, RELIEF, smooth=True)
 
 
 def contour_style(interval: float, index: int, colour: str) -> ElementTree.Element:
-    """Style of elevations as contour lines at an interval [m]; every `index`-th line is thicker."""
+    """Style that shows elevations as contours at an interval [m]; every `index`-th contour is
+    thicker."""
     attrs = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
     attrs |= {"type": "contour", "downscale": "4"}
     renderer = ElementTree.Element("rasterrenderer", attrs)
@@ -69,7 +72,8 @@ def _written(
 def _style(
     renderer: ElementTree.Element, opacity: str, smooth: bool = False
 ) -> ElementTree.Element:
-    """Style with a renderer; `smooth` interpolates cells, to avoid steps in a relief."""
+    """QGIS style with this renderer; `smooth` interpolates cells, which avoids steps in a
+    relief."""
     for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))

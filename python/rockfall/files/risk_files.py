@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk of a hazard: columns of objects, table of sums, and layers with styles."""
+"""Risk of a hazard: columns of objects, table of sums, styled layers."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from rockfall.analysis.objects.risk import CLASSES, SUMMED
 from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
 from rockfall.result.variables import ENDS
 
-#: Colours of the classes of individual risk, starting with none.
+#: Colours of the classes of individual risk, from none to highest.
 COLOURS = ("#bdbdbd", "#4daf4a", "#ffe14d", "#ff8c00", "#e03131")
 LAYERS = {"Point": "risk_points", "LineString": "risk_lines", "Polygon": "risk_polygons"}
 SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
 
 
 def has_risk(hazard: xr.Dataset) -> bool:
-    """Return True if the objects of a hazard have exposure."""
+    """Return True if the objects of a hazard have exposure data."""
     return "object_individual_risk" in hazard
 
 
 def class_words() -> np.ndarray:
-    """Names of the classes of individual risk, for readers."""
+    """Readable names of the classes of individual risk."""
     return np.array([word.replace("_", " ") for word in CLASSES], dtype=object)
 
 
 def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield columns of objects: kind, damage, individual risk with its class, collective risk."""
+    """Yield columns of objects: kind, damage, individual risk and its class, collective risk."""
     if not has_risk(hazard):
         return
     yield "kind", hazard["object_kind"].values.astype(object)
@@ -43,8 +43,8 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table of sums over all objects, with limits that account for shared boulders, and the wider
-    sums of the objects' limits.
+    """Table of sums over all objects, with limits that account for boulders in common, and with
+    the wider sums of the limits of the objects.
     """
     rows = []
     for name in SUMMED:
@@ -58,12 +58,13 @@ def total_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Yield a layer of objects with their risks for each geometry type, as QGIS styles require."""
+    """Yield a layer of objects and their risks for each geometry type, because QGIS styles require
+    this."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
     columns = {"name": hazard["object"].values.astype(object)}
-    if "object_layer" in hazard:  # not in older files
+    if "object_layer" in hazard:  # absent in older files
         columns["layer"] = hazard["object_layer"].values.astype(object)
     columns |= dict(risk_columns(hazard))
     kinds = np.array([plain_type(shape.geom_type) for shape in shapes])
@@ -78,7 +79,7 @@ def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
 
 def _multiple(shapes: np.ndarray) -> np.ndarray:
-    """Convert shapes to multipart shapes, since a layer has a single type."""
+    """Convert shapes to multipart shapes, because a layer must have a single type."""
     import shapely
 
     collect = {
@@ -91,7 +92,7 @@ def _multiple(shapes: np.ndarray) -> np.ndarray:
 
 
 def risk_styles(kinds: Mapping[str, str]) -> dict[str, Style]:
-    """Styles of the layers of risk, by the class of individual risk."""
+    """Styles of the risk layers, by class of individual risk."""
     words = class_words().tolist()
     return {
         layer: Style(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Segments of roads as a table and as a layer."""
+"""Road segments as a table and as a layer."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ NUMBERS = ("energy", "passing_height", "upper_edge", "diameter")
 
 
 def has_segments(hazard: xr.Dataset) -> bool:
-    """Return True if a hazard has segments of roads."""
+    """Return True if a hazard has road segments."""
     return "segment" in hazard.dims
 
 
 def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table with a row per segment: position [m], frequencies and return periods with limits,
-    class, and energies [kJ], heights and diameters [m] of the boulders that touch it.
+    """Table with a row for each segment: position [m], frequencies and return periods with limits,
+    class, and energies [kJ], heights and diameters [m] of the boulders that touch the segment.
     """
     words = np.array(CLASSES, dtype=object)
     columns: dict[str, np.ndarray] = {
@@ -52,7 +52,7 @@ def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
-    """Columns with mean and 95 % quantile of a quantity, in its display unit."""
+    """Columns with the mean and 95 % quantile of a quantity, in its display unit."""
     mean = hazard[f"segment_{name}_mean"]
     unit, factor = SHOWN.get(mean.attrs["units"], (mean.attrs["units"], 1.0))
     unit = "" if unit == "m" else f"_{unit}"
@@ -64,7 +64,7 @@ def _numbers(hazard: xr.Dataset, name: str) -> list[tuple[str, np.ndarray]]:
 
 
 def segment_layer(hazard: xr.Dataset) -> tuple:
-    """Axes of the segments with their table, for `write_geopackage`."""
+    """Axes of the segments with the columns of their table, for `write_geopackage`."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["segment_geometry"].values.astype(str))

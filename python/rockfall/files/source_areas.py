@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Source cells of a result, dissolved to one area for each feature: a map shows release areas, not
-thousands of squares.
+"""Source cells of a result, dissolved into an area for each feature: a map shows release areas
+instead of thousands of squares.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SourceTable(NamedTuple):
-    """Sources of a result: places (n, 2) [m]; for each source, the number of its feature in the
+    """Sources of a result: positions (n, 2) [m]; for each source, the number of its feature in the
     source layer (from 1), the number of boulders, and their maximum plan distance [m] (None if
     unknown); and names of features ("" for a result without a layer).
     """
@@ -31,8 +31,8 @@ class SourceTable(NamedTuple):
 
 
 def are_cells(data: xr.Dataset) -> bool:
-    """Return True if the sources of a result are terrain cells; False for points, and if case or
-    cells are unknown.
+    """Return True if the sources of a result are terrain cells; False for points, and if the case
+    or the cells are unknown.
     """
     try:
         has_points = facts(case_of(data), "release").has_points
@@ -45,10 +45,10 @@ def are_cells(data: xr.Dataset) -> bool:
 def source_areas(
     data: xr.Dataset, sources: SourceTable
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Areas of source cells, a multipolygon for each feature, with attributes: `sources` and
+    """Areas of source cells as a multipolygon for each feature, with attributes: `sources` and
     `boulders` are counts, `area_m2` is the plan area.
 
-    Edges between cells of the same feature are dissolved; holes remain."""
+    Edges between cells of a feature are dissolved; holes remain."""
     import shapely
 
     numbers, part = np.unique(sources.feature, return_inverse=True)
@@ -66,7 +66,7 @@ def source_areas(
 
 
 def _dissolved(data: xr.Dataset, places: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Multipolygon of the cells of each part, by its number from 0."""
+    """Multipolygon of the cells in each part, numbered from 0."""
     import shapely
     from affine import Affine
     from rasterio.features import shapes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of recorded trajectories in space and time."""
+"""Layers of recorded trajectories, with space and time."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rockfall.result.motion import Sampled
 if TYPE_CHECKING:
     import xarray as xr
 
-EPOCH = np.datetime64("2000-01-01", "us")  # time stamp of the release of all boulders
-_LINE_ZM = 3002  # ISO/IEC 13249-3, well-known binary
+EPOCH = np.datetime64("2000-01-01", "us")  # time stamp of all releases
+_LINE_ZM = 3002  # geometry code in well-known binary (ISO/IEC 13249-3)
 
 
 def lines_zm(paths: list[np.ndarray]) -> np.ndarray:
-    """Line strings of samples (n, 4) as well-known binary, time as measure M; a single sample
-    becomes a string of zero length. (shapely has no measures.)"""
+    """Line strings of samples (n, 4) as well-known binary, with time as measure M, which shapely
+    lacks. A single sample becomes a string of zero length."""
     lines = np.empty(len(paths), object)
     for k, path in enumerate(paths):
         path = np.ascontiguousarray(path if len(path) > 1 else np.repeat(path, 2, axis=0), "<f8")
@@ -37,15 +37,15 @@ def trajectory_features(
     _, contacts = np.unique(sampled.motion.boulder[first], return_counts=True)
     return lines_zm(paths), {
         "boulder": boulder.astype(np.int64),
-        "vertices": np.minimum(contacts + 1, recorded).astype(np.int64),  # with the end
+        "vertices": np.minimum(contacts + 1, recorded).astype(np.int64),  # including the end
         "travel_time": np.array([path[-1, 3] for path in paths]),
     }
 
 
 def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Motion between contacts as LineString ZM, if its duration is not zero: number of the first
+    """Motion between contacts as LineString ZM, unless its duration is zero: number of the first
     contact (from 1), time stamps from `EPOCH`, time since release and duration [s], and speeds
-    [m/s] after this contact and before the next. A slide includes waiting times.
+    [m/s] after the first and before the next contact. A slide includes waiting times.
     """
     strings = sampled.strings(sampled.motion.vertex)
     begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
@@ -67,13 +67,13 @@ def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]
 
 
 def time_stamps(seconds: np.ndarray) -> np.ndarray:
-    """Convert times since release [s] to time stamps, to the microsecond."""
+    """Convert times since release [s] to time stamps with microsecond resolution."""
     return EPOCH + np.rint(1e6 * seconds).astype("m8[us]")
 
 
 def in_milliseconds(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Round time stamps to milliseconds, the resolution of a GeoPackage: `end` up, others down, so
-    that a motion lasts at least one millisecond.
+    that every motion lasts at least 1 ms.
     """
     return {
         name: values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""QGIS styles of the layers of a GeoPackage, in its table `layer_styles`."""
+"""QGIS styles for layers of a GeoPackage, stored in its table `layer_styles`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ COLUMNS = (
     "styleName TEXT, styleQML TEXT, styleSLD TEXT, useAsDefault BOOLEAN, description TEXT, "
     "owner TEXT, ui TEXT, update_time DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))"
 )
-FROM_FIELDS = "2"  # QGIS mode: show a feature between times in two fields
-#: Types of symbols and of their single layer.
+FROM_FIELDS = "2"  # QGIS mode: time range from two fields
+#: Symbol types and the type of their single layer.
 KINDS = {"Point": ("marker", "SimpleMarker"), "LineString": ("line", "SimpleLine"),
          "Polygon": ("fill", "SimpleFill")}  # fmt: skip
-#: Marker shapes and rotations that match the figures.
+#: Marker shapes and rotations, as in the figures.
 SHAPES = {
     ".": ("circle", 0), "x": ("cross2", 0), "^": ("triangle", 0), "s": ("square", 0),
     "+": ("cross", 0), "v": ("triangle", 180), "D": ("diamond", 0),
@@ -38,9 +38,9 @@ class Symbol(NamedTuple):
 
 
 class Style(NamedTuple):
-    """Style of a layer's features: uniform, by the values of a field, or by intervals of an
-    expression; each with a label and a symbol. Names from the field `named` are written next to
-    features; the temporal controller shows a feature between the `times` in two fields.
+    """Style of a layer: uniform, by the values of a field, or by intervals of an expression, each
+    with a label and a symbol. Features get labels from the field `named`; the temporal controller
+    shows a feature between the `times` in two fields.
     """
 
     field: str
@@ -51,12 +51,12 @@ class Style(NamedTuple):
 
 
 def alike(symbol: Symbol, named: str = "") -> Style:
-    """Uniform style of all features, with names from a field, if given."""
+    """Uniform style of all features, labelled from a field if given."""
     return Style("", [("", "", symbol)], "singleSymbol", named=named)
 
 
 def marker(colour: str, shape: str = ".", size: float = 1.2) -> Symbol:
-    """A point symbol with a size [mm]."""
+    """A point symbol of a given size [mm]."""
     name, angle = SHAPES[shape]
     return Symbol({"name": name, "angle": angle, "color": rgba(colour), "size": size,
                    "outline_color": rgba(colour),
@@ -86,14 +86,14 @@ def rgba(colour: str) -> str:
 
 
 def paint(symbol: Symbol) -> tuple[int, int, int]:
-    """Red, green and blue of a symbol."""
+    """Red, green and blue values of a symbol's colour."""
     colour = symbol.options.get("color") or symbol.options["line_color"]
     red, green, blue, _ = map(int, str(colour).split(","))
     return red, green, blue
 
 
 def _graduated(expression: str, unit: str, symbol: Callable[[str], Symbol]) -> Style:
-    """Style with a symbol for each class of an expression in a unit."""
+    """Style with a symbol for each class of an expression in a given unit."""
     classes = classes_of(unit)
     ends = [0.0, *classes.limits, 1e12]
     symbols = [
@@ -103,7 +103,7 @@ def _graduated(expression: str, unit: str, symbol: Callable[[str], Symbol]) -> S
     return Style(expression, symbols, "graduatedSymbol")
 
 
-#: Styles of the layers of an exported result.
+#: Styles for the layers of an exported result.
 STYLES = {
     "sources": alike(marker(INK, "^", 1.4)),
     "source_areas": alike(Symbol({"color": rgba(ROCK), "style": "b_diagonal",
@@ -123,7 +123,7 @@ STYLES = {
 
 
 def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style]) -> None:
-    """Write styles of layers, with their geometry types, into their GeoPackage."""
+    """Write the styles and geometry types of layers into their GeoPackage."""
     kinds = {name: KINDS.get(plain_type(kind)) for name, kind in layers.items()}
     texts = {name: qml(styles[name], *kind) for name, kind in kinds.items()
              if kind and name in styles}  # fmt: skip
@@ -144,7 +144,7 @@ def put_styles(path: Path, layers: Mapping[str, str], styles: Mapping[str, Style
 
 
 def qml(style: Style, kind: str, layer: str) -> str:
-    """A style in QGIS format, with symbols of a given type and layer type."""
+    """A style as QGIS XML, with symbols of a given type and layer type."""
     kinds = "Symbology|Temporal" if style.times else "Symbology"
     root = ElementTree.Element("qgis", version="3.16", styleCategories=kinds)
     if style.times:
@@ -171,7 +171,7 @@ def qml(style: Style, kind: str, layer: str) -> str:
 
 
 def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementTree.Element:
-    """Symbol in QGIS format, of a type and layer type."""
+    """A symbol as QGIS XML, with its type and layer type."""
     drawn = {"name": name, "type": kind, "alpha": str(symbol.opacity)}
     element = ElementTree.Element("symbol", drawn)
     node = ElementTree.SubElement(element, "layer", {"class": layer, "enabled": "1"})
@@ -182,7 +182,7 @@ def symbol_element(name: str, kind: str, layer: str, symbol: Symbol) -> ElementT
 
 
 def _labelling(field: str) -> ElementTree.Element:
-    """Labels of features from a field, with a white outline."""
+    """Labels of features from a field, with a white halo."""
     element = ElementTree.Element("labeling", type="simple")
     settings = ElementTree.SubElement(element, "settings", calloutType="simple")
     text = ElementTree.SubElement(settings, "text-style", {

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of results for a terminal."""
+"""Results as text for a terminal."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text on the breakage of boulders in a case."""
+"""Text on boulder breakage in a case."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def breakage_lines(
     case: Case, volumes: np.ndarray, density: np.ndarray | float
 ) -> list[tuple[str, str]]:
-    """Text on the impacts that break boulders of this median volume [m3] and density [kg/m3], and
+    """Lines on the impacts that break boulders of this median volume [m3] and density [kg/m3], and
     on the fragments; empty if boulders do not break."""
     at = case.breakage["at"]
     if at == "none":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text output of a hazard, with tables."""
+"""Hazard as text, with tables."""
 
 import json
 from collections.abc import Collection, Iterator
@@ -28,8 +28,8 @@ from rockfall.tables.hazard import (
 
 
 def hazard_summary(hazard: xr.Dataset) -> str:
-    """Summary of a hazard: scenarios, area of each class and its certain fraction, objects, road
-    segments, risk of the objects and its assumptions."""
+    """Summary of a hazard: scenarios, area of each class with its certain fraction, objects, road
+    segments, object risk and its assumptions."""
     scenarios = count(hazard.sizes["scenario"], "scenario")
     lines = [f"{hazard.attrs['title'] or 'rockfall'}: {scenarios}"]
     lines += [
@@ -59,9 +59,9 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 
 
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
-    """Model remarks of `run` for each scenario, merged if equal, and warnings about too few
-    boulders to identify safe cells, and about zones in a lower class than the map. Messages with
-    ids already `shown` are omitted."""
+    """Warnings of a hazard, except those with ids in `shown`: model remarks of each scenario,
+    merged if equal; too few boulders to identify safe cells; zones in a lower class than the
+    map."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:
@@ -70,14 +70,14 @@ def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator
 
 
 class WarningGroup(NamedTuple):
-    """Warnings that concern the same scenarios."""
+    """Warnings about the same scenarios."""
 
-    scenarios: str  # scenario names; "" for all scenarios, or the hazard itself
+    scenarios: str  # scenario names; "" for all scenarios or the whole hazard
     texts: list[str]
 
 
 def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
-    """Warnings of `hazard_warnings` by scenarios: first those for all, then in scenario order."""
+    """Groups of `hazard_warnings`: first those on all scenarios, then by scenario."""
     groups: dict[str, list[str]] = {"": []}
     for names, text in _of_model(hazard):
         groups.setdefault(names, []).append(text)
@@ -86,7 +86,7 @@ def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
 
 
 def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
-    """Warnings that concern all scenarios."""
+    """Warnings that apply to all scenarios."""
     yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
     clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, hazard["frequency"].values, strict=True)
@@ -106,7 +106,7 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """Model remarks with their scenario names; "" for remarks on all scenarios."""
+    """Model remarks with the names of their scenarios; "" for remarks on all scenarios."""
     if "scenario_warnings" not in hazard:
         yield "", say("hazard.no_remarks")
         return
@@ -122,7 +122,7 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    """Model remarks of a scenario; older files have only English remarks."""
+    """Model remarks of a scenario; older files have them in English only."""
     texts = str(hazard["scenario_warnings"].values[k]).splitlines()
     if "scenario_messages" not in hazard:
         return texts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text of the line tables of a result."""
+"""Line tables of a result as text."""
 
 import itertools
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ crosses the line."""
 
 
 def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> str:
-    """Statistics and levels of the first lines of a result, line by line."""
+    """Text lines with statistics and return levels of the first lines of a result."""
     shown = [*scenario_note(case_of(result)), ABOUT, *_by_line(statistics, levels, result)]
     if is_ensemble(result):
         shown += ["", ensemble_summary(result)]
@@ -50,20 +50,21 @@ def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Datase
 
 
 def hazard_text(hazard: xr.Dataset) -> str:
-    """Frequencies, energies, and heights by return period at places of a hazard."""
+    """Text lines with frequencies, energies and heights by return period at places of a hazard."""
     tables = (answer_table(hazard, YEARS), *period_tables(hazard))
     blocks = [f"\n{table.caption}\n{as_text(table)}" for table in tables]
     return "\n".join([say("hazard.population"), *blocks])
 
 
 def groups_text(statistics: pd.DataFrame, by: str, result: xr.Dataset) -> str:
-    """Boulders that pass the lines of a result, by source, class of volume or block shape."""
+    """Text lines on boulders that pass the lines of a result, grouped by source, volume class or
+    block shape."""
     blocks = [f"\n{group.caption}\n{as_text(group)}" for group in group_tables(statistics, by)]
     return "\n".join([*scenario_note(case_of(result)), BY_GROUP, *blocks])
 
 
 def profile_text(profile: pd.DataFrame, line: str, result: xr.Dataset) -> str:
-    """Boulders that pass each window of a line of a result."""
+    """Text lines on boulders that pass each window of a line."""
     notes = [*scenario_note(case_of(result)), ALONG, *filter(None, [kept_note(result)])]
     return "\n".join([*notes, "", line, as_text(profile_table(profile))])
 
@@ -85,7 +86,7 @@ def _by_line(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset)
 
 
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:
-    """Upper end points of tails."""
+    """Sentence on tails with an upper end point."""
     for _, row in tails[np.isfinite(tails["end"])].iterrows():
         display = QUANTITIES[row["quantity"]]
         end, high = (number(display.factor * row[limit], 4) for limit in ("end", "end_high"))
@@ -93,7 +94,7 @@ def _bounded(tails: pd.DataFrame) -> Iterator[str]:
 
 
 def _refused(tails: pd.DataFrame) -> Iterator[str]:
-    """Reasons for refusal, each with its quantities."""
+    """Reasons for missing return levels, each with its quantities."""
     for reason, rows in tails[tails["refused"] != ""].groupby("refused", sort=False):
         names = ", ".join(QUANTITIES[quantity].name for quantity in rows["quantity"])
         yield f"  refused: {reason} ({'all' if len(rows) == len(tails) else names})"

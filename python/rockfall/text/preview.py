@@ -30,14 +30,14 @@ from rockfall.tables.run import dam_tables, stand_tables
 from rockfall.text.breakage import breakage_lines
 from rockfall.text.summary import MOST_STANDS, NO_CRS
 
-MAX_LINES = 20  # maximum number of names that `check` lists
-LARGE_RESULT = 2e9  # size [bytes] of boulder rows above which it is printed
+MAX_LINES = 20  # maximum number of names listed by `check`
+LARGE_RESULT = 2e9  # [bytes] boulder rows larger than this are reported
 MAX_ZONES = 12  # maximum number of zones listed individually
-DRAWS = 101  # number of samples of rock sizes by boulder, for their quantiles
+DRAWS = 101  # rock-size samples per boulder, for quantiles
 
 
 def preview(scene: Scene) -> str:
-    """Overview of a scene; some boulders are simulated for time and statistics."""
+    """Overview of a scene; a pilot run of some boulders gives time and statistics."""
     case = scene.case
     pilot = pilot_run(scene)
     values = pilot.values()
@@ -103,7 +103,7 @@ def _elevations(ground: Ground) -> str:
 
 
 def _slopes(ground: Ground) -> str:
-    """Quantiles of the slopes of the terrain and at the sources [degree]."""
+    """Quantiles of the slope angle [degree], over the terrain and at the sources."""
 
     def text(quantiles: np.ndarray) -> str:
         if np.isnan(quantiles).any():
@@ -115,7 +115,8 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """Maximum speed [m/s] by energy conservation, from the highest release to the lowest cell."""
+    """Upper bound of the speed [m/s]: energy conservation from the highest release to the lowest
+    cell."""
     low, head = scene.ground.low.value, scene.survey().head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"
@@ -130,7 +131,7 @@ def _surface(scene: Scene) -> str:
 
 
 def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Rebounds by ground in the pilot run."""
+    """Text on rebounds by ground in the pilot run."""
     met = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     parts = (
         f"{percent(ground.fraction)} {ground.name} ({ground.model.replace('_', ' ')})"
@@ -141,7 +142,7 @@ def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _band(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Command that runs the next softer and the next firmer ground everywhere."""
+    """Command that runs the case with softer and with firmer ground everywhere."""
     names = {ground.name for ground in scene.grounds}
     others = band(names.pop()) if len(names) == 1 else ()
     if others:
@@ -166,7 +167,7 @@ def _boulders(scene: Scene) -> str:
 
 
 def weighing(scene: Scene) -> str:
-    """Weighting of the sources by number of boulders."""
+    """Text on how the sources are weighted by numbers of boulders."""
     return "true surface area" if scene.frequency is None else "frequency"
 
 
@@ -178,7 +179,7 @@ def _released(scene: Scene) -> tuple[int, int]:
 
 
 def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Release attributes of a layer."""
+    """Text on the release attributes of a layer."""
     features = scene.features
     if features is not None and features.law is not None and features.value is not None:
         given = ~np.isnan(features.value).all(axis=0)
@@ -193,7 +194,7 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
-    """Sizes of the pilot's boulders."""
+    """Text on the sizes of the pilot boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes
     return (
@@ -203,13 +204,13 @@ def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
 
 
 def _shapes(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Block shapes of the pilot's boulders, in a case with several shapes."""
+    """Text on the block shapes of the pilot boulders, in a case with several shapes."""
     if shapes := boulders_by_shape(values):
         yield "shapes", ", ".join(f"{percent(own.mean())} {name}" for name, own in shapes.items())
 
 
 def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Names of impact sets, their fitted ranges and rebounds outside these, or a note."""
+    """Text on impact sets: names, fitted ranges, and rebounds outside these ranges, or a note."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
         yield "impact sets", f"{name}, which no rebound of a pilot run followed"
@@ -244,9 +245,11 @@ def _forest(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _rocks(scene: Scene, volumes: np.ndarray) -> list[str]:
-    """R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, usual and largest rocks.
-    Values are for the mean volume, and in brackets for the 5 and 95 % quantiles if these use other
-    sets. Boulders are relatively larger on smaller rocks."""
+    """Text on rocks: R_m, R_b/R_m and the neutral slope of each zone, or of the smallest, median
+    and largest rocks.
+
+    Values are for the mean volume; the 5 and 95 % quantiles follow in brackets if these volumes
+    use other sets. Boulders are relatively larger on smaller rocks."""
     grounds, neutral = list(rocks_of(scene)), NeutralSlopes(scene)
     if sigma := scene.case.boulder["mean_radius_sigma"]:
         deviates = [NormalDist(sigma=sigma).inv_cdf((k + 0.5) / DRAWS) for k in range(DRAWS)]
@@ -290,7 +293,7 @@ def _range(low: float, high: float) -> str:
 def _memory(scene: Scene, pilot: Pilot) -> str:
     need = memory(scene, pilot)
     made, file = need.pop("made"), need.pop("file")
-    # rasters are freed before maps are made
+    # free rasters before maps are allocated
     total = sum(need.values()) + max(0, made - need["rasters"])
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = ", more than this machine has" if total > machine_memory() else ""

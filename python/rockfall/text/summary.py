@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 MOST_STANDS = 12
 MOST_LINES = 20  # maximum number of lines on a terminal
-#: Note on a terrain without a coordinate reference system.
+#: Note on a terrain without a CRS.
 NO_CRS = (
     "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
     "rockfall dem DEM --crs EPSG:2056 -o NEW"
@@ -42,7 +42,7 @@ AT_LINES = "speed", "passing_height"
 
 
 def summary(result: Held) -> str:
-    """Number of boulders, outcomes, passages at the lines, and warnings."""
+    """Number of boulders, outcomes, passages at lines, and warnings."""
     boulders, rows = simulated(result), result.sizes["boulder"]
     lines = [f"{result.attrs['title'] or 'rockfall'}: {boulders:,} boulders"]
     if rows < boulders:
@@ -68,7 +68,7 @@ def summary(result: Held) -> str:
 
 
 def _passages(result: Held) -> Table:
-    """Boulders at the first lines, with their mean speed and passing height."""
+    """Text lines on the boulders at the first lines, with mean speed and passing height."""
     samples, rows = LineSamples(result), []
     for k, name in enumerate(line_names(result)[:MOST_LINES]):
         numbers = {key: line_row(samples.sample(k, key), key) for key in AT_LINES}
@@ -82,13 +82,13 @@ def _passages(result: Held) -> Table:
 
 
 def more_lines(lines: int) -> list[str]:
-    """Note on the number of lines not shown, and where they are listed; empty if none."""
+    """Note on the number of omitted lines, and where to find them; empty if none are omitted."""
     more = lines - MOST_LINES
     return [f"  and {more:,} more: `rockfall lines OUT.nc -o FILE.csv` writes all"] * (more > 0)
 
 
 def _rebounds(result: Held) -> Iterator[str]:
-    """Statistics of the draws in the impact model, and extrapolation."""
+    """Text lines on draws of the impact model, and on extrapolation."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"].values) for suffix in ("", "_redrawn", "_forced")
     )
@@ -101,6 +101,6 @@ def _rebounds(result: Held) -> Iterator[str]:
 
 
 def remark_lines(result: Held) -> Iterator[str]:
-    """Remarks on the model of a run, with their grades."""
+    """Model remarks of a run, with their grades."""
     for remark in model_remarks(result, case_of(result)):
         yield f"  {remark.grade}: {remark.text}"
