@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a case and its files to the arrays of the kernel."""
+"""Conversion of a case and its files to kernel arrays."""

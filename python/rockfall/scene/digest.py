@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""SHA-256 of the decoded inputs of the kernel, whatever their file formats.
+"""SHA-256 of the decoded kernel inputs, independent of file formats.
 
 The checksum of a named file does not cover its companion files (tables of a shapefile, tiles of a
-mosaic, masks). Rows are hashed in order, so terrain in windows has the same checksums as the
+mosaic, masks). Rows are hashed in order, so terrain read in windows has the same checksums as the
 complete raster.
 """
 
@@ -21,11 +21,11 @@ class Digest:
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
-        self.layers: list = []  # elevations and surface rasters
+        self.layers: list = []  # elevations and ground rasters
         self.sizes = hashlib.sha256()
 
     def take(self, window: Rasters, first: int, stop: int) -> None:
-        """Add rows `first` to `stop` - 1 of the raster, which the window must contain."""
+        """Add rows `first` to `stop` - 1 of the raster; the window must contain them."""
         layers = [window.z] if window.zone is None else [window.z, window.zone]
         layers += [] if window.values is None else list(window.values)
         layers += [] if window.cell_ground is None else [window.cell_ground]
@@ -65,6 +65,6 @@ class Digest:
 
 
 def _place(grid: Grid) -> str:
-    """Exact text form of the position and cell size of a grid."""
+    """Exact text of a grid's position and cell size."""
     crs = "" if grid.crs is None else grid.crs.to_epsg() or grid.crs.to_wkt()
     return f"{grid.west!r} {grid.north!r} {grid.cell!r} {grid.nx} {grid.ny} {crs}"

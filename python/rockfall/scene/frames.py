@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Layers given as GeoDataFrames or similar objects (a shapely `geometry`, a `crs`, columns). They
-are written to temporary files while a scene is read, and then treated like files."""
+are written to temporary files while a scene is read, and then handled as files."""
 
 import shutil
 import weakref
@@ -18,7 +18,7 @@ from rockfall.io.zone_table import MATERIAL
 from rockfall.language import Text, say
 from rockfall.scene.scene import Scene
 
-GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # group of features of each
+GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # case group of each
 KEYS = {
     "zones": ("surface", "zones"), "trees": ("forest", "trees"), "stands": ("forest", "polygons"),
     "clearings": ("forest", "clearings"),
@@ -29,13 +29,13 @@ SOURCES = {"Polygon": ("release", "polygons"), "Point": ("release", "points")}
 
 
 def is_frame(given: Any) -> bool:
-    """Return True for a GeoDataFrame or an object like one."""
+    """Return True for a GeoDataFrame or a similar object."""
     return hasattr(given, "geometry") and hasattr(given, "columns")
 
 
 class FrameFiles:
-    """Files of frames in a temporary folder, kept until they are removed or their owner is freed; a
-    repeated frame keeps its file."""
+    """Temporary files of frames, kept until they are removed or their owner is deleted. A frame
+    that is written again keeps its file."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None
@@ -43,7 +43,7 @@ class FrameFiles:
         self._written = 0
 
     def write(self, frames: Mapping[str, Any]) -> dict[str, Path]:
-        """Files of these frames, by name."""
+        """Write these frames; return the files by name."""
         for name, frame in frames.items():
             if name not in self._known or self._known[name][0] is not frame:
                 self._known[name] = frame, _write(frame, name, self._next_folder())
@@ -57,7 +57,7 @@ class FrameFiles:
         self._known.clear()
 
     def _next_folder(self) -> Path:
-        """An empty folder for a file that has the name of its frame."""
+        """A new empty folder, in which a file can have the name of its frame."""
         if self._folder is None:
             self._folder = Path(mkdtemp())
             self._remove = weakref.finalize(self, shutil.rmtree, self._folder, True)
@@ -71,8 +71,8 @@ class FrameFiles:
 def frame_files(
     frames: Mapping[str, Any], store: FrameFiles | None = None
 ) -> Iterator[dict[str, Path]]:
-    """Write frames to files by name, for the duration of the block or the lifetime of their store;
-    callers name the frames in errors."""
+    """Write frames to files by name, for the block or the lifetime of their store. In errors, the
+    names of frames replace file names."""
     own = store or FrameFiles()
     try:
         files = own.write(frames)
@@ -86,7 +86,7 @@ def frame_files(
 
 
 def of_frames(text: str, files: Mapping[str, Path]) -> str:
-    """Replace temporary file names in a text by the names of their frames."""
+    """Replace the names of temporary files in a text by the names of their frames."""
     for name, file in files.items():
         text = text.replace(str(file), f"{name} = (GeoDataFrame)")
     return text
@@ -104,8 +104,8 @@ def with_frames(
     read: Callable[[Case], Scene],
     store: FrameFiles | None = None,
 ) -> Scene:
-    """Read the scene of a case with the layers of frames, by name. Layers in GROUPS are added to
-    the case; the others (zones, trees, stands, clearings, sources) replace the case's own."""
+    """Read the scene of a case with layers from frames, by name. Layers in GROUPS are added to the
+    case; the others (zones, trees, stands, clearings, sources) replace those of the case."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     if "zones" in frames and _says_ground(frames["zones"], case.surface["zone_field"]):
         case = case.replace(surface={"table": None})
@@ -122,7 +122,7 @@ def with_frames(
 
 
 def _write(frame: Any, name: str, folder: Path) -> Path:
-    """Write a frame as a FlatGeobuf in the order of its rows, with reproducible bytes."""
+    """Write a frame as a FlatGeobuf, in row order and with reproducible bytes."""
     need("GeoDataFrames need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -146,7 +146,7 @@ def _write(frame: Any, name: str, folder: Path) -> Path:
 
 
 def _column(column: Any) -> np.ndarray:
-    """Convert a column for a file: numbers (NaN if missing) or texts (None if missing)."""
+    """Column as numbers (NaN if missing) or texts (None if missing), for a file."""
     if column.dtype.kind in "iu" and not column.isna().any():
         return column.to_numpy(np.int64)
     if column.dtype.kind in "iuf":
@@ -155,7 +155,7 @@ def _column(column: Any) -> np.ndarray:
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:
-    """Group and key of a case for a layer."""
+    """Case group and key of a layer."""
     if name in KEYS:
         return KEYS[name]
     if name != "sources":
@@ -172,13 +172,13 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
 
 
 def _says_ground(frame: Any, field: str) -> bool:
-    """Return True if zones have ground attributes and no table id."""
+    """Return True if zones have ground attributes but no table id."""
     columns = {str(column).lower() for column in frame.columns}
     return field.lower() not in columns and not columns.isdisjoint(MATERIAL)
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
-    """Case with files instead of frames, without the keys that select their layers."""
+    """Case with these files, and without the keys that select a layer in the replaced files."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ground statistics of a scene: elevations, slopes, rock sizes."""
+"""Statistics of the terrain and ground of a scene: elevations, slopes, rock sizes."""
 
 from __future__ import annotations
 
@@ -11,47 +11,47 @@ from rockfall.io.rasters.grid import Box, row_blocks
 from rockfall.scene.kernel_scene import area_ratios
 from rockfall.scene.parts import ExtremeCount, Rasters
 
-SAMPLES = 100_000  # approximate number of cells, evenly spaced, whose slope is sampled
+SAMPLES = 100_000  # approximate number of evenly spaced cells at which slopes are sampled
 QUANTILES = (0.1, 0.5, 0.9)
 MIDDLE = (
     20.0,
     45.0,
-)  # [degree] slopes on which boulders continue or stop; neither plains nor cliffs
-MIN_MIDDLE = 0.05  # fraction of the cells: edges of cliffs and terraces are fewer
-NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal number
+)  # [degree] slopes between plains, where boulders stop, and cliffs
+MIN_MIDDLE = 0.05  # fraction of the cells; edges of cliffs and terraces have fewer
+NORMAL_MEDIAN = 0.6745  # median absolute value of the standard normal distribution
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
-SPIKE = (10.0, 5.0)  # [m], [cells]: no rock rises or drops this far from all eight neighbours
+SPIKE = (10.0, 5.0)  # [m], [cells]: no rock is this much higher or lower than all eight neighbours
 
 
 @dataclass
 class Ground:
-    """Statistics gathered from all rows of the terrain, one band at a time."""
+    """Statistics accumulated over all terrain rows, band by band."""
 
     low: ExtremeCount = field(default_factory=ExtremeCount)  # elevations [m]
-    high: ExtremeCount = field(default_factory=ExtremeCount)  # negative elevations [m]
-    n_known: int = 0  # cells with an elevation
-    deep: int = 0  # cells below LOWEST_LAND
-    spikes: int = 0  # cells above or below all their neighbours
-    spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y and height of the largest spike [m]
-    integers: bool = True  # all elevations are integers
-    steps: int = 0  # if so: bends along rows and columns that reverse in the next cell
-    spans: int = 0  # number of places examined for steps
-    slopes: list[np.ndarray] = field(default_factory=list)  # tangents, of SAMPLES cells
-    bends: list[np.ndarray] = field(default_factory=list)  # changes of tangents there (2, n)
-    materials: list[np.ndarray] = field(default_factory=list)  # rows of `sizes` there, -1: unknown
-    numbers: list[np.ndarray] = field(default_factory=list)  # their grounds, from 1
-    rocks: list[np.ndarray] = field(default_factory=list)  # of these: sizes (n, 1 or 3) [m]
-    source_z: list[np.ndarray] = field(default_factory=list)  # of the sources: elevations [m]
-    source_slopes: list[np.ndarray] = field(default_factory=list)  # tangents at the sources
-    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # sizes of materials [m]
-    used: set[int] = field(default_factory=set)  # rows of `sizes` that occur in some cell
-    falling: int = 0  # cells whose Rg70, Rg20, Rg10 decrease, if sizes are rasters
-    rising: int = 0  # cells whose sizes increase instead
-    smallest: float = np.inf  # extremes if sizes are rasters [m]
+    high: ExtremeCount = field(default_factory=ExtremeCount)  # negated elevations [m]
+    n_known: int = 0  # number of cells with an elevation
+    deep: int = 0  # number of cells below LOWEST_LAND
+    spikes: int = 0  # number of cells above or below all neighbours
+    spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # largest spike: x, y and height [m]
+    integers: bool = True  # True if all elevations are integers
+    steps: int = 0  # then: bends along rows and columns that the next cell reverses
+    spans: int = 0  # number of places checked for steps
+    slopes: list[np.ndarray] = field(default_factory=list)  # slope tangents at SAMPLES cells
+    bends: list[np.ndarray] = field(default_factory=list)  # changes of the tangents there (2, n)
+    materials: list[np.ndarray] = field(default_factory=list)  # rows of `sizes` there; -1: unknown
+    numbers: list[np.ndarray] = field(default_factory=list)  # ground numbers there, from 1
+    rocks: list[np.ndarray] = field(default_factory=list)  # rock sizes there (n, 1 or 3) [m]
+    source_z: list[np.ndarray] = field(default_factory=list)  # elevations of the sources [m]
+    source_slopes: list[np.ndarray] = field(default_factory=list)  # slope tangents at the sources
+    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # rock sizes of materials [m]
+    used: set[int] = field(default_factory=set)  # rows of `sizes` used in some cell
+    falling: int = 0  # number of cells whose Rg70, Rg20, Rg10 decrease, if sizes are rasters
+    rising: int = 0  # number of cells whose sizes increase
+    smallest: float = np.inf  # extreme sizes, if sizes are rasters [m]
     largest: float = 0.0
 
     def take(self, band: Rasters, box: Box) -> None:
-        """Add the rows of a box from rasters that contain them and their neighbours."""
+        """Add the rows of a box, from rasters that include the neighbouring rows."""
         inner = slice(box.row - band.at[0], box.stop_row - band.at[0])
         z = band.z[inner]
         for rows in row_blocks(z.shape):
@@ -61,7 +61,7 @@ class Ground:
         self._take_sizes(band, inner)
 
     def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
-        """Statistics with the sources in a box (of all at x, y) added."""
+        """Statistics extended by the sources in a box, selected from all sources at x, y."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         in_box = (row >= box.row) & (row < box.stop_row)
         if not in_box.any():
@@ -76,7 +76,7 @@ class Ground:
         )
 
     def _take_samples(self, band: Rasters, row: np.ndarray, column: np.ndarray) -> None:
-        """Sample the slopes of cells and their ground."""
+        """Sample slopes and ground at these cells."""
         self.slopes.append(_slopes(band, band.grid.x[column], band.grid.y[row]))
         at = row - band.at[0], column - band.at[1]
         self.bends.append(_bends(band, *at))
@@ -103,7 +103,7 @@ class Ground:
             self.spans += int(np.count_nonzero(~np.isnan(back)))
 
     def _take_spikes(self, band: Rasters, rows: slice) -> None:
-        """Count cells that lie above or below all their known neighbours."""
+        """Count cells above or below all their known neighbours."""
         z, grid = band.z, band.grid
         limit = max(SPIKE[0], SPIKE[1] * grid.cell)
         for block in row_blocks((rows.stop - rows.start, z.shape[1])):
@@ -138,12 +138,12 @@ class Ground:
             self.used |= set((np.unique(band.zone[rows]) - 1).tolist()) - {-1}
 
     def quantiles(self) -> np.ndarray:
-        """Quantiles of the terrain slopes [degree]; NaN where no cell has all its neighbours."""
+        """Quantiles of the terrain slope [degree]; NaN if no cell has all its neighbours."""
         return _degrees(self.slopes, QUANTILES)
 
     def roughness(self) -> float:
-        """Robust standard deviation of the angles by which the ground turns between adjacent cells
-        on slopes in MIDDLE [degree]; NaN if these are few."""
+        """Robust standard deviation of the change of slope angle between adjacent cells, on slopes
+        in MIDDLE [degree]; NaN if there are too few."""
         slopes = np.degrees(np.arctan(np.concatenate([np.empty(0), *self.slopes])))
         is_middle = (slopes > MIDDLE[0]) & (slopes < MIDDLE[1])
         if not is_middle.size or is_middle.mean() < MIN_MIDDLE:
@@ -152,20 +152,20 @@ class Ground:
         return float(np.degrees(np.arctan(np.median(turns) / NORMAL_MEDIAN)))
 
     def source_quantiles(self) -> np.ndarray:
-        """Quantiles of the slopes at the sources [degree]."""
+        """Quantiles of the slope at the sources [degree]."""
         return _degrees(self.source_slopes, QUANTILES)
 
 
 def ground_of(rasters: Rasters) -> Ground:
-    """Statistics of a complete terrain, without sources."""
+    """Statistics of a whole terrain in memory, without sources."""
     ground = Ground()
     ground.take(rasters, rasters.grid.box)
     return ground
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
-    """Number of places where sizes (Rg70, Rg20, Rg10 in order) decrease, and where they increase;
-    places with equal sizes are not counted."""
+    """Numbers of places where sizes (Rg70, Rg20, Rg10 in order) decrease and where they increase;
+    equal sizes count as neither."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
@@ -179,14 +179,14 @@ def _degrees(tangents: list[np.ndarray], shares: tuple[float, ...]) -> np.ndarra
 
 
 def _slopes(band: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Tangents of the slopes of the cells at given places."""
+    """Slope tangents of the cells at given points."""
     if not x.size:
         return np.empty(0)
     return np.sqrt(np.maximum(area_ratios(band, x, y) ** 2 - 1, 0.0))
 
 
 def _bends(band: Rasters, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Changes (2, n) of the ground slope (tangent) at cells of a band, along rows and columns."""
+    """Changes (2, n) of the slope tangent at cells of a band, along rows and columns."""
     z = band.z
     twice = 2 * z[row, column].astype(float)
     along = z[row, column - 1] - twice + z[row, column + 1]
@@ -204,8 +204,8 @@ def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndar
 
 
 def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of evenly spaced cells of the complete terrain that are in a box and known
-    together with their eight neighbours."""
+    """Rows and columns of the sample cells in a box, evenly spaced over the whole terrain, that
+    are known together with their eight neighbours."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reading of the layers of a case: rasters in files, or arrays given for them."""
+"""Reading of the layers of a case, from raster files or given arrays."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -25,24 +25,24 @@ T = TypeVar("T")
 
 @dataclass
 class Inputs:
-    """Case and grid of a scene being read, with given arrays, checksums and remarks."""
+    """Case and grid of a scene that is being read, with given arrays, checksums and remarks."""
 
     case: Case
     grid: Grid
-    arrays: dict[str, Any] = field(default_factory=dict)  # given for rasters; removed when read
-    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
-    remarks: list[str] = field(default_factory=list)  # one line each
+    arrays: dict[str, Any] = field(default_factory=dict)  # instead of rasters; removed once read
+    checksums: dict[str, str] = field(default_factory=dict)  # by input file
+    remarks: list[str] = field(default_factory=list)  # a line for each
 
     def blocks(
         self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Blocks of rows, in any order, of a raster on the DEM's cells, from its given array or
-        from the file named in the case. `smooth`: see `aligned_blocks`."""
+        """Yield blocks of rows, in any order, of a raster on the DEM cells, from the given array
+        or the file in the case. For `smooth` see `aligned_blocks`."""
         given = self.arrays.pop(key, None)
         if given is None:
             group = next(row.group for row in file_keys() if row.name == key)
             path = self.case.path(getattr(self.case, group)[key])
-            remarks = None if key in self.checksums else self.remarks  # once
+            remarks = None if key in self.checksums else self.remarks  # only once
             if key not in self.checksums:
                 self.checksums[key] = file_checksum(path)
             yield from aligned_blocks(path, self.grid, what, dtype, box, smooth, remarks)
@@ -71,8 +71,8 @@ def take_inputs(
     uses: tuple[Any, ...],
     make: Callable[[Inputs], T],
 ) -> T:
-    """Run a stage that reads inputs and return its result. Its checksums and remarks are added to
-    the inputs, and used arrays are removed. The stage depends on the grid, all arrays, and the
+    """Run a reading stage and return its result. Its checksums and remarks are added to the
+    inputs, and arrays that it used are removed. The stage depends on the grid, all arrays, and the
     objects in `uses`."""
 
     def read(case: Case) -> tuple[T, Inputs]:
@@ -88,7 +88,7 @@ def take_inputs(
 
 
 def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
-    """An array (ny, nx) on the cells of the DEM, missing values masked."""
+    """Array (ny, nx) on the DEM cells, with missing values masked."""
     if hasattr(given, "coords"):
         given = as_plan(given)
         own, flipped = grid_of(given)
@@ -110,7 +110,7 @@ def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
 
 
 def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.MaskedArray:
-    """The array, if all its values are whole numbers that fit `dtype`."""
+    """The array as `dtype`; an error if values are not whole numbers in its range."""
     limits = np.iinfo(dtype)
     wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
     if np.ma.filled(wrong, False).any():
@@ -120,7 +120,7 @@ def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.Mask
 
 
 def array_checksum(array: np.ndarray) -> str:
-    """SHA-256 of the bytes of an array, and of its mask if it has one."""
+    """SHA-256 of an array's bytes, including its mask if any."""
     digest = hashlib.sha256(np.ascontiguousarray(np.ma.getdata(array)).data)
     if np.ma.is_masked(array):
         digest.update(np.ascontiguousarray(np.ma.getmaskarray(array)).data)

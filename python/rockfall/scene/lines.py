@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams from layers, added to the case as if typed there."""
+"""Lines, barriers and dams from layers, added to the case as if they were typed there."""
 
 import copy
 from collections import Counter
@@ -18,21 +18,21 @@ from rockfall.result.variables import fields
 from rockfall.scene.layers import Inputs, take_inputs
 from rockfall.scene.stages import FRESH, Stages
 
-OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that are not attributes
-RECORDED = {"line", "barrier"}  # groups whose names occur in results
-LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as written by vector formats
-STRENGTH = {*fields("strength")}  # a barrier has exactly one of these
+OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that do not come from attributes
+RECORDED = {"line", "barrier"}  # groups whose names appear in results
+LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as vector formats write it
+STRENGTH = {*fields("strength")}  # a barrier needs exactly one
 
 
 class _Drawn(NamedTuple):
-    """A group equivalent to one typed in the case."""
+    """A feature as a case group."""
 
-    where: str  # for messages
+    where: str  # used in messages
     values: dict[str, Any]
 
 
 def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
-    """Case with the coordinates from its layers."""
+    """Case with coordinates read from its layers."""
     groups, case = _groups(), inputs.case
     if not any("file" in entry for group in groups for entry in getattr(case, group)):
         return case
@@ -49,18 +49,18 @@ def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
 
 
 def with_lines_of(case: Case, read: Case) -> Case:
-    """Case with the line coordinates of another case that was read."""
+    """Case with the line coordinates of another, already read case."""
     return case.replace(**{group: getattr(read, group) for group in _groups()})
 
 
 def _groups() -> list[str]:
-    """Groups that may have several entries from a layer."""
+    """Groups for which a layer may give several entries."""
     drawn = {key.group for key in file_keys() if key.name == "file"}
     return [group for group in REPEATABLE if group in drawn]
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
-    """Raise an error that names the offending feature of a layer, if there is only one."""
+    """If a single layer feature is invalid, raise an error that identifies it."""
     for group, several in drawn.items():
         for feature in several:
             alone = copy.copy(case)
@@ -69,7 +69,7 @@ def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
 
 
 def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
-    """Groups of one kind, with each feature of a layer as a group."""
+    """Groups of one kind, with a group for each layer feature."""
     for entry in getattr(inputs.case, group):
         if "file" in entry:
             yield from _features(inputs, group, entry)
@@ -78,7 +78,7 @@ def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
 
 
 def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
-    """A group for each line of a layer; missing values come from the feature's attributes."""
+    """A group for each line in a layer; feature attributes give the missing keys."""
     path = inputs.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
     layer = given.get("layer")
@@ -108,7 +108,7 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
 def _names(
     path: Path, given: Mapping[str, Any], columns: dict[str, np.ndarray], parts: list[int]
 ) -> Iterator[str]:
-    """A name for each part of each feature; duplicates are numbered."""
+    """A name for each part of each feature; duplicates get numbers."""
     usual = given.get("name") or given.get("layer") or path.stem
     texts: list[str | None] = [None] * len(parts)
     column = attribute(columns, "name")
@@ -121,7 +121,7 @@ def _names(
 
 
 def numbered(names: Sequence[str]) -> Iterator[str]:
-    """Names; repeated names are numbered."""
+    """Names, with numbers added to repeated names."""
     often, count = Counter(names), Counter[str]()
     for name in names:
         count[name] += 1
@@ -129,7 +129,8 @@ def numbered(names: Sequence[str]) -> Iterator[str]:
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """Attribute in the type of the case key; None if empty; reals may be integers."""
+    """Attribute converted to the type of the case key; None if empty. Reals with integer values
+    are accepted as integers."""
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters and sources of a scene, as read from files."""
+"""Rasters and sources of a scene as read from files."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
@@ -12,7 +12,7 @@ from rockfall.io.rasters.grid import Grid, row_blocks
 
 @dataclass
 class ExtremeCount:
-    """Minimum of a stream of numbers, the number of its occurrences, and the next larger value."""
+    """Minimum of a stream of numbers, its number of occurrences, and the next larger number."""
 
     value: float = np.inf
     count: int = 0
@@ -37,21 +37,21 @@ class ExtremeCount:
 
 @dataclass
 class Rasters:
-    """Terrain and ground of a scene, or of a window of it: (ny, nx), row 0 the northernmost."""
+    """Terrain and ground of a scene or a window of it: arrays (ny, nx), northernmost row first."""
 
-    grid: Grid  # of the complete terrain
-    z: np.ndarray  # elevations [m], NaN = none; empty if they are read in windows
-    at: tuple[int, int] = (0, 0)  # row and column of the grid at which the rasters begin
+    grid: Grid  # grid of the whole terrain
+    z: np.ndarray  # elevations [m], NaN if unknown; empty if the terrain is read in windows
+    at: tuple[int, int] = (0, 0)  # row and column of the first cell in the grid
     #: (materials, 1 or 3): R_m, or Rg70, Rg20, Rg10 [m]
     sizes: np.ndarray = field(default_factory=lambda: np.zeros((1, 1)))
     zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
-    grounds: tuple[GroundRule, ...] = ()  # given only if a ground differs from the impact sets
-    material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`, or
-    cell_ground: np.ndarray | None = None  # int8 (ny, nx): of each cell; neither: the first
+    grounds: tuple[GroundRule, ...] = ()  # empty if all grounds use the impact sets
+    material_ground: np.ndarray | None = None  # int8: 1-based ground by row of `sizes`, or
+    cell_ground: np.ndarray | None = None  # int8 (ny, nx): ground by cell; both None: the first
 
     def used_zones(self) -> np.ndarray:
-        """Rows of `sizes`, from 0, used in some cell."""
+        """0-based rows of `sizes` that some cell uses."""
         is_used = np.zeros(len(self.sizes) + 1, bool)
         assert self.zone is not None
         for rows in row_blocks(self.zone.shape):
@@ -59,45 +59,45 @@ class Rasters:
         return np.flatnonzero(is_used[1:])
 
     def free(self) -> None:
-        """Free the memory of the cells."""
+        """Free the memory of the cell arrays."""
         self.z, self.zone, self.values = np.empty((0, 0), self.z.dtype), None, None
         self.cell_ground = None
 
 
 class SourceBoulders(NamedTuple):
-    """Boulder properties given by the sources."""
+    """Boulder properties defined by the sources."""
 
     volume: np.ndarray  # [m3]
     inertia: np.ndarray  # I/(m R**2) [-]
-    density: np.ndarray | None = None  # [kg/m3]; None: that of the case
-    shape: np.ndarray | None = None  # int8: block shape by their sides, from 1; None: the case's
+    density: np.ndarray | None = None  # [kg/m3]; None: the case's
+    shape: np.ndarray | None = None  # int8: block shape from the axes, from 1; None: the case's
 
 
 class Features(NamedTuple):
-    """Polygons or points of a source layer, and their release attributes."""
+    """Polygons or points of a source layer, with their release attributes."""
 
     names: list[str]
-    number: np.ndarray  # int32: feature of each source, from 1
-    law: np.ndarray | None = None  # int32: distribution, from 1; 0: case's; None: not given
+    number: np.ndarray  # int32: feature number of each source, from 1
+    law: np.ndarray | None = None  # int32: distribution, from 1; 0: the case's; None: not given
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
-    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: case's; None: not given
+    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: the case's; None: not given
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Release places, with their weights and boulders."""
+    """Release points, with weights and boulder properties."""
 
     x: np.ndarray  # of each source [m]
     y: np.ndarray
-    area: np.ndarray | None = None  # surface over plan area of each, for release by area
+    area: np.ndarray | None = None  # surface over plan area, for release by area
     frequency: np.ndarray | None = None  # weight of each source in boulders_total
-    features: Features | None = None  # of the source layer
+    features: Features | None = None  # features of the source layer
     source_boulders: SourceBoulders | None = None  # if sources define their boulders
-    #: Negative values of the source cells.
+    #: Negative values found in source cells.
     source_values: ExtremeCount = field(default_factory=ExtremeCount)
 
     def select(self, chosen: np.ndarray) -> Self:
-        """Sources with these numbers, from 0, or with this mask."""
+        """Sources with these 0-based indices or this mask."""
         own: list[Any]
         x, y, area, frequency, *own = (
             None if column is None else column[chosen]

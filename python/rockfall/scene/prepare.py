@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of any case for `rockfall-batch` alone: its text, and a scene file (docs/files.md)."""
+"""Preparation of a case for stand-alone `rockfall-batch`: case text and scene file
+(docs/files.md)."""
 
 from pathlib import Path
 from typing import Any
@@ -26,15 +27,15 @@ from rockfall.scene.rules.plausible import input_warnings
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-LAYOUT = int(_core.constant("scene_layout"))  # layout version of the file
-MARK = "! Prepared by rockfall"  # first words of a prepared case.nml
+LAYOUT = int(_core.constant("scene_layout"))  # layout version of the scene file
+MARK = "! Prepared by rockfall"  # start of a prepared case.nml
 
 
 def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
-    """Write `scene.nc` and `case.nml` to `folder`; returns these paths.
+    """Write `scene.nc` and `case.nml` to `folder`; return their paths.
 
-    The scene file contains all numbers of the kernel's input, so rockfall-batch gives identical
-    results. `arrays` are as in `rockfall.scene.read.read_scene`.
+    The scene file contains the full kernel input, so rockfall-batch gives identical results.
+    `arrays` are as in `rockfall.scene.read.read_scene`.
     """
     folder, inputs = Path(folder), list(input_files(case))
     files = [folder / "scene.nc", folder / "case.nml"]
@@ -52,7 +53,7 @@ def prepare(case: Case, folder: str | Path, **arrays: Any) -> list[Path]:
 
 
 def _scene_file(scene: Scene) -> Contents:
-    """Input of the kernel other than the case."""
+    """Kernel input apart from the case, as a dataset."""
     arrays = scene.kernel.arrays()
     if "cell_size" in arrays:
         del arrays["material_size"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reading of the rasters, sources and impact sets that a case names."""
+"""Reading of all rasters, sources and impact sets of a case."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -49,15 +49,15 @@ def read_scene(
     frame_store: FrameFiles | None = None,
     **rasters: Any,
 ) -> Scene:
-    """Read and check everything that a case names.
+    """Read and check all inputs of a case.
 
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
-    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM
-    (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees,
-    stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition to those
-    of the case. If rasters in files need more than half of `memory` [bytes], they are read in
-    windows on demand: see `rockfall.scene.windows`. An open session keeps `stages` and
-    `frame_store` from one reading to the next, so that only changed inputs are read.
+    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the
+    DEM (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources,
+    trees, stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition
+    to those of the case. Rasters in files that need more than half of `memory` [bytes] are read in
+    windows on demand: see `rockfall.scene.windows`. An open session passes `stages` and
+    `frame_store` to each reading, so that only changed inputs are read.
     """
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case: rockfall.read_case(path) reads one")
@@ -97,13 +97,13 @@ def read_scene(
     scene = _scene(inputs, terrain, lambda: [(Rasters(grid, z), grid.box)], stages)
     sums = stages.take("digest", inputs.case, (terrain,), lambda _: _digest(terrain))
     scene = replace(scene, dams=dams, decoded=sums.sums(scene, scene.trees), stages=stages)
-    _ = scene.kernel.handle  # raises errors that the case text alone cannot reveal
+    _ = scene.kernel.handle  # raises errors that the case text alone does not show
     check_effects(scene)
     return scene
 
 
 def _elevations(case: Case, dem: Any, transform: Any) -> tuple[np.ndarray, Grid, str, list[str]]:
-    """Elevations, given or from a file, their grid, the file's checksum, and remarks."""
+    """Elevations, from an array or a file, with grid, file checksum and remarks."""
     if dem is not None:
         return *from_array(dem, transform), "", []
     file = _dem_path(case)
@@ -117,7 +117,7 @@ def _dem_path(case: Case) -> Path:
 
 
 def _digest(rasters: Rasters) -> Digest:
-    """Checksums of a complete terrain and its surface."""
+    """Checksums of a terrain in memory and its ground."""
     sums = Digest(rasters.grid)
     sums.take(rasters, 0, rasters.grid.ny)
     return sums
@@ -129,7 +129,7 @@ def _scene(
     rows: Callable[[], Iterable[tuple[Rasters, Box]]],
     stages: Stages = FRESH,
 ) -> Scene:
-    """The scene of a case with its rasters; impact sets are read last."""
+    """Scene of a case with its rasters; impact sets are read last."""
     sources = take_inputs(
         stages, "sources", inputs, (rasters.z,), lambda inputs: read_sources(inputs, rows())
     )
@@ -152,7 +152,8 @@ def _scene(
 
 
 def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
-    """Scene without rasters, whose rows are read and checked once, later in windows."""
+    """Scene without rasters: all rows are read and checked once, and read again in windows
+    later."""
     inputs.case = read_lines(inputs)
     case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))
@@ -195,7 +196,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
-    """Check the case again, together with the rasters given as arrays."""
+    """Check the case again, now with the rasters given as arrays."""
     changes: dict[str, Any] = {}
     for key in file_keys():
         if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):
@@ -204,7 +205,7 @@ def _with_arrays(case: Case, keys: set[str]) -> Case:
 
 
 def _check_files(case: Case, arrays: dict[str, Any]) -> None:
-    """Check that all files that the case reads exist; the error lists those missing."""
+    """Check that all input files of the case exist; the error lists missing files."""
     missing = []
     unread = {*RADII} - {*size_columns(case)}
     for key, file in case.files():

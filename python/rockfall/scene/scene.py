@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checked inputs of a run: a case, and the rasters and sources that it names."""
+"""Checked inputs of a run: a case with its rasters and sources."""
 
 from __future__ import annotations
 
@@ -33,56 +33,56 @@ OF_RASTERS = {field.name for field in fields(Rasters)}
 
 @dataclass
 class Findings:
-    """Warnings about a scene, shared with the scenes derived from it."""
+    """Warnings about a scene, shared with scenes derived from it."""
 
-    warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not checked
+    warnings: list[InputWarning] | None = None  # from `plausible.input_warnings`; None: not checked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Sources):
-    """Checked inputs of a run, with its sources."""
+    """Checked inputs of a run, including its sources."""
 
     case: Case
     rasters: Rasters
     trees: Trees | None = None
-    stands: tuple[Stand, ...] = ()  # of a layer of polygons, with their numbers of stems
+    stands: tuple[Stand, ...] = ()  # of a polygon layer, with numbers of stems
     sets: SetFile = SetFile(b"", "")
     dams: tuple[DamShape, ...] = ()  # as rasterised
-    checksums: dict[str, str] = field(default_factory=dict)  # of the input files
-    decoded: dict[str, str] = field(default_factory=dict)  # checksums: see `digest`
-    remarks: tuple[str, ...] = ()  # remarks of the readers, one line each
-    windows: Windows | None = None  # terrain read in windows: no rasters here
+    checksums: dict[str, str] = field(default_factory=dict)  # by input file
+    decoded: dict[str, str] = field(default_factory=dict)  # decoded inputs: see `digest`
+    remarks: tuple[str, ...] = ()  # of the readers, a line for each
+    windows: Windows | None = None  # terrain read in windows; the scene then has no rasters
     findings: Findings = field(default_factory=Findings)
-    stages: Stages = FRESH  # data that an open session keeps from one scene to the next
+    stages: Stages = FRESH  # results of stages that an open session reuses
 
     def __getstate__(self) -> dict[str, Any]:
         own = {key: value for key, value in vars(self).items() if key != "kernel"}
         return own | {"stages": FRESH}
 
     def replace(self, **changes: Any) -> Scene:
-        """Scene with some values replaced, its own or those of its rasters."""
+        """Copy of the scene with other values for itself or its rasters."""
         cells = {key: changes.pop(key) for key in OF_RASTERS & changes.keys()}
         rasters = replace(self.rasters, **cells) if cells else self.rasters
         return replace(self, **{"rasters": rasters} | changes)
 
     @property
     def grid(self) -> Grid:
-        """Grid of the complete terrain."""
+        """Grid of the whole terrain."""
         return self.rasters.grid
 
     @property
     def grounds(self) -> tuple[GroundRule, ...]:
-        """Grounds, or None if all use the impact sets."""
+        """Grounds; None if all use the impact sets."""
         return self.rasters.grounds
 
     @property
     def warnings(self) -> list[InputWarning] | None:
-        """Warnings about the inputs; None if they were not checked."""
+        """Warnings about the inputs; None if not checked."""
         return self.findings.warnings
 
     @cached_property
     def boulders(self) -> int:
-        """Number of boulders of the complete run."""
+        """Number of boulders in the full run."""
         return int(_core.boulders(self.kernel.handle))
 
     @cached_property
@@ -111,8 +111,8 @@ class Scene(Sources):
 
     @property
     def source_shape(self) -> np.ndarray | None:
-        """Number of the block shape of the boulders of each source, from 1; 0: the case's; None if
-        no source gives a shape, or no ground has an impact table."""
+        """Number of the block shape of each source's boulders, from 1 (0: the case's). None if no
+        source gives a shape, or no ground has an impact table."""
         features, own = self.features, self.source_boulders
         if all(ground.model not in TABLES for ground in self.grounds):
             return None
@@ -124,11 +124,11 @@ class Scene(Sources):
 
     @property
     def shapes(self) -> list[str]:
-        """Block shapes that its boulders can have; [] if all have the shape of the case."""
+        """Block shapes that the boulders can have; [] if all have the shape of the case."""
         own, shapes = self.source_shape, {*possible_shapes(self.case)}
         by_axes = "block_axes" in self.case.boulder
         if by_axes and self.features is not None and self.features.law is not None:
-            shapes |= {*self.case.boulder["block_shape"]}  # volumes outside any list
+            shapes |= {*self.case.boulder["block_shape"]}  # volumes outside all lists
         if own is None:
             return sorted(shapes) if by_axes or len(shapes) > 1 else []
         given = {BLOCK_SHAPES[number - 1] for number in np.unique(own) if number}
@@ -136,12 +136,12 @@ class Scene(Sources):
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """Coefficients of the impact sets of the case."""
+        """Coefficients of the case's impact sets."""
         return self.sets.read(self.case.impact["turning"])[0]
 
     @cached_property
     def ground(self) -> Ground:
-        """Ground statistics of its terrain."""
+        """Statistics of the terrain and ground."""
         if self.windows:
             return self.windows.ground
         rasters, box, at = self.rasters, self.grid.box, (self.x, self.y)
@@ -153,12 +153,12 @@ class Scene(Sources):
 
     @property
     def weight(self) -> np.ndarray | None:
-        """Weight of each source in the number of boulders; None if all are equal."""
+        """Weight of each source in the number of boulders; None if equal."""
         total = "boulders_total" in self.case.case
         return self.frequency if total and self.frequency is not None else self.area
 
     def survey(self) -> Survey:
-        """Survey the terrain; a source from which no boulder can start is refused."""
+        """Survey the terrain; error for a source from which no boulder can start."""
         if self.windows:
             return self.windows.survey
         uses = (self.rasters.z,)
@@ -169,11 +169,12 @@ class Scene(Sources):
         return survey
 
     def known_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Mark places [m] where boulders can start: between four cells with an elevation."""
+        """Mask of points [m] where boulders can start: the four surrounding cells have
+        elevations."""
         return _core.known_at(self.kernel.handle, x, y).astype(bool)
 
     def lines_outside(self) -> list[str]:
-        """Names of the evaluation lines that lie entirely outside the terrain."""
+        """Names of evaluation lines that lie entirely outside the terrain."""
         grid = self.grid
         place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
         return [
@@ -183,17 +184,17 @@ class Scene(Sources):
         ]
 
     def sources_of(self, numbers: np.ndarray) -> np.ndarray:
-        """Sources of boulders (numbered from 1), from 0."""
+        """0-based source index of each boulder (numbered from 1)."""
         return _core.sources_of_boulders(self.kernel.handle, numbers) - 1
 
     def numbers_of(self, source: int) -> range:
-        """Boulders of a source, from 0."""
+        """Numbers of the boulders from a source (0-based index)."""
         first, last = _core.boulders_of_source(self.kernel.handle, source + 1)
         return range(int(first), int(last) + 1)
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
-        """Scene with the rasters for boulders from number `first`, and the number of boulders
-        covered: itself, or a window of the terrain."""
+        """Scene with the rasters for boulders from number `first`, and the number of boulders that
+        it covers: the scene itself, or a window of the terrain."""
         windows = self.windows
         if windows is None:
             return self, boulders
@@ -208,11 +209,11 @@ class Scene(Sources):
         return windows.window, min(boulders, stop - first)
 
     def _within(self, box: Box) -> Scene:
-        """The scene with the rasters of a box of its cells."""
+        """The scene with rasters for a box of cells."""
         inputs = Inputs(self.case, self.grid, checksums=dict(self.checksums))
         return replace(self, rasters=read_window(inputs, box), windows=None)
 
     def forget_rasters(self) -> None:
-        """Free the memory of the rasters; the scene can no longer be run."""
+        """Free the memory of the rasters; the scene cannot run afterwards."""
         self.rasters.free()
         self.kernel.close()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stages of reading, which an open session repeats only if something used has changed."""
+"""Reading stages, which an open session repeats only if their inputs have changed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Stages:
-    """Stages of a single reading, without a cache."""
+    """Stages of a single reading, without caching."""
 
     def take(
         self,
@@ -27,7 +27,8 @@ class Stages:
         make: Callable[[Case], T],
         reads: bool = True,
     ) -> T:
-        """Result of a stage by `make` from the case, the objects `uses` and files it `reads`."""
+        """Result of `make` for the case; the stage depends on the objects `uses` and the files it
+        `reads`."""
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
@@ -43,11 +44,11 @@ FRESH = Stages()
 
 @dataclass(frozen=True)
 class _Kept:
-    """Result of a stage, and the inputs on which it depends."""
+    """Result of a stage, with the inputs on which it depends."""
 
-    uses: tuple[Any, ...]  # objects compared by identity: none is changed in place
-    seen: dict[str, Any]  # groups of the case that were read, by name
-    states: dict[Path, Any]  # of the files named by these groups
+    uses: tuple[Any, ...]  # compared by identity, as none is changed in place
+    seen: dict[str, Any]  # case groups that were read, by name
+    states: dict[Path, Any]  # states of the files in these groups
     result: Any
 
     def is_of(self, uses: tuple[Any, ...]) -> bool:
@@ -64,13 +65,13 @@ class _Kept:
 
 
 class KeptStages(Stages):
-    """Stages with results cached between readings."""
+    """Stages whose results are cached between readings."""
 
     def __init__(self, kept: dict[str, _Kept] | None = None) -> None:
         self._kept = kept or {}
 
     def copy(self) -> KeptStages:
-        """Copy that starts from these results without changing them."""
+        """Copy that starts with these results and leaves the original unchanged."""
         return KeptStages(dict(self._kept))
 
     def take(
@@ -97,8 +98,8 @@ class KeptStages(Stages):
 
 
 class WatchedCase(Case):
-    """A case that records the groups read and, for a stage that `reads` files, the states of the
-    files named in these groups before reading."""
+    """A case that records which groups are read and, for a stage that `reads` files, the states of
+    the files in these groups before reading."""
 
     def __init__(self, case: Case, reads: bool) -> None:
         self.__dict__ |= case.__dict__
@@ -108,7 +109,7 @@ class WatchedCase(Case):
         value = super().__getattribute__(name)
         if name in REPEATABLE:
             self._note(name, value)
-        elif name in ("_groups", "_given"):  # all groups, to write a text or another case
+        elif name in ("_groups", "_given"):  # reading all groups, to write a text or another case
             state = self.__dict__
             for group in (*state["_groups"], *REPEATABLE):
                 self._note(group, state[group] if group in REPEATABLE else state["_groups"][group])
@@ -128,7 +129,7 @@ class WatchedCase(Case):
 
 
 def _state(path: Path) -> tuple[int, int, int] | None:
-    """Marker that changes when a file is written again; None for a missing file."""
+    """Marker that changes when a file is rewritten; None for a missing file."""
     try:
         status = os.stat(path)
     except OSError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rock sizes of the ground: uniform, by zones, or cell by cell."""
+"""Rock sizes on the ground: uniform, by zone, or by cell."""
 
 from collections.abc import Iterator, Sequence
 
@@ -34,22 +34,23 @@ from rockfall.language import remark
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
-#: Degrees by which tables of a smaller relief err to the safe side (docs/howto/own-ground.md).
+#: Angle [degree] by which tables of a smaller relief err on the safe side
+#: (docs/howto/own-ground.md).
 SAFER = 2.0
 
 
 def size_columns(case: Case) -> tuple[str, ...]:
-    """Size columns required by the case's method."""
+    """Size columns that the case's method requires."""
     return RADII[:1] if case.surface["method"] == "B" else RADII[1:]
 
 
 def radius_over_rg(case: Case) -> float:
-    """Ratio of R_m to Rg in method A, with Rg as a diameter or a radius."""
+    """Ratio of R_m to Rg in method A, where Rg is a diameter or a radius."""
     return _core.size_to_radius(case.surface["rg_reading"])
 
 
 def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
-    """Rasters of a box of cells with these elevations: rock sizes, and grounds."""
+    """Read rasters for a box of cells with these elevations: rock sizes and grounds."""
     surface = inputs.case.surface
     columns = size_columns(inputs.case)
     uniform = surface.get("uniform_mean_radius" if surface["method"] == "B" else "uniform_rg")
@@ -70,7 +71,7 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
 
 def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dict[int, str]]:
     """Read grounds that differ from the case's impact sets, and the ground of each material.
-    Returns the zones by id, and the names of grounds by raster id."""
+    Return the zones by id, and the ground names by raster id."""
     case, surface = inputs.case, inputs.case.surface
     zones = case_zones(case, inputs.remarks)
     named = [zone for zone in zones.values() if zone.names_ground]
@@ -115,9 +116,9 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
 
 
 def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
-    """Remarks on a ground whose boulders all meet a relief or strength outside the simulated
-    tables, or a relief without calibration. Ground harder than the hardest table equals it, because
-    it does not yield."""
+    """Remarks on a ground if the relief or strength for all its boulders is outside the simulated
+    tables, or the relief is not calibrated. Ground harder than the hardest table behaves like it,
+    because it does not yield."""
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)
@@ -135,12 +136,12 @@ def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
 
 
 def _differs(name: str, table: GroundTable, case: Case) -> bool:
-    """Return True if the case's impact table differs from the row with its name."""
+    """Return True if the case's impact table differs from the ground of its name."""
     return usual_ground(case).text != table.ground(name, case).text
 
 
 def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int, str]) -> None:
-    """Read the ground number of each cell; cells without an id use the case's ground."""
+    """Read the ground number of each cell; cells without an id get the case's ground."""
     case, grounds = inputs.case, rasters.grounds
     blocks = inputs.blocks("ground_map", "ids of grounds", np.int32, box)
     names = [grounds[0].name, *ids.values()]
@@ -155,10 +156,10 @@ def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int
 def _read_zones(
     inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...], zones: dict[int, Zone]
 ) -> None:
-    """Read zones as indices into the size table."""
+    """Read zones as indices to the size table."""
     case, surface = inputs.case, inputs.case.surface
     path = case.path(surface["zones"])
-    table_path_, numbers = path, None  # polygons have their own ground
+    table_path_, numbers = path, None  # polygons define their own ground
     if "table" in surface:
         table_path_ = case.path(surface["table"])
         inputs.checksums.setdefault("table", file_checksum(table_path_))
@@ -181,7 +182,7 @@ def _read_zones(
     )  # fmt: skip
     of_each = np.array([zone.sizes for zone in zones.values()])
     rasters.sizes = of_each[:, [RADII.index(column) for column in columns]]
-    places = [zone.where for zone in zones.values()]  # polygons by their number in the layer
+    places = [zone.where for zone in zones.values()]  # for polygons, their number in the layer
     if numbers is None:
         places = [f"{table_path_}: zone {zone}" for zone in zones]
     _check_sizes(inputs, rasters, columns, places)
@@ -190,7 +191,8 @@ def _read_zones(
 def _check_sizes(
     inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], places: list[str]
 ) -> None:
-    """Check that used materials have the sizes their grounds need; others become zero."""
+    """Check that used materials have the sizes required by their grounds; set other sizes to
+    zero."""
     for k, ground in sorted(_used(rasters)):
         need = rasters.grounds[ground].rocks if rasters.grounds else 2
         missing = np.isnan(rasters.sizes[k]).any()
@@ -206,7 +208,7 @@ def _check_sizes(
 
 
 def _used(rasters: Rasters) -> set[tuple[int, int]]:
-    """Pairs of material and ground that occur in some cell, both from 0."""
+    """0-based pairs of material and ground that occur in some cell."""
     if rasters.cell_ground is None:
         used = [0] if rasters.zone is None else rasters.used_zones().tolist()
         grounds = rasters.material_ground
@@ -219,7 +221,7 @@ def _used(rasters: Rasters) -> set[tuple[int, int]]:
 
 
 def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...]) -> None:
-    """Read rasters of sizes, required where the known terrain's ground needs them."""
+    """Read size rasters; values are required where the ground of known terrain needs them."""
     need = np.array(
         [0, *(ground.rocks for ground in rasters.grounds)] if rasters.grounds else [0, 2]
     )
@@ -240,13 +242,13 @@ def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str,
 
 
 def read_window(inputs: Inputs, box: Box) -> Rasters:
-    """Rasters of a box of cells."""
+    """Rasters for a box of cells."""
     z = read_elevations(inputs.case.path(inputs.case.terrain["dem"]), box)
     return read_rasters(inputs, z, box)
 
 
 def cell_bytes(case: Case, dtype: np.dtype) -> int:
-    """Memory per cell of the rasters of a case."""
+    """Raster memory of a case per cell [bytes]."""
     surface = case.surface
     own = dtype.itemsize + ("ground_map" in surface)
     if "zones" in surface:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Windows of a terrain that does not fit in memory, loaded one at a time around successive sources.
+"""Windows of a terrain that does not fit in memory, loaded in turn around successive sources.
 
-Columns, rows and coordinates are those of the complete raster, so results do not depend on windows.
-A boulder that leaves its window is not tallied: it is simulated again in a larger window.
+Columns, rows and coordinates refer to the whole raster, so results do not depend on windows. A
+boulder that leaves its window is not counted but simulated again in a larger window.
 """
 
 import math
@@ -19,26 +19,26 @@ from rockfall.scene.parts import Rasters, Sources
 from rockfall.scene.releases.reach import Survey
 from rockfall.scene.surface import read_window
 
-RIM = 4  # margin of a window [cells] that boulders may not enter, where the raster continues
+RIM = 4  # [cells] margin of a window that boulders may not enter if the raster continues
 
 
 class Windows:
-    """Windows with a given number of cells, larger where a source needs it; holds the window in
+    """Windows with a given number of cells, or more if a source needs it. Keeps the window in
     memory and the survey of all rows."""
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
-        self.cells, self.bytes = cells, cells * cell_bytes  # of a window, and its memory
+        self.cells, self.bytes = cells, cells * cell_bytes  # size and memory of a window
         self.survey, self.ground = survey, ground
-        # Margin of a window around its sources (north, west, south, east), enlarged as needed.
+        # Margins of a window around its sources (north, west, south, east); they grow as needed.
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
-        self.reading = 0.0  # CPU seconds spent reading windows
-        self.owner: Any = None  # the scene with its window in memory
-        self.window: Any = None  # that scene with the rasters of the window
-        self.sources = range(0)  # sources of the window
+        self.reading = 0.0  # CPU time for reading windows [s]
+        self.owner: Any = None  # scene whose window is in memory
+        self.window: Any = None  # this scene with the window's rasters
+        self.sources = range(0)  # indices of the window's sources
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Move the window to the longest run of sources that fits (at least one)."""
+        """Move the window to the longest run of sources that fits, at least one source."""
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
         north, west, south, east = self.margins
@@ -54,7 +54,7 @@ class Windows:
         return self.box
 
     def widen(self, grid: Grid, x: np.ndarray, y: np.ndarray) -> None:
-        """Enlarge windows on the sides where boulders left this one [m]."""
+        """Enlarge windows on the sides where boulders left the current window [m]."""
         box = self.box
         row, column = (grid.north - y) / grid.cell, (x - grid.west) / grid.cell
         left = np.array([
@@ -70,7 +70,7 @@ class Windows:
 
 
 def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
-    """All rows in bands of about this number of cells, with their adjacent rows."""
+    """Yield all rows in bands of about this number of cells, with the adjacent rows."""
     ny, nx = inputs.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):
@@ -80,6 +80,6 @@ def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
 
 
 def groups(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Runs of consecutive numbers in an ascending array, as (first, count)."""
+    """Runs of consecutive numbers in an ascending array, as pairs (first, count)."""
     for group in np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1):
         yield int(group[0]), group.size

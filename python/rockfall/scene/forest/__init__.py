@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees for the kernel: from a list, or generated from the density of a stand."""
+"""Trees for the kernel, from a list or generated from stem densities."""

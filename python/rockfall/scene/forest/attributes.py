@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of stands: their names in English, German, French and Italian, and their limits."""
+"""Attributes of stands: names in English, German, French and Italian, and limits."""
 
 import re
 import unicodedata
@@ -14,7 +14,7 @@ from rockfall.io.vectors.layers import SHORT, plain
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.scene.forest.trees import MAX_DBH, MAX_DENSITY
 
-NAMES = {  # the first name is that of the case; English, German, French, Italian
+NAMES = {  # case key first, then English, German, French, Italian
     "stems": ("stems", "stems_ha", "stems_per_ha", "n_ha", "stammzahl", "stammzahl_ha", "tiges",
               "tiges_ha", "nb_tiges", "fusti", "fusti_ha", "piante_ha"),
     "dbh_mean": ("dbh_mean", "mean_dbh", "dbh", "bhd", "bhd_mittel", "mittl_bhd", "dhp",
@@ -30,7 +30,7 @@ NAMES = {  # the first name is that of the case; English, German, French, Italia
                        "parte_restante"),
 }  # fmt: skip
 _CONIFERS = keys_of("forest")["uniform_conifers"]
-LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
+LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule as text
     "stems": (0.0, MAX_DENSITY, f"0 to {MAX_DENSITY:,.0f} stems per hectare"),
     "dbh_mean": (1e-2, MAX_DBH, f"> 0 and at most {MAX_DBH:g} cm"),
     "dbh_std": (0.0, MAX_DBH, f"0 to {MAX_DBH:g} cm"),
@@ -40,7 +40,7 @@ LIMITS: dict[str, Any] = {  # minimum, maximum, and the rule in words
 
 
 def plain_name(name: str) -> str:
-    """Lower-case name without accents, other characters as single underscores.
+    """Name in lower case without accents; other characters become single underscores.
 
     >>> plain_name("Écart-type")
     'ecart_type'
@@ -51,8 +51,7 @@ def plain_name(name: str) -> str:
 
 
 def matching(key: str, columns: Iterable[str]) -> list[str]:
-    """Attributes that give a value of a stand, by their names in the layer; shapefiles truncate
-    their names.
+    """Layer attributes that match a stand value by name, including names truncated by shapefiles.
 
     >>> matching("dbh_mean", ["FID", "BHD", "Baumart"])
     ['BHD']
@@ -62,13 +61,13 @@ def matching(key: str, columns: Iterable[str]) -> list[str]:
 
 
 class Attributes(NamedTuple):
-    """Attributes of the polygons of a layer, by the names in NAMES."""
+    """Attributes of the polygons in a layer, found by the names in NAMES."""
 
     where: str
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Layer name of an attribute; None if it is missing. Several names are allowed."""
+        """Layer name of an attribute; None if it is missing. Several attributes may match."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(
@@ -77,7 +76,7 @@ class Attributes(NamedTuple):
         return matches[0] if matches else None
 
     def note_unused(self, remarks: list[str], keys: Iterable[str]) -> None:
-        """Remarks on attributes that give none of the values `keys`, and on missing values."""
+        """Add remarks on missing values, and on attributes that give none of the values `keys`."""
         names = [name for key in keys for name in NAMES[key]]
         note_unused(remarks, self.where, self.columns, names, plain_name)
         note_marks(remarks, self.where, self.columns, names, plain_name)
@@ -88,14 +87,15 @@ class Attributes(NamedTuple):
         )
 
     def texts(self, key: str) -> list[str | None]:
-        """Texts of an attribute; None where empty or missing."""
+        """Texts of an attribute; None for empty or missing texts."""
         name = self.own_name(key)
         if name is None:
             return [None] * self.size
         return [None if (raw := plain(value)) is None else str(raw) for value in self.columns[name]]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
-        """Numbers of an attribute within limits, given where `needed`; None without it."""
+        """Numbers of an attribute, checked against limits and required where `needed`; None if the
+        layer lacks it."""
         name = self.own_name(key)
         if name is None:
             return None

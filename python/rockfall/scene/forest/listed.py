@@ -22,9 +22,9 @@ from rockfall.scene.forest.thinning import numbers_of_list
 from rockfall.scene.forest.trees import MAX_DBH, Planted, Trees
 from rockfall.scene.layers import Inputs
 
-COLUMNS = "x", "y", "dbh", "species"  # of a table
-FIELDS = "dbh_field", "species_field"  # keys that name attributes of a layer
-SPECIES_NUMBER = 3  # index of the random number of a stem that selects its species
+COLUMNS = "x", "y", "dbh", "species"  # columns of a CSV file
+FIELDS = "dbh_field", "species_field"  # keys with the names of layer attributes
+SPECIES_NUMBER = 3  # index of the random number that selects the species of a stem
 
 
 class Listed(NamedTuple):
@@ -33,7 +33,7 @@ class Listed(NamedTuple):
     x: np.ndarray  # map coordinates [m]
     y: np.ndarray
     dbh: np.ndarray  # [cm]
-    species: list[str] | None  # None if the list has no such column
+    species: list[str] | None  # None if the list has no species
 
 
 def listed_trees(inputs: Inputs) -> Planted:
@@ -68,7 +68,7 @@ def listed_trees(inputs: Inputs) -> Planted:
 
 
 def _from_table(path: Path, inputs: Inputs) -> Listed:
-    """Read trees from a CSV file, whose columns have fixed names."""
+    """Read trees from a CSV file with fixed column names."""
     for key in FIELDS:
         if is_given(inputs.case, "forest", key):
             raise RockfallError(
@@ -123,7 +123,7 @@ def _from_layer(path: Path, inputs: Inputs) -> Listed:
 
 
 def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
-    """Toughness factors from the species of each tree."""
+    """Toughness factors by the species of each tree."""
     factors: dict[str, float] = {}
     for k, name in enumerate(species, start=1):
         if name not in factors:
@@ -132,7 +132,8 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factors drawn from the percentage of conifers, by number of the tree."""
+    """Toughness factors by a random species, from the percentage of conifers and the tree
+    number."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

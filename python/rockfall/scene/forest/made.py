@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees generated from stand data, in rasters or polygons: stems per hectare, diameters, fraction
-of conifers.
+"""Trees generated from rasters or polygons of stems per hectare, diameters and fraction of
+conifers.
 
 A tree depends only on the forest seed and its cell, not on threads or blocks of rows. Diameters
-follow a gamma distribution, drawn by inversion. They are rounded to a tenth of a millimetre because
-the last bits of SciPy's results may differ between platforms.
+follow a gamma distribution, sampled by inversion, and are rounded to 0.1 mm, because the last bits
+of SciPy's results may differ between platforms.
 """
 
 from collections.abc import Iterator
@@ -24,22 +24,22 @@ from rockfall.scene.forest.thinning import is_thinned
 from rockfall.scene.forest.trees import HECTARE, Planted, Trees
 from rockfall.scene.layers import Inputs
 
-MAX_STEMS = 1e8  # stems in a forest
-THINNEST = 20.0  # stems per hectare (22 m apart) below which these are single trees
-DECIMALS = 2  # decimals of a diameter [cm]
-NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters: stands have 0.2 to 0.7
-DENSER, REMAINS = 0, 1  # numbers of a stem for its stand and for thinning
+MAX_STEMS = 1e8  # maximum stems in a forest
+THINNEST = 20.0  # stems per hectare (22 m apart); fewer are single trees, not a stand
+DECIMALS = 2  # decimals of a diameter in cm
+NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters; real stands have 0.2 to 0.7
+DENSER, REMAINS = 0, 1  # indices of the random numbers for the stand of a stem and for thinning
 
 
 class Cells(NamedTuple):
-    """Raster cells with trees: sorted rows, and columns."""
+    """Raster cells of trees: row indices (sorted) and column indices."""
 
     row: np.ndarray
     column: np.ndarray
 
 
 def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
-    """Generate the trees of a case with a stem density; and the stands of its layer, if any."""
+    """Generate trees from the stem density of a case; return them with any stands of its layer."""
     grid, table, seed = inputs.grid, read_species(inputs), inputs.case.forest["seed"]
     stands = read_stands(inputs, table)
     columns = {row: trees for row, trees in _columns(inputs, stands) if trees.size}
@@ -82,12 +82,12 @@ def _treeless(inputs: Inputs) -> RockfallError:
 
 
 def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.ndarray]]:
-    """Each row, and the columns of its trees."""
+    """Yield each row with the columns of its trees."""
     forest, nx, total, densest = inputs.case.forest, inputs.grid.nx, 0.0, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = inputs.grid.cell**2 / HECTARE
     for rows, block in _densities(inputs, stands):
-        density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
+        density = np.nan_to_num(np.asarray(block, float))  # no trees without a density
         _check(inputs, "stems", density)
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))
@@ -102,7 +102,8 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
 
 
 def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of stems per hectare: of a raster, or of the densest stand in each cell."""
+    """Yield blocks of rows with stems per hectare, from a raster or the densest stand in each
+    cell."""
     if stands is None:
         yield from _blocks(inputs, "stems")
         return
@@ -113,7 +114,7 @@ def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, n
 def _diameters(
     inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None
 ) -> np.ndarray:
-    """Quantiles `u` of gamma distributions [cm]: shape (mean/std)**2, scale std**2/mean."""
+    """Quantiles `u` of gamma distributions [cm] with shape (mean/std)**2 and scale std**2/mean."""
     from scipy.special import gammaincinv
 
     mean, std = (
@@ -132,7 +133,7 @@ def _diameters(
 
 
 def _note_spread(inputs: Inputs, mean: np.ndarray, std: np.ndarray) -> None:
-    """Remark on standard deviations likely in another unit, or in percent of the mean."""
+    """Add a remark on standard deviations that may be in another unit or in percent of the mean."""
     ratio = std / mean
     for key, odd in (
         ("input.dbh_narrow", (std > 0) & (ratio < NARROW)),
@@ -148,8 +149,8 @@ def _factors(
     inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None,
     table: Species,
 ) -> np.ndarray:  # fmt: skip
-    """Toughness factor of each stem, drawn by its uniform number `u`: a species of its stand, or
-    conifer by the fraction in its cell or stand."""
+    """Toughness factor of each stem, drawn with its uniform number `u`: from the species of its
+    stand, or as a conifer or broadleaf by the fraction in its cell or stand."""
     unmixed, factors = np.arange(u.size), np.empty(u.size)
     if stands is not None and stand is not None:
         unmixed = np.flatnonzero(~stands.draw_species(stand, u, factors))
@@ -166,12 +167,12 @@ def _factors(
 
 
 def conifer_shares(inputs: Inputs, cells: Cells) -> np.ndarray:
-    """Fraction of conifers among the stems of cells, 0 to 1."""
+    """Fraction of conifers among the stems in cells, 0 to 1."""
     return _shares(inputs, _at_trees(inputs, "conifers", cells))
 
 
 def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
-    """Fractions from percentages of conifers; fractions given as percentages are questioned."""
+    """Fractions from percentages of conifers; a remark warns of values that may be fractions."""
     _check(inputs, "conifers", percent)
     if 0 < percent.max() <= 1:
         largest = float(percent.max())
@@ -180,7 +181,7 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
 
 
 def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
-    """Values of a raster at trees, or the uniform value."""
+    """Raster values at the trees, or the uniform value."""
     values = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
         in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
@@ -189,7 +190,7 @@ def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
 
 
 def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a raster, or of the uniform value."""
+    """Yield blocks of rows of a raster, or of the uniform value."""
     uniform = inputs.case.forest.get(f"uniform_{key}")
     if uniform is None:
         yield from inputs.blocks(key, f"values of {key}", np.float32)
@@ -199,7 +200,7 @@ def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
 
 
 def _check(inputs: Inputs, key: str, values: np.ndarray) -> None:
-    """Refuse invalid values where trees are to be generated."""
+    """Raise an error for invalid values in cells that get trees."""
     low, high, rule = LIMITS[key]
     good = (values >= low) & (values <= high)
     if good.all():

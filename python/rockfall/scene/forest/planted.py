@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees of a scene: listed or generated, and thinned."""
+"""Trees of a scene, listed or generated, and thinned."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from rockfall.scene.stages import FRESH, Stages
 def read_forest(
     inputs: Inputs, x: np.ndarray, y: np.ndarray, stages: Stages = FRESH
 ) -> tuple[Trees | None, tuple[Stand, ...]]:
-    """Trees of a case with sources at `x`, `y`, and its stands; None and [] without."""
+    """Trees and stands of a case with sources at `x`, `y`; (None, []) without trees."""
     if not inputs.case.has_forest:
         return None, ()
     planted, stands = take_inputs(stages, "planted", inputs, (), _planted)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Toughness of the stems of a species relative to silver fir: a table that users may edit."""
+"""Toughness of stems by species, relative to silver fir: a table that users may edit."""
 
 import importlib.resources
 from pathlib import Path
@@ -9,19 +9,19 @@ from rockfall.io.tables import read_table
 from rockfall.scene.forest.attributes import plain_name
 from rockfall.scene.layers import Inputs, file_checksum
 
-CONIFER, BROADLEAF = "conifer", "broadleaf"  # if only the fraction of conifers is known
+CONIFER, BROADLEAF = "conifer", "broadleaf"  # names used if only the fraction of conifers is known
 MAX_FACTOR = 100.0
 _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.csv"))
 
 
 class Species:
-    """Toughness factors by the name of a species or its genus: `spruce`, `Picea abies`, `Fichte`;
-    case and accents are ignored."""
+    """Toughness factors by name of a species or genus (`spruce`, `Picea abies`, `Fichte`),
+    ignoring case and accents."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.factors: dict[str, float] = {}  # by plain names
-        self._shown: list[str] = []  # names for messages
+        self.factors: dict[str, float] = {}  # by plain name
+        self._shown: list[str] = []  # names used in messages
         where, columns, rows = read_table(path)
         for column in ("species", "factor"):
             if column not in columns:
@@ -42,7 +42,7 @@ class Species:
                 raise RockfallError(f"{path}: no row for the species {name}")
 
     def factor(self, name: str, where: str) -> float:
-        """Toughness factor of a species by its name in a list."""
+        """Toughness factor of a species, from its name in a list."""
         words = plain_name(name).split("_")
         for key in ("_".join(words), words[0]):
             if key in self.factors:
@@ -52,7 +52,7 @@ class Species:
 
 
 def read_species(inputs: Inputs) -> Species:
-    """Read the species table of a case, or the shipped one."""
+    """Read the species table of a case, or else the default table."""
     named = inputs.case.forest.get("species_table")
     path = _SHIPPED if named is None else inputs.case.path(named)
     inputs.checksums["species_table"] = file_checksum(path)

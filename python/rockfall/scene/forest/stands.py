@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stands of trees: polygons with stems per hectare, diameters, and conifers or species.
+"""Forest stands: polygons with stems per hectare, diameters, and conifers or species.
 
-Each cell that a polygon touches draws the number of stems of its densest polygon, anywhere in the
-cell. A stem is kept if it lies in a polygon, with the probability of that polygon's density over
-that of the densest: a thinned Poisson process is a Poisson process (Lewis and Shedler 1979), so
-cells cut by an edge contain stems by the areas of their parts. A cell entirely within one polygon
-has the stems of a raster with its values.
+Each cell that polygons touch draws a number of stems with the density of its densest polygon,
+anywhere in the cell. A stem in a polygon is kept with the probability (density of its polygon) /
+(density of the densest). A thinned Poisson process is a Poisson process (Lewis and Shedler 1979),
+so the stems in a cell that is cut by an edge are in proportion to the areas and densities of its
+parts. A cell inside a single polygon has the same stems as a cell of a raster with these values.
 """
 
 import re
@@ -32,31 +32,31 @@ from rockfall.scene.forest.trees import HECTARE, Stand
 from rockfall.scene.layers import Inputs
 
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
-STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand
-WHOLE = 1.0  # [%] tolerance for the sum of a stand's species
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # below: per m2, in m, fractions?
+STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand layer
+WHOLE = 1.0  # tolerance for the sum of a stand's species [%]
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # smaller: per m2, in m, fraction?
 
 
 class Mixture(NamedTuple):
-    """Species of the stems of a stand."""
+    """Mixture of species in a stand."""
 
     limits: np.ndarray  # cumulative fractions
     factors: np.ndarray  # toughness of each species
 
 
 class Stands(NamedTuple):
-    """Stands of a layer, in its order."""
+    """Stands in the order of their layer."""
 
     names: list[str]
-    shapes: np.ndarray  # without overlaps, on the terrain
+    shapes: np.ndarray  # clipped to the terrain, without overlaps
     density: np.ndarray  # stems per hectare
-    values: dict[str, np.ndarray]  # values among dbh_mean, dbh_std, conifers that the layer has
-    mixtures: list[Mixture | None]  # None: conifers and broadleaves
-    ranks: np.ndarray  # (ny, nx) rank of the densest stand that touches each cell; 0: none
-    by_rank: np.ndarray  # stems per hectare of each rank
+    values: dict[str, np.ndarray]  # dbh_mean, dbh_std, conifers, if the layer has them
+    mixtures: list[Mixture | None]  # None: conifers and broadleaves only
+    ranks: np.ndarray  # (ny, nx) density rank of the densest stand that touches a cell; 0: none
+    by_rank: np.ndarray  # stems per hectare by rank
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Index of the stand of each place; -1 outside all."""
+        """Index of the stand at each point; -1 outside all stands."""
         stand = np.full(x.size, -1, "i4")
         for k, inside in points_inside(self.shapes, x, y):
             stand[inside] = k
@@ -65,13 +65,13 @@ class Stands(NamedTuple):
     def thinned(
         self, stand: np.ndarray, row: np.ndarray, column: np.ndarray, u: np.ndarray
     ) -> np.ndarray:
-        """Mark the stems to keep, from the stand, cell and uniform number of each."""
+        """Mark the stems to keep, given the stand, the cell, and a uniform number of each stem."""
         densest = self.by_rank[self.ranks[row, column]]
         return (stand >= 0) & (u * densest < self.density[stand])
 
     def draw_species(self, stand: np.ndarray, u: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Set the toughness factors of stems in stands with given species, by a uniform number for
-        each; return a mask of these stems."""
+        """Set the toughness factors of stems in stands with named species, using a uniform number
+        per stem. Return a mask of these stems."""
         drawn = np.zeros(u.size, bool)
         for k, mixture in enumerate(self.mixtures):
             if mixture is not None:
@@ -81,7 +81,7 @@ class Stands(NamedTuple):
         return drawn
 
     def records(self, stand: np.ndarray) -> tuple[Stand, ...]:
-        """Stands with their numbers of stems, from the stand of each stem."""
+        """Stands with their numbers of stems, counted from the stand of each stem."""
         import shapely
 
         area = shapely.area(self.shapes) / HECTARE
@@ -91,7 +91,7 @@ class Stands(NamedTuple):
 
 
 def read_stands(inputs: Inputs, table: Species) -> Stands | None:
-    """Stands of the layer of a case; None without a layer."""
+    """Read the stands in the layer of a case; None if it has no layer."""
     forest, grid = inputs.case.forest, inputs.grid
     if "polygons" not in forest:
         return None
@@ -132,8 +132,8 @@ def _note_units(
     with_trees: np.ndarray,
     names: Sequence[str],
 ) -> None:
-    """Add a remark on each value that is likely in another unit in some stands; units wrong in all
-    stands are detected with the trees."""
+    """Add a remark on each value whose unit is doubtful in some stands; a unit that is wrong in
+    all stands is reported with the trees."""
     for key, smallest in SMALLEST.items():
         own = np.where(with_trees, values.get(key, 0.0), 0.0)
         odd = np.flatnonzero((own > 0) & (own <= smallest))
@@ -143,7 +143,7 @@ def _note_units(
 
 
 def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
-    """Polygons without overlaps, on the terrain."""
+    """Polygons clipped to the terrain, without overlaps."""
     import shapely
 
     note_outside(str(path), shapes, inputs.grid, HALF, inputs.remarks)
@@ -159,7 +159,7 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
 def _check_given_once(
     inputs: Inputs, path: Path, attributes: Attributes, key: str, values: Any, needed: bool
 ) -> None:
-    """Refuse values given by both layer and case, or by neither."""
+    """Raise an error for values given both by the layer and the case, or by neither."""
     forest = inputs.case.forest
     given = [name for name in (key, f"uniform_{key}") if name in forest]
     if values is not None and given:
@@ -176,7 +176,8 @@ def _check_given_once(
 
 
 def _mixture(table: Species, attributes: Attributes, k: int, text: str | None) -> Mixture | None:
-    """Species of a stand: one name, or several with percentages, as `spruce 60, beech 40`."""
+    """Species mixture of a stand from a text: a name, or names with percentages, as
+    `spruce 60, beech 40`."""
     if text is None:
         return None
     parts = [PART.fullmatch(part.strip()) for part in re.split(r"[,;/]", text)]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Changes of a stand: no stems near sources, and fewer after felling or a storm.
+"""Removal of stems: near sources, and by felling or a storm.
 
-Whether a stem remains depends only on its place and on a number of its own, so the remaining stems
-are a subset of the stems before, and of those after a weaker thinning: variants of a forest have
-common trees.
+Removal depends only on a stem's position and its own random number. The remaining stems are thus a
+subset of the stems that remain after a weaker thinning, so that variants of a forest share trees.
 """
 
 import numpy as np
@@ -20,19 +19,19 @@ from rockfall.scene.layers import Inputs
 
 
 def is_thinned(case: Case) -> bool:
-    """Return True if only a part of the stems remains."""
+    """Return True if some stems are removed."""
     return "clearings" in case.forest or case.forest["density_factor"] < 1
 
 
 def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
-    """Random numbers that decide whether each of `n` listed trees remains; None if all remain."""
+    """Random numbers that decide which of `n` listed trees remain; None if all do."""
     if not is_thinned(case):
         return None
     return _core.stand_numbers(case.forest["seed"], n, 1, np.ones(n, "i4"), 2, n)[1]
 
 
 def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> Planted:
-    """Stems that remain, away from the sources at `x`, `y`."""
+    """Stems that remain, away from sources at `x`, `y`."""
     forest, trees = inputs.case.forest, planted.trees
     remain = np.ones(trees.x.size, bool)
     if forest["clear_of_sources"] > 0:
@@ -53,7 +52,7 @@ def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> P
 def _clear_of(
     x: np.ndarray, y: np.ndarray, source_x: np.ndarray, source_y: np.ndarray, distance: float
 ) -> np.ndarray:
-    """Mark places farther than a distance [m] from all sources, in plan."""
+    """Mask of points farther than a distance [m] from all sources, in plan."""
     from scipy.spatial import KDTree
 
     sources = KDTree(np.column_stack((source_x, source_y)))
@@ -62,7 +61,7 @@ def _clear_of(
 
 
 def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fraction of the stems that remain after the clearings; the smallest where several."""
+    """Fraction of stems that remain after clearing; where clearings overlap, the smallest."""
     forest, factors = inputs.case.forest, np.ones(x.size)
     if "clearings" not in forest:
         return factors

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebounds and breakage by the kernel's rules, and impact sets as numbers."""
+"""Rebounds and breakage with the kernel's rules, and impact sets as numbers."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breakage of blocks by the kernel's rule: fragments, and the speed that it takes."""
+"""Breakage of blocks with the kernel's rules: fragments, and the breaking speed."""
 
 from typing import NamedTuple
 
@@ -8,14 +8,14 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case, in_kernel
 
-MAX_SPEED = _core.constant("max_speed")  # [m/s], above the speed of any boulder
-SPEEDS = 1001  # tried at a time
+MAX_SPEED = _core.constant("max_speed")  # [m/s] above the speed of any boulder
+SPEEDS = 1001  # number of speeds tried at a time
 
 
 class Splits(NamedTuple):
-    """Fragments of blocks: area ratios (n,); volumes [m3] of their fragments (n, max_fragments), 0
-    beyond them, and of fines (n,); whether `&breakage max_fragments` limited them (n,). An unbroken
-    block is its only fragment."""
+    """Fragments of n blocks: area ratios (n,); fragment volumes [m3] (n, max_fragments), padded
+    with 0; volumes of fines [m3] (n,); and whether `&breakage max_fragments` limited the fragments
+    (n,). An unbroken block is its own only fragment."""
 
     area_ratio: np.ndarray
     volumes: np.ndarray
@@ -24,15 +24,16 @@ class Splits(NamedTuple):
 
 
 def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
-    """Split blocks of these volumes [m3] by energies [J] normal to the ground, (n,), by the
-    `&breakage` of a case whose boulders break."""
+    """Split n blocks of these volumes [m3] with energies [J] normal to the ground, (n,), using the
+    `&breakage` group of a case whose boulders break."""
     volumes = np.zeros((case.breakage["max_fragments"], len(volume)), order="F")
     ratio, fines, capped = _core.split_blocks(in_kernel(case), volume, energy, volumes)
     return Splits(ratio, volumes.T, fines, capped.astype(bool))
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf if too small."""
+    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf for blocks too small
+    to break."""
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets: file text as passed to the kernel, the numbers in it, and covariance roots."""
+"""Impact sets: file text for the kernel, the numbers in it, and covariance roots."""
 
 import hashlib
 from pathlib import Path
@@ -13,26 +13,26 @@ from rockfall.errors import check_kernel
 from rockfall.io.files import check_text_file
 from rockfall.kernel_rules import kernel_numbers
 
-ANY_SPEED = _core.constant("any_speed")  # [m/s] upper limit of a set without a stated range
+ANY_SPEED = _core.constant("any_speed")  # [m/s] upper limit of a set that states no range
 
 
 class Coefficients(NamedTuple):
-    """The numbers of five impact sets, as in the kernel's coefficients_t."""
+    """Numbers of the five impact sets, as in the kernel's coefficients_t."""
 
     mean: np.ndarray  # (9, 5)
     covariance: np.ndarray  # (9, 9, 5)
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
-    speed_range: np.ndarray  # (2, 5): range of fitted incident speeds [m/s]
-    angle_range: np.ndarray  # (2, 5): range of fitted incidence angles from the surface [degree]
+    speed_range: np.ndarray  # (2, 5): incident speeds of the fitted impacts [m/s]
+    angle_range: np.ndarray  # (2, 5): their incidence angles from the surface [degree]
 
 
 class SetFile(NamedTuple):
-    """A file of impact sets and the draw selected from it."""
+    """A file of impact sets, and the draw to use from it."""
 
     text: bytes
-    name: str  # for messages
-    draw: int = 0  # 1, ...; 0: the file must have exactly one
+    name: str  # used in messages
+    draw: int = 0  # from 1; 0: the file must have exactly one draw
 
     @property
     def checksum(self) -> str:
@@ -40,8 +40,8 @@ class SetFile(NamedTuple):
         return hashlib.sha256(self.text).hexdigest()
 
     def read(self, turning: str) -> tuple[Coefficients, int]:
-        """Numbers of the set, with all numbers that a turning rule needs, and the number of draws
-        in the file. Raises a RockfallError that names file, group and key."""
+        """Numbers of the sets, including those required by a turning rule, and the number of draws
+        in the file. A RockfallError names file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
             *kernel_text(self.text, self.name), turning, self.draw
         )
@@ -50,13 +50,14 @@ class SetFile(NamedTuple):
 
 
 def open_sets(path: Path) -> SetFile:
-    """Open the file of impact sets at a path."""
+    """Open a file of impact sets."""
     check_text_file(path)
     return SetFile(path.read_bytes(), str(path))
 
 
 def draws_in(path: Path, turning: str) -> list[SetFile]:
-    """Draws of a file that may contain several, with all numbers for a rotation rule."""
+    """Draws of a set file, which may contain several, with the numbers that a turning rule
+    requires."""
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]
@@ -74,7 +75,7 @@ def covariance_root(covariance: np.ndarray, name: str = "covariance") -> np.ndar
 
 
 def set_weights(ratio: float, between: bool) -> np.ndarray:
-    """Weights (5,) of the impact sets at a ratio R_b/R_m."""
+    """Weights (5,) of the impact sets for a ratio R_b/R_m."""
     return _core.weights_of_sets(ratio, between)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact sets as numbers, and the restitution coefficients that follow from them."""
+"""Impact sets as numbers, and the resulting restitution coefficients."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rockfall.scene.rebounds.coefficients import covariance_root, draws_in
 from rockfall.scene.rebounds.rebound import admissible
 
 ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
-DRAWS = 4000  # of the matrix A, for means of R_t and R_n
+DRAWS = 4000  # draws of the matrix A for means of R_t and R_n
 
 
 @dataclass(frozen=True)
 class Lateral:
-    """Quantiles (k, 13) of the absolute lateral deviation [degrees] in k incidence classes, the
-    class limits (k - 1,) [degrees], and the number of impacts in each (k,)."""
+    """Lateral deviation in k incidence classes: quantiles (k, 13) of its absolute value [degree],
+    class limits (k - 1,) [degree], and number of impacts in each class (k,)."""
 
     incidence: np.ndarray
     quantiles: np.ndarray
@@ -31,8 +31,8 @@ class Lateral:
 
 @dataclass(frozen=True)
 class Sets:
-    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9, and error
-    covariances of the means (5, 9, 9) and lateral deviations, where the file has them."""
+    """The five sets of a file: means (5, 9) and covariances (5, 9, 9) of a1..a9; error covariances
+    of the means (5, 9, 9) and lateral deviations, if the file has them."""
 
     name: str
     mean: np.ndarray
@@ -41,7 +41,7 @@ class Sets:
     lateral: tuple[Lateral, ...] | None = None
 
     def redrawn(self, generator: np.random.Generator) -> Sets:
-        """Sets with perturbed means, drawn from the distribution of their errors."""
+        """Sets with means perturbed by draws from their error distribution."""
         if self.error is None:
             return self
         off = [
@@ -52,10 +52,10 @@ class Sets:
 
 
 def read_sets(source: str | Path) -> list[Sets]:
-    """Draws in a set file, or in a shipped set by its name: one, or those of an ensemble."""
+    """Draws in a set file, or in an included set by name: one, or several for an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
-    draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # the matrices do
+    draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # rule unused
     return [
         Sets(
             Path(source).stem, drawn.mean.T, drawn.covariance.T, error,
@@ -77,7 +77,7 @@ def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] 
 
 
 def _errors(text: str, path: Path) -> np.ndarray | None:
-    """Covariances of the errors of the means, (5, 9, 9), if all sets of a file have them."""
+    """Error covariances of the means, (5, 9, 9), if all sets of a file have them."""
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
         return None
@@ -102,10 +102,10 @@ def _errors(text: str, path: Path) -> np.ndarray | None:
 def restitution(
     mean: np.ndarray, covariance: np.ndarray, angle: float, seed: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    """R_t and R_n (draws,) of one set at an incidence angle [degrees] without spin.
+    """R_t and R_n (draws,) of a set at an incidence angle [degree] without spin.
 
-    Only admissible draws: V_n_out > 0, no energy gained (theory, chapter 5). At 90 degrees R_t is
-    NaN.
+    Only admissible draws count: V_n_out > 0, no gain of energy (theory, chapter 5). R_t is NaN at
+    90 degrees.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
     draws = mean + generator.standard_normal((DRAWS, 9)) @ covariance_root(covariance).T

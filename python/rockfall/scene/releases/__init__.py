@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources, and the boulders released from them."""
+"""Sources, and the boulders that they release."""

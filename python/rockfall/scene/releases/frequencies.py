@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequency stated by a hazard scenario."""
+"""Release frequency of a hazard scenario."""
 
 from collections.abc import Mapping
 from typing import Any
 
 
 def stated_frequency(scenario: Mapping[str, Any], boulder: Mapping[str, Any]) -> float:
-    """Boulders a year for each unit of `frequency_per`. An activity is the number larger than 1 m3,
-    for a power-law distribution between the volume limits of the scenario, or of &boulder (Hungr et
-    al. 1999)."""
+    """Boulders per year for each unit of `frequency_per`. An activity counts boulders larger than
+    1 m3; it is converted by the power-law distribution between the volume limits of the scenario,
+    or of &boulder (Hungr et al. 1999)."""
     if "frequency" in scenario:
         return float(scenario["frequency"])
     if "return_period" in scenario:

@@ -10,30 +10,30 @@ from rockfall.scene.kernel_scene import KernelScene
 
 
 class Survey:
-    """Terrain data needed before a run, gathered from all its rows."""
+    """Terrain data needed before a run, collected from all rows."""
 
     def __init__(self, case: Case, grid: Grid, minima: np.ndarray | None = None) -> None:
-        """`minima` are the minima of all rows, if already known."""
+        """`minima` are the block minima of all rows, if already known."""
         self._output, self._grid = case.output, grid
         self.head = np.full(1, -np.inf)  # energy head [m]
         nodes = grid.nx, grid.ny
         side = _core.block_of(nodes)
         blocks = [-(-n // side) for n in nodes] if "maps" in case.output else [1, 1]
         self._known = minima is not None
-        #: minima of blocks of cells [m]
+        #: minimum elevations of blocks of cells [m]
         self.minima = np.full(blocks, np.inf, order="F") if minima is None else minima
 
     def take(self, kernel: KernelScene, first: int, stop: int) -> None:
-        """Add rows `first` to `stop` - 1 of the raster; the scene in the kernel contains them and
-        four more on either side.
+        """Add rows `first` to `stop` - 1 of the raster; the kernel's scene must contain them and
+        four more rows on either side.
 
-        A source from which no boulder can start is refused.
+        Raises an error for a source from which no boulder can start.
         """
-        minima = np.empty((1, 1)) if self._known else self.minima  # only one number is kept
+        minima = np.empty((1, 1)) if self._known else self.minima  # placeholder
         kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, minima, self.head))
 
     def box(self, kernel: KernelScene) -> Box:
-        """Box of all cells that boulders can reach: no rebound adds energy, so no boulder rises
+        """Box of all cells that boulders can reach. No rebound adds energy, so no boulder rises
         above its energy head at release (theory, chapter 5)."""
         if "maps" not in self._output or self._output["map_extent"] == "terrain":
             return self._grid.box

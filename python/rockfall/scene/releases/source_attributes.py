@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Release attributes of polygons or points in a layer or table, by the names that docs/releases.md
-lists. Other attributes are ignored; the case supplies missing ones."""
+"""Release attributes of polygons or points in a layer or table, with the names in
+docs/releases.md. Other attributes are ignored; the case gives values for missing attributes."""
 
 import re
 from collections.abc import Callable
@@ -19,38 +19,38 @@ from rockfall.io.vectors.layers import attribute, named_attribute, plain
 from rockfall.result.variables import fields
 from rockfall.scene.parts import Features
 
-VALUES = fields("feature")  # in the kernel's order, distributions of volumes first
+VALUES = fields("feature")  # in the kernel's order: volume distributions first
 VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
 VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
-LAWS = tuple(fields("distribution")[:4])  # distributions of a feature, numbered from 1
+LAWS = tuple(fields("distribution")[:4])  # distributions, numbered from 1
 AXES = ("a", "b", "c")  # of a block, as in surveys
-MAX_AXIS_RATIO = 20.0  # ratio of the longest axis to the shortest; no block is as thin
-RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a class of volumes [m3]
+MAX_AXIS_RATIO = 20.0  # longest over shortest axis; no block exceeds it
+RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a volume class [m3]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Attributes of features, counted from 0."""
+    """Attributes of features, numbered from 0."""
 
     path: str
     columns: dict[str, np.ndarray]
     size: int
-    where: Callable[[int], str]  # a feature's position, for messages
-    is_text: bool = False  # numbers are text, as in CSV
-    asked: set[str] = field(default_factory=set)  # attributes that were looked for
+    where: Callable[[int], str]  # position of a feature, used in messages
+    is_text: bool = False  # True if numbers are stored as text, as in CSV
+    asked: set[str] = field(default_factory=set)  # names of requested attributes
 
     def refuse(self, k: int, name: str, value: Any, rule: str) -> NoReturn:
         raise RockfallError(f"{self.where(k)}: {name} = {value!r}: {rule}")
 
     def values(self, name: str) -> list[Any]:
-        """Values of an attribute; None where empty or missing."""
+        """Values of an attribute; None for empty or missing values."""
         self.asked.add(name)
         column = attribute(self.columns, name)
         return [None] * self.size if column is None else [*map(plain, column)]
 
     def numbers(self, name: str) -> np.ndarray:
-        """Numbers of an attribute that is also a key of the case; NaN where missing."""
+        """Numbers of an attribute that is also a case key; NaN for missing values."""
         self.asked.add(name)
         column = attribute(self.columns, name)
         if column is None:
@@ -79,7 +79,7 @@ class Table:
         return coordinates
 
     def number(self, k: int, name: str, value: Any) -> float:
-        """Parse a number from a column with any contents."""
+        """Parse a number in a column with arbitrary contents."""
         if value is None:
             return np.nan
         if self.is_text and np.isfinite(number := decimal(value)):
@@ -90,7 +90,7 @@ class Table:
 
 
 def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
-    """Features of a layer and of each source, with frequencies (NaN if missing)."""
+    """Features of a layer and of each source, and the frequencies (NaN if missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
@@ -107,8 +107,8 @@ def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Feat
 
 
 def values_of(case: Case, features: Features | None) -> np.ndarray | None:
-    """Density, drop height and velocity of each feature (features, 5), from the case where missing;
-    None if no feature has any."""
+    """Density, drop height and velocity of each feature (features, 5); the case gives missing
+    values. None if no feature gives any."""
     if features is None or features.value is None:
         return None
     boulder, release = case.boulder, case.release
@@ -119,14 +119,14 @@ def values_of(case: Case, features: Features | None) -> np.ndarray | None:
 
 @cache
 def _key(name: str) -> tuple[str, str]:
-    """Group and name of the case key for these numbers."""
+    """Group and name of the case key for an attribute."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
     groups = ("boulder", "release", "scenario")
     return next((group, name) for group in groups if name in keys_of(group))
 
 
 def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """Volume distribution of each feature (0: the case's), its numbers (4, features)."""
+    """Volume distribution of each feature (0: the case's), and its numbers (4, features)."""
     boulder, law = case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
@@ -156,7 +156,7 @@ def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shapes(table: Table) -> np.ndarray | None:
-    """Block shape of each feature, by name or axes; 0 where missing, None if all are."""
+    """Block shape of each feature, by name or axes; 0 if missing. None if all are missing."""
     shape = _axis_shapes(table)
     for k, value in enumerate(table.values("block_shape")):
         if value is None:
@@ -170,12 +170,12 @@ def _shapes(table: Table) -> np.ndarray | None:
 
 
 def has_axes(columns: dict[str, np.ndarray]) -> bool:
-    """Return True if attributes have the three axes of blocks; fewer are other attributes."""
+    """Return True if all three block axes are attributes; fewer have another meaning."""
     return all(attribute(columns, axis) is not None for axis in AXES)
 
 
 def axes_of(table: Table) -> np.ndarray | None:
-    """Axes (3, features), NaN where missing; None if the attributes do not have all three."""
+    """Block axes (3, features), NaN if missing; None unless all three attributes exist."""
     if not has_axes(table.columns):
         return None
     return np.array([
@@ -185,7 +185,7 @@ def axes_of(table: Table) -> np.ndarray | None:
 
 
 def _axis_shapes(table: Table) -> np.ndarray:
-    """Number of the block shape nearest to the axes of each feature; 0 where axes are missing."""
+    """Number of the block shape nearest to the axes of each feature; 0 if axes are missing."""
     shape = np.zeros(table.size, np.int8)
     if (given := axes_of(table)) is None:
         return shape
@@ -213,8 +213,9 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 
 def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """Check that each distribution has exactly the numbers it needs, by the rules of &boulder.
-    Features with the same keys share one check; extreme spreads and ranges have their own."""
+    """Check that each distribution has exactly the numbers that it needs, by the rules of
+    &boulder. Features with the same keys are checked together, except those with extreme spreads
+    and ranges."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     given_features = set(np.flatnonzero(law > 0)[firsts].tolist())
@@ -229,11 +230,12 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
         values = {n: None if np.isnan(v) else v for n, v in zip(VOLUMES, given[:, k], strict=True)}
         alone = case.replace()
         alone.name = table.where(k)
-        alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # raises an error
+        alone.replace(boulder=own | {"volume": LAWS[law[k] - 1], **values})  # raises the error
 
 
 def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
-    """Check that each feature gives a block shape if sources must; rasters give it, too."""
+    """Check that every feature has a block shape if the sources must define it; a raster also
+    does."""
     if BY_SOURCE not in case.boulder["block_shape"] or facts(case, "boulder", "release").by_raster:
         return
     given = np.zeros(table.size, bool) if shape is None else shape > 0
@@ -246,7 +248,7 @@ def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
 
 
 def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """Check that the boulders of a source are defined in one place only."""
+    """Check that the boulders of a source are defined only once."""
     density, says = ~np.isnan(given[:, DENSITY]), facts(case, "boulder", "release")
     if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
@@ -262,7 +264,7 @@ def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) 
 
 
 def _names(case: Case, table: Table) -> list[str]:
-    """Names of the features, or their numbers if unnamed."""
+    """Names of the features; unnamed features get their numbers."""
     names = table.values("name")
     if own := case.release.get("name_field"):
         table.asked.add(own)

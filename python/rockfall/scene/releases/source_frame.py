@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of a scene as a GeoDataFrame, usable as sources of a run."""
+"""Sources of a scene as a GeoDataFrame that a run accepts as its sources."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 def source_frame(scene: Scene) -> GeoDataFrame:
-    """Source points with their release attributes, named as in docs/releases.md: name, volume and
-    its parameters, density, drop height, velocity, block shape and frequency, where the layer gives
-    them."""
+    """Source points with the release attributes that the layer gives, named as in
+    docs/releases.md: name, volume and its parameters, density, drop height, velocity, block shape
+    and frequency."""
     need("GeoDataFrames need", "vector", "geopandas", "shapely")
     import shapely
     from geopandas import GeoDataFrame

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, boulders per area, their sizes and shapes."""
+"""Sources from the terrain: steep cells, boulders per area, sizes and shapes."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -29,27 +29,28 @@ from rockfall.scene.releases.source_attributes import (
 )
 
 SIDES = ("d1", "d2", "d3")
-SHAPES = int(_core.constant("shapes"))  # numbered from 1
-SPHERE = int(_core.constant("sphere"))  # default shape
+SHAPES = int(_core.constant("shapes"))  # number of block shapes
+SPHERE = int(_core.constant("sphere"))  # number of the default shape
 MAX_SIDE = 1e3  # [m]
-APART = 1000.0  # ratio of a frequency to the next smaller one
-MAX_NAMED = 5  # maximum number of features in a message
+APART = 1000.0  # suspicious ratio of a frequency to the next smaller one
+MAX_NAMED = 5  # maximum features listed in a message
 
 
 def threshold(case: Case, grid: Grid) -> float:
-    """Slope above which cells are steep [degree]: the case's, or the default for its cell size."""
+    """Slope [degree] from which cells are steep: the case's value, or the default for its cell
+    size."""
     return case.release.get("slope_threshold", _core.slope_threshold(grid.cell))
 
 
 def has_idle_shapes(sources: Sources, grounds: Iterable[GroundRule]) -> bool:
-    """Return True if a layer gives block shapes but no ground uses an impact table."""
+    """Return True if a layer gives block shapes although no ground uses an impact table."""
     features = sources.features
     has_shapes = features is not None and features.shape is not None
     return has_shapes and all(ground.model not in TABLES for ground in grounds)
 
 
 def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
-    """Refuse an option that requires the same number of boulders from each source."""
+    """Raise an error for an option that requires the same number of boulders from each source."""
     if sources.frequency is not None:
         raise RockfallError(
             f"{case.name}: sources have a frequency: {what} needs equal numbers from each"
@@ -60,10 +61,10 @@ def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
 
 
 def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
-    """Release points, or the centres of source cells in raster order, with their boulder
+    """Read release points, or the centres of source cells in raster order, with boulder
     properties.
 
-    `bands` are bands of terrain rows in order, each with rasters that include neighbouring rows.
+    `bands` are consecutive bands of terrain rows, with rasters that include neighbouring rows.
     """
     release = inputs.case.release
     if "x" in release:
@@ -116,16 +117,16 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 
 @dataclass
 class Unknown:
-    """Cells declared as sources by a raster or polygons, and the number of these where no boulder
-    can start: no elevation there, or too few around."""
+    """Number of cells declared as sources by a raster or polygons, and the number of those where
+    no boulder can start, because elevations are missing there or around."""
 
     part: int = 0
     n: int = 0
 
 
 class Polygons(NamedTuple):
-    """Parts of source polygons: the part in each cell (0: none), the feature of each part (both
-    from 1), and the attributes of features."""
+    """Source polygons: part number in each cell (0: none), feature number of each part (both from
+    1), and attributes of the features."""
 
     cells: np.ndarray
     owner: np.ndarray
@@ -133,7 +134,7 @@ class Polygons(NamedTuple):
 
 
 def _polygons(inputs: Inputs) -> Polygons | None:
-    """Polygons of sources; None without a layer."""
+    """Read source polygons; None without a layer."""
     case, release = inputs.case, inputs.case.release
     if "polygons" not in release:
         return None
@@ -148,7 +149,7 @@ def _polygons(inputs: Inputs) -> Polygons | None:
 
 
 def _find_points(inputs: Inputs) -> Sources:
-    """Read sources at the points of a layer or a table."""
+    """Read source points from a layer or a table."""
     case, release = inputs.case, inputs.case.release
     path = case.path(release["points"])
     if path.suffix.lower() in EXTENSIONS:
@@ -175,8 +176,8 @@ def _with_attributes(
     owner: np.ndarray | None = None,
     part: np.ndarray | None = None,
 ) -> Sources:
-    """Sources with the release attributes of features, given the feature of each source; for cells
-    also the polygon part, and the feature of each part."""
+    """Sources with the release attributes of their features, given the feature of each source and,
+    for cells, the polygon part and the feature of each part."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
@@ -200,7 +201,8 @@ def _with_attributes(
 
 
 def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
-    """Remark on one frequency far above others: another unit, or a return period."""
+    """Add a remark if a frequency is far above all others, perhaps in another unit or a return
+    period."""
     ordered = np.unique(frequency[frequency > 0])
     if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
         k = int(np.nanargmax(frequency))
@@ -209,7 +211,7 @@ def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
 
 
 def _note_axes(inputs: Inputs, table: Table) -> None:
-    """Remark on block axes that differ widely: they may be in several units."""
+    """Add a remark if block axes differ so much that their units may differ."""
     if (axes := axes_of(table)) is not None:
         ratio = np.nan_to_num(axes[0] / axes[2])
         if ratio.max() > MAX_AXIS_RATIO:
@@ -226,8 +228,8 @@ def _note_lost(
     owner: np.ndarray,
     part: np.ndarray,
 ) -> None:
-    """Remark on polygon parts without a source: parts narrower than a cell, outside the known
-    terrain, covered by later parts, or not steep. They release no boulders."""
+    """Add a remark on polygon parts without a source, which release no boulders: narrower than a
+    cell, outside the known terrain, covered by later parts, or not steep."""
     is_lost = np.bincount(part, minlength=owner.size) == 0
     is_lost[0] = False
     if not is_lost.any():
@@ -248,7 +250,7 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with volume, inertia and density of boulders; those of shape 0 left out."""
+    """Sources with boulder volume, inertia and density; boulders of shape 0 are left out."""
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)
@@ -282,7 +284,7 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
-    """Number of the block shape nearest to the axes (3, n) of each source's boulders. None if the
+    """Number of the block shape nearest to the axes (3, n) of each source's boulders; None if the
     case gives shapes, with a remark if these differ."""
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
@@ -296,7 +298,7 @@ def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
 
 
 def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: Any) -> np.ndarray:
-    """Values of a raster at the source cells."""
+    """Raster values at the source cells."""
     grid, values = inputs.grid, np.empty(sources.x.size, dtype)
     row = ((grid.north - sources.y) / grid.cell).astype(int).clip(0, grid.ny - 1)
     column = ((sources.x - grid.west) / grid.cell).astype(int).clip(0, grid.nx - 1)
@@ -309,7 +311,7 @@ def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: An
 def _check(
     case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, rule: str
 ) -> None:
-    """Refuse invalid boulder properties of a source."""
+    """Raise an error for invalid boulder properties of a source."""
     if good.all():
         return
     k = np.flatnonzero(~good)[0]
@@ -328,8 +330,8 @@ def _cells(
     lowest: ExtremeCount,
     unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of rows of a box, positive in source cells; their values are recorded, and those where
-    no boulder can start are counted."""
+    """Yield blocks of rows of a box that are positive in source cells. Records their values, and
+    counts the cells where no boulder can start."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
         blocks = ((rows, polygons[rows]) for rows in parts)
@@ -353,7 +355,7 @@ def _cells(
 def _on_known(
     inputs: Inputs, band: Rasters, rows: slice, block: np.ndarray, unknown: Unknown
 ) -> np.ndarray:
-    """Source cells of a block where boulders can start; the others are counted."""
+    """Source cells of a block where boulders can start; the other source cells are counted."""
     row, column = np.nonzero(block > 0)
     places = inputs.grid.x[column], inputs.grid.y[rows][row]
     is_start = can_start(band, *places) if row.size else np.ones(0, bool)

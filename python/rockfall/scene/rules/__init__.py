@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rules for implausible inputs, grouped by subject."""
+"""Rules that find implausible inputs, by subject."""

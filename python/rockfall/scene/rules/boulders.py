@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for wrong units of sources, releases, boulders, rocks on the slope and trees."""
+"""Checks of the units of sources, releases, boulders, rocks on the slope, and trees."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,38 +18,38 @@ from rockfall.scene.releases.source_attributes import LAWS, MAX_AXIS_RATIO, valu
 from rockfall.scene.scene import Scene
 from rockfall.scene.surface import radius_over_rg
 
-NO_DATA = (127, 255, 32767, 65535, 2147483647)  # largest integers of raster types
-DENSITIES = (1000.0, 4000.0)  # [kg/m3] porous tuff, ores
-GRAVITIES = (1.35, 1.62, 3.71, 8.87, 9.81)  # [m/s2] Titan, the Moon, Mars, Venus, the Earth
-LATITUDE = 0.006  # relative: gravity on the Earth depends on the latitude
-DROP = 50.0  # [m] a boulder with a longer free fall has its source at the lower point
-SPEED = 50.0  # [m/s] at the release
-VOLUME = 150.0  # [m3] 6.6 m across: larger boulders are rare; 0.15 m3 in litres is 150
-TRUNCATED = 0.02  # relative increase of the mean of a normal distribution truncated at zero
-EXPONENT = 1.0  # surveys have 0.4 to 0.9, their densities 1.4 to 1.9
-STOP = 5.0  # [m/s] of stop_speed: a boulder this fast continues
-FLATTEST, STEEPEST = 2.0, 90.0  # [degree] of rest_angle; 2 rad are 115 degrees
-SPREAD = 2.0  # standard deviation over mean beyond which a percentage was probably given
-WIDEST = 5.0  # standard deviation over mean; above it a normal distribution is refused
-RADIUS = 3.0  # [m] mean radius of the rocks on a slope
-DBH = (4.0, 150.0)  # [cm] mean diameters of stands
-SAPLING = 1.5  # [cm] thinner stems are not surveyed; in metres no stem is thicker
-THIN = 4.5  # [cm] stems up to here are more frequent than below SAPLING
-THICK = 250.0  # [cm] thicker stems are of sequoias
-BASAL = 150.0  # [m2/ha] no forest of Europe has a larger basal area
-CLEAR = 100.0  # [m] of clear_of_sources
-TALL = 60.0  # [m] of stem_height
-LOW = 2.0  # [m] of stem_height: boulders bounce this high; thickets are higher
-DENSE = 20_000.0  # stems per hectare: thickets
-ORDERED = 0.9  # fraction of places: in published zone tables half are not in the usual order
+NO_DATA = (127, 255, 32767, 65535, 2147483647)  # maxima of integer raster types
+DENSITIES = (1000.0, 4000.0)  # [kg/m3] from porous tuff to ores
+GRAVITIES = (1.35, 1.62, 3.71, 8.87, 9.81)  # [m/s2] Titan, Moon, Mars, Venus, Earth
+LATITUDE = 0.006  # relative variation of the Earth's gravity with latitude
+DROP = 50.0  # [m] after a longer free fall, the lower point should be the source
+SPEED = 50.0  # [m/s] maximum at release
+VOLUME = 150.0  # [m3] 6.6 m across; larger boulders are rare, and 0.15 m3 in litres is 150
+TRUNCATED = 0.02  # relative increase of a normal mean by truncation at zero
+EXPONENT = 1.0  # surveys give 0.4 to 0.9, exponents of the density are 1.4 to 1.9
+STOP = 5.0  # [m/s] maximum stop_speed; a boulder this fast does not stop
+FLATTEST, STEEPEST = 2.0, 90.0  # [degree] limits of rest_angle; 2 rad are 115 degrees
+SPREAD = 2.0  # standard deviation over mean; a larger value is probably a percentage
+WIDEST = 5.0  # standard deviation over mean; larger values are refused for a normal distribution
+RADIUS = 3.0  # [m] maximum mean radius of rocks on a slope
+DBH = (4.0, 150.0)  # [cm] mean diameters in stands
+SAPLING = 1.5  # [cm] thinner stems are not surveyed; diameters in metres are all thinner
+THIN = 4.5  # [cm] stems this thin are more frequent than stems below SAPLING
+THICK = 250.0  # [cm] only sequoias are thicker
+BASAL = 150.0  # [m2/ha] maximum basal area of European forests
+CLEAR = 100.0  # [m] maximum clear_of_sources
+TALL = 60.0  # [m] maximum stem_height
+LOW = 2.0  # [m] minimum stem_height: boulders bounce this high, and thickets are taller
+DENSE = 20_000.0  # stems per hectare of thickets
+ORDERED = 0.9  # fraction of places; in published zone tables half do not have the usual order
 SMOOTH_REST = 27.0  # [degree] ground without rocks may stop no boulder above (theory, chapter 8)
-OF_ROCKS = "talus", "scree"  # in the name of a ground that needs no rock sizes but has some
-RESTING = 0.1  # fraction of the terrain above which a warning is given
-RG_FULL = 100.0  # [m] Rg that marks water in Rockyfor3D
+OF_ROCKS = "talus", "scree"  # ground names that imply rocks, although rock sizes are optional
+RESTING = 0.1  # fraction of the terrain that triggers a warning
+RG_FULL = 100.0  # [m] code for water in Rockyfor3D
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about boulder starts, boulder properties, and the ground on the way."""
+    """Warnings about the start of boulders, their properties, and the ground on their path."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
         _gravity, _rocks,
@@ -70,7 +70,7 @@ def _source_cells(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _source_points(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on duplicate points with the same boulders; different boulders may share a point."""
+    """Warnings on repeated points with the same boulders; different boulders may share a point."""
     release = scene.case.release
     if not {"x", "points"} & release.keys():
         return
@@ -125,13 +125,13 @@ def _densities(scene: Scene) -> Iterator[InputWarning]:
 class _Volumes(NamedTuple):
     """Volume distribution of a case, scenario or feature."""
 
-    group: str  # one warning each
+    group: str  # group for which a single warning is issued
     where: str
     keys: Mapping[str, Any]
 
 
 def _distributions(scene: Scene) -> Iterator[_Volumes]:
-    """Volume distributions of the case, of each scenario, and of each feature that has its own."""
+    """Volume distributions of the case, of each scenario, and of features that have their own."""
     boulder = scene.case.boulder
     yield _Volumes("", "&boulder", boulder)
     for scenario in scene.case.scenario:
@@ -150,7 +150,7 @@ def _distributions(scene: Scene) -> Iterator[_Volumes]:
 
 
 def largest_volumes(scene: Scene) -> Iterator[float]:
-    """Largest volume [m3] of each distribution that a scene uses; inf if unlimited."""
+    """Largest volume [m3] of each distribution in a scene; inf if unlimited."""
     if scene.source_boulders is not None:
         yield float(scene.source_boulders.volume.max())
     for group, _, keys in _distributions(scene):
@@ -164,7 +164,7 @@ def largest_volumes(scene: Scene) -> Iterator[float]:
 
 
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about the largest volume of each key, over all features or cells."""
+    """Warnings about the largest volume under each key, over all features or cells."""
     largest_of: dict[str, tuple[float, str]] = {}
     for group, where, keys in _distributions(scene):
         for key in ("volume_mean", "volume_max", "volumes"):
@@ -180,7 +180,8 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Exponents likely of the density, not of the number of larger boulders (less by 1)."""
+    """Warnings on exponents that are probably those of the density, larger by 1 than the exponent
+    of the number of larger boulders."""
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -189,7 +190,7 @@ def _exponents(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _stops(scene: Scene) -> Iterator[InputWarning]:
-    """Speed and angle of rest likely in other units."""
+    """Warnings on a stop speed or angle of rest that is probably in another unit."""
     impact = scene.case.impact
     if (speed := impact["stop_speed"]) > STOP:
         yield InputWarning(f"&impact stop_speed = {speed:g} m/s", say("input.stop_speed"))
@@ -199,8 +200,8 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Normal distributions whose mean changes when truncated at zero, and lognormal distributions
-    wider than allowed for normal ones; of features, the one with the largest relative spread."""
+    """Warnings on normal distributions whose mean changes by truncation at zero, and on lognormal
+    distributions wider than a normal distribution may be; among features, the relatively widest."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -233,7 +234,7 @@ def _gravity(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _rocks(scene: Scene) -> Iterator[InputWarning]:
-    """Rock sizes far beyond those found on slopes."""
+    """Warnings on rock sizes far beyond those found on slopes."""
     ground, surface = scene.ground, scene.case.surface
     limit = RADIUS
     if surface["method"] == "A":
@@ -249,8 +250,8 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
-    """Rg values in the wrong order nearly everywhere: larger values for more frequent obstacles.
-    Published tables have this in some zones (Bourrier et al. 2009, table 1)."""
+    """Warning on Rg values in the wrong order nearly everywhere, with larger values for more
+    frequent obstacles. Published tables have this in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -262,7 +263,8 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _operator(scene: Scene) -> Iterator[InputWarning]:
-    """An impact table or impact sets given in addition to a ground for all places."""
+    """Warning on an impact table or impact sets that have no effect, because a ground applies
+    everywhere."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and is_given(scene.case, "impact", key):
@@ -270,7 +272,8 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Block shapes without effect on tables or with no share; axes in several units."""
+    """Warnings on block shapes that have no effect or zero weight with tables, and on axes in
+    mixed units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:
@@ -287,8 +290,8 @@ def _shapes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _rests(scene: Scene) -> Iterator[InputWarning]:
-    """Ground without rocks where boulders rest as on talus, because the case gives one angle for
-    all grounds or the user's row gives none."""
+    """Warnings on ground without rocks where boulders rest as on talus, because the case sets one
+    angle for all grounds, or the user's ground sets none."""
     given = scene.case.impact.get("rest_angle")
     angle = repose() if given is None else given
     smooth = [
@@ -309,7 +312,7 @@ def _rests(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _forest(scene: Scene) -> Iterator[InputWarning]:
-    """Stem diameters and densities likely in other units."""
+    """Warnings on stem diameters and densities that are probably in other units."""
     if scene.trees is None:
         return
     diameters = scene.trees.dbh

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys without effect by a case's files; the kernel refuses those by the case itself."""
+"""Checks for keys without effect because of a case's files; the kernel checks the case itself."""
 
 from rockfall.case import given_groups
 from rockfall.case.text import literal
@@ -10,7 +10,8 @@ from rockfall.scene.scene import Scene
 
 
 def check_effects(scene: Scene) -> None:
-    """Refuse keys of rebounds that no ground uses, and fragments above every boulder."""
+    """Raise an error for rebound keys that no ground uses, and for a minimum fragment larger than
+    every boulder."""
     case = scene.case
     given = given_groups(case)
     models = {ground.model for ground in scene.grounds} or {IMPACT_SETS}

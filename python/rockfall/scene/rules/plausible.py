@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Valid but implausible inputs of a scene, each with one line that gives its literal meaning.
+"""Valid but implausible inputs of a scene, with a line for each that gives its literal meaning.
 
-Impossible inputs are refused where they are read. Limits are far from usual values, because a false
-warning also does harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
+Impossible inputs raise an error when read. Limits are far from usual values, because false
+warnings also do harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
 """
 
 import warnings
@@ -20,13 +20,13 @@ from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
 
-FAR_SIDES = 3.0  # in longer terrain sides: roads and valleys extend beyond it, but not this far
+FAR_SIDES = 3.0  # in longer terrain sides: roads and valleys extend less beyond the terrain
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
 
 def input_warnings(scene: Scene) -> list[InputWarning]:
-    """Likely mistakes in the inputs; computed once for a scene and those derived from it."""
+    """Likely mistakes in the inputs; cached for a scene and scenes derived from it."""
     findings = scene.findings
     if findings.warnings is None:
         warnings = (row for rules, uses in RULES.items() for row in _found(scene, rules, uses))
@@ -35,7 +35,7 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
 
 
 def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarning]:
-    """Warnings of some rules for the case and these parts of a scene."""
+    """Warnings of these rules for the case and these parts of a scene."""
 
     def apply(case: Case) -> list[InputWarning]:
         return [*rules(scene if case is scene.case else replace(scene, case=case))]
@@ -45,18 +45,19 @@ def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarni
 
 
 def implausible(scene: Scene) -> list[str]:
-    """One line for each likely mistake."""
+    """Text line for each likely mistake."""
     return [f"{scene.case.name}: {where}: {text}" for where, text in input_warnings(scene)]
 
 
 def warn_of(scene: Scene) -> None:
-    """Issue the lines as Python warnings, attributed to the caller's caller."""
+    """Issue the text lines as Python warnings, attributed to the caller's caller."""
     for line in implausible(scene):
         warnings.warn(line, stacklevel=3)
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Lines with at least one vertex outside the terrain; the kernel refuses lines farther away."""
+    """Warnings on lines with a vertex outside the terrain; the kernel refuses lines farther
+    away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)
@@ -74,13 +75,13 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
-    """Remarks of the readers, each with its place."""
+    """Remarks of the readers with their places."""
     for remark in scene.remarks:
         assert isinstance(remark, Text)
         yield InputWarning(remark.values["where"], remark.values["text"])
 
 
-#: Rules, and the parts of a scene that they use in addition to its case.
+#: Rules, and the scene parts that they use in addition to the case.
 RULES: dict[Rules, tuple[str, ...]] = {
     _lines: ("grid",),
     dem_rules: ("rasters",),

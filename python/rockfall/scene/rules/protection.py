@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for wrong units of nets, walls and dams, hazard classes and uncertain inputs."""
+"""Checks of the units of nets, walls, dams, hazard classes and uncertain inputs."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -13,23 +13,23 @@ from rockfall.terrain.dams import FINE, DamShape, finer
 
 NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
 CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
-WEAK = 5.0  # [kJ] of a capacity, or the highest threshold: a stone has more; nets in MJ have less
+WEAK = 5.0  # [kJ] minimum capacity or threshold: a stone has more, values in MJ are smaller
 DAM = 30.0  # [m] rockfall dams are up to about 25 m high
-FLAT = 15.0  # [degree] no dam face is flatter; a height-to-width ratio is a small number
-LOG = 120.0  # [cm] thicker logs are not felled across a slope
-CREST = 20.0  # [m] of crest_width
-CLIFF = 10.0  # [m] of cliff_length
-APART = 1000.0  # ratio of a frequency to the next smaller one
-SHIFT = 100.0  # [m] of source_shift
-LOWERED = 0.8  # fraction of the requested height: a lower crest has another cause
+FLAT = 15.0  # [degree] minimum slope of a dam face; a height-to-width ratio is a small number
+LOG = 120.0  # [cm] thicker logs are not felled across slopes
+CREST = 20.0  # [m] maximum crest_width
+CLIFF = 10.0  # [m] maximum cliff_length
+APART = 1000.0  # suspicious ratio of a frequency to the next smaller one
+SHIFT = 100.0  # [m] maximum source_shift
+LOWERED = 0.8  # fraction of the requested height; a lower crest has another cause
 THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
-PERIOD = 1.0  # [year] shorter return periods are not hazard classes; frequencies are below 1
-FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}  # [1/year] one boulder per
-#: class every few weeks, from one place every year, from a metre of cliff every year
+PERIOD = 1.0  # [year] minimum return period of hazard classes; frequencies are below 1
+#: Maxima [1/year]: a boulder every few weeks, per source and year, per metre of cliff and year.
+FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}
 
 
 def protection_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about protection, and about the inputs of `hazard` and `ensemble`."""
+    """Warnings about protection measures, and about inputs of `hazard` and `ensemble`."""
     yield from _barriers(scene)
     yield from dam_rules(scene.dams, scene.grid.cell)
     for rule in _hazard, _scenarios, _unequal, _ensemble:
@@ -55,7 +55,7 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 def _twins(
     members: Sequence[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], Hashable]
 ) -> Iterator[tuple[str, str]]:
-    """Names of members with equal keys: the first one, and each repetition."""
+    """Names of members with equal keys: the first, and each repetition."""
     first: dict[Hashable, str] = {}
     for member in members:
         name = first.setdefault(key(member), member["name"])
@@ -64,7 +64,7 @@ def _twins(
 
 
 def _place(barrier: Mapping[str, Any]) -> Hashable:
-    """Identity of a barrier: its vertices in either direction, and its height."""
+    """Key of a barrier's position: its vertices in either direction, and its height."""
     vertices = tuple(zip(barrier["x"], barrier["y"], strict=True))
     return min(vertices, vertices[::-1]), barrier.get("height")
 
@@ -124,7 +124,8 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """One frequency far above others of its reference: other unit, or return period."""
+    """Warning on a frequency far above the others with its reference: other unit, or return
+    period."""
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

@@ -13,24 +13,25 @@ from rockfall.language import Number, Text, say
 from rockfall.scene.ground import LOWEST_LAND
 from rockfall.scene.scene import Scene
 
-LOW, HIGH = -9000.0, 9000.0  # elevations [m]: below the deepest sea slopes, above Everest
-GAP = 300.0  # [m] from the lowest elevation to the next: no terrain has so large a gap
-USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # common values for no data
-USUAL_GAP = 20.0  # [m] as GAP, for these values: a lake or the sea has a shore
-MOST = 0.5  # fraction of cells: no-data values are rarer; a plain below a cliff may be larger
-FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # west, east, south, north of degrees
-SMALL_CELL = 0.1  # [degree]: 11 km
-WALL = 50.0  # tangent of 89 degrees: only coordinates in degrees give such a mean slope
-STEEP = 60.0  # [degree] no terrain has a steeper median; elevations in feet turn 28 degrees into it
-FEET = (52.0, 68.0)  # [degree] median and 90 % quantile of slopes: hardly any 500 m of the Alps are
-#: so steep, but mountains of 21 and 37 degrees whose elevations are in feet
-SCALE = 0.03  # scale error of a projection: smaller within the country it was made for
-STEPS = 0.05  # fraction of places with bends in integer elevations: rounded, not exact
-FINE = (0.2, 2.5)  # [m] coarser cells follow the slope, finer ones come from a laboratory
-#: [degree] such turns from cell to cell on a slope of 34 degrees let 8 to 36 % (matrix) or 21 to 60
-#: % (tables) fewer boulders pass the gentle ground below than a smooth slope
+LOW, HIGH = -9000.0, 9000.0  # elevations [m] below the deepest sea slopes, above Everest
+GAP = 300.0  # [m] gap between the lowest and the next elevation; no terrain has one this large
+USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # common nodata values
+USUAL_GAP = 20.0  # [m] gap for these values; lakes and seas have shores
+MOST = 0.5  # maximum fraction of nodata cells; a plain below a cliff may cover more
+FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # degrees: west, east, south, north
+SMALL_CELL = 0.1  # [degree] 11 km
+WALL = 50.0  # tangent of 89 degrees; only coordinates in degrees give such a mean slope
+STEEP = 60.0  # [degree] no terrain has a steeper median; 28 degrees become this in feet
+#: [degree] Median and 90 % quantile of slopes: hardly any 500 m of the Alps reach them, but
+#: mountains of 21 and 37 degrees do if their elevations are in feet.
+FEET = (52.0, 68.0)
+SCALE = 0.03  # scale error; within its country a projection has less
+STEPS = 0.05  # fraction of places with bends in integer elevations: the elevations are rounded
+FINE = (0.2, 2.5)  # [m] coarser cells follow the slope; finer cells come from a laboratory
+#: [degree] Turns this large between cells, on a slope of 34 degrees, reduce the number of boulders
+#: that pass the gentle ground below by 8 to 36 % (matrix) or 21 to 60 % (tables).
 ROUGH = 8.0
-STEP_SLOPE = 2.0  # [degree] maximum error of a slope by a 1 m step: above survey accuracy
+STEP_SLOPE = 2.0  # [degree] maximum slope error of a 1 m step; larger than survey errors
 
 
 def dem_rules(scene: Scene) -> Iterator[InputWarning]:
@@ -42,7 +43,7 @@ def dem_rules(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _nodata(scene: Scene) -> Iterator[Text]:
-    """Undeclared nodata values."""
+    """Warning on undeclared nodata values."""
     ground = scene.ground
     ends = (
         (ground.low, 1, LOW, "input.elevation_below"),
@@ -61,14 +62,14 @@ def _nodata(scene: Scene) -> Iterator[Text]:
 
 
 def _low(scene: Scene) -> Iterator[Text]:
-    """Elevations between land and a nodata value, as produced by resampling near voids."""
+    """Warning on elevations between land and a nodata value, as resampling near voids produces."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
         yield say("input.too_low", n=deep, land=LOWEST_LAND, lowest=low.value)
 
 
 def _spikes(scene: Scene) -> Iterator[Text]:
-    """Single cells that differ from all neighbours and are not reported above."""
+    """Warning on single cells that differ from all neighbours, unless reported above."""
     ground = scene.ground
     if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
         return
@@ -77,7 +78,7 @@ def _spikes(scene: Scene) -> Iterator[Text]:
 
 
 def _units(scene: Scene) -> Iterator[Text]:
-    """Undeclared degrees or feet."""
+    """Warning on degrees or feet that are not declared."""
     grid, (_, half, steep) = scene.grid, scene.ground.quantiles()
     west, east, south, north = FULL_CIRCLE
     inside = grid.west >= west and grid.east <= east and grid.south >= south and grid.north <= north
@@ -90,7 +91,8 @@ def _units(scene: Scene) -> Iterator[Text]:
 
 
 def is_too_steep(half: float, steep: float) -> bool:
-    """Return True for median and 90 % slopes [degree] that are implausible for terrain."""
+    """Return True if the median and 90 % quantile of slopes [degree] are implausible for
+    terrain."""
     return half > STEEP or (half > FEET[0] and steep > FEET[1])
 
 
@@ -111,7 +113,7 @@ def _steps(scene: Scene) -> Iterator[Text]:
 
 
 def _rough(scene: Scene) -> Iterator[Text]:
-    """Fine cells that contain noise, or rocks that R_m and tables already represent."""
+    """Warning on fine cells with noise, or with rocks that R_m and the tables already represent."""
     cell = scene.grid.cell
     if FINE[0] <= cell <= FINE[1] and (angle := scene.ground.roughness()) > ROUGH:
         yield say("input.rough", angle=angle, metres=2 * cell)
