@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The case: the inputs of a run. The kernel reads, completes and checks a case; this package
-provides a view, a writer, and functions for other packages.
+"""The case: the inputs of a run. The kernel reads, completes and checks it; this package gives
+access to it, writes it, and answers questions of other packages.
 """
 
 from rockfall.case.case import (

@@ -25,13 +25,13 @@ from rockfall.io.files import check_text_file, reason
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-FROM_ARRAY = "(array)"  # DEM of a case with elevations from `run(case, dem=...)`
-LINES = tuple(_core.fields("line_group").decode().split())  # groups of lines, in order
-OPERATOR = {"sets": "matrix", "table": "table"}  # form of rebounds by key of `impact`
+FROM_ARRAY = "(array)"  # DEM entry of a case whose elevations come from `run(case, dem=...)`
+LINES = tuple(_core.fields("line_group").decode().split())  # groups that define lines, in order
+OPERATOR = {"sets": "matrix", "table": "table"}  # rebound form by key of `impact`
 
 
 def read_case(path: str | Path) -> Case:
-    """Read the case in a namelist file. A RockfallError names file, group, key, value and the rule.
+    """Read a case from a namelist file. A RockfallError gives file, group, key, value and rule.
 
     >>> import rockfall
     >>> rockfall.read_case("case.nml").boulder["density"]
@@ -47,12 +47,12 @@ def read_case(path: str | Path) -> Case:
 
 
 def case_of(result: Held) -> Case:
-    """Case stored in a result; file names are relative to the folder of the run's case."""
+    """Case stored in a result; file names are relative to the folder of the original case."""
     return case_in(result.attrs)
 
 
 def case_in(attrs: Mapping[str, Any]) -> Case:
-    """Case stored in attributes; file names are as in `case_of`."""
+    """Case stored in attributes; file names as in `case_of`."""
     return _case(str(attrs["case"]).encode(errors="replace"), Path(str(attrs["case_file"])))
 
 
@@ -67,10 +67,11 @@ def _made(values: KernelValues, folder: Path, name: str) -> Case:
 
 
 class Case:
-    """A case by groups, as in its file: `case.boulder["density"]`, `case.line[0]["name"]`.
+    """A case, organised in groups as in its file: `case.boulder["density"]`,
+    `case.line[0]["name"]`.
 
-    Missing keys have their default, or are absent. File names are relative to `folder`. Repeatable
-    groups (`REPEATABLE`) are lists.
+    Keys missing in the file have their default, or are absent. File names are relative to
+    `folder`. Repeatable groups (`REPEATABLE`) are lists.
 
     >>> import rockfall
     >>> case = rockfall.Case(
@@ -98,7 +99,7 @@ class Case:
         self._take(read_values(text, name, "case"), Path(folder), name)
 
     def _take(self, values: KernelValues, folder: Path, name: str) -> None:
-        """Take over values read by the kernel; `name` is for messages."""
+        """Adopt values read by the kernel; `name` is used in messages."""
         self.folder, self.name, self._values = folder, name, values
         self._facts = Facts(*values.facts)
         groups = _all_values(values)
@@ -106,7 +107,7 @@ class Case:
             message = _core.refusal(values, *fault)
             raise RockfallError(message.decode(errors="replace").strip())
         self.__dict__ |= {group: groups.pop(group) for group in REPEATABLE}
-        self._groups: dict[str, dict[str, Any]] = groups  # complete
+        self._groups: dict[str, dict[str, Any]] = groups  # all groups
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_values": self.text()}
@@ -123,7 +124,7 @@ class Case:
 
     @property
     def has_forest(self) -> bool:
-        """Return True if there are trees, listed or generated.
+        """Return True if the case has trees, listed or generated.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -134,7 +135,7 @@ class Case:
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Lines where crossings are recorded: evaluation lines, then barriers.
+        """Lines at which crossings are recorded: evaluation lines, then barriers.
 
         >>> import rockfall
         >>> [line["name"] for line in rockfall.read_case("case.nml").lines]
@@ -143,7 +144,7 @@ class Case:
         return [line for group in LINES for line in getattr(self, group)]
 
     def files(self) -> Iterator[tuple[Key, str]]:
-        """Yield the files named in the case, with their keys.
+        """Yield the keys that name files, with the files.
 
         >>> import rockfall
         >>> for key, name in rockfall.read_case("case.nml").files():
@@ -175,11 +176,11 @@ class Case:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
     def replace(self, **groups: Any) -> Case:
-        """Return a copy with other values: `case.replace(surface={"method": "A"})`; None removes a
-        key and all keys that are only valid with it, as `zones` with their table, field and layer.
-        A list replaces all groups of its name: `case.replace(line=[])`. A change of `sets` or
-        `table` of `impact` also sets their form; keys of `hazard` are removed with the `maps` or
-        `scenario` that they need.
+        """Return a copy with other values: `case.replace(surface={"method": "A"})`. None removes a
+        key, and all keys that are only valid with it, as table, field and layer with `zones`. A
+        list replaces all groups of its name: `case.replace(line=[])`. Changing `sets` or `table`
+        of `impact` also sets the matching form; keys of `hazard` are removed together with the
+        `maps` or `scenario` that they need.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -205,7 +206,7 @@ class Case:
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:
-        """Copy of the case with changes (None removes a key); only the changes are parsed."""
+        """Copy of the case with changes (None removes a key); only changed keys are parsed."""
         plain, removed = _plain(changes), []
         for group, values in changes.items():
             keys = {} if group in REPEATABLE else {key.lower() for key in values}
@@ -214,7 +215,7 @@ class Case:
         return changed_values(self._values, removed, namelist_text(plain).encode(), self.name)
 
     def _changes_in_place(self) -> dict[str, Any]:
-        """Values set by assignments such as `case.boulder[key] = value`, and removed keys."""
+        """Values assigned by `case.boulder[key] = value`, and removed keys."""
         changes: dict[str, Any] = {}
         groups = self._groups | {group: self.__dict__[group] for group in REPEATABLE}
         for group, was in _all_values(self._values).items():
@@ -227,7 +228,7 @@ class Case:
         return changes
 
     def text(self) -> str:
-        """Case as the text of a namelist file.
+        """Text of the case as a namelist file.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml").replace(case={"seed": 8})
@@ -242,7 +243,7 @@ class Case:
         return values.text
 
     def path(self, file: str) -> Path:
-        """Path of a file named in the case.
+        """Path of a file in the case, relative names resolved.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")
@@ -253,33 +254,34 @@ class Case:
 
 
 class Facts(NamedTuple):
-    """Facts of a case that the kernel derives from its keys."""
+    """Properties of a case that the kernel derives from its keys."""
 
     has_forest: bool
-    has_points: bool  # sources are points, not terrain cells
-    by_layer: bool  # attributes of the source layer give the boulders
-    by_raster: bool  # rasters give the boulders
-    by_table: bool  # an impact table is the default operator
-    is_compact: bool  # boulders of the case can have this block shape
+    has_points: bool  # sources are points instead of terrain cells
+    by_layer: bool  # source attributes define the boulders
+    by_raster: bool  # rasters define the boulders
+    by_table: bool  # an impact table is the default rebound model
+    is_compact: bool  # boulders of the case can have the compact shape
     is_elongated: bool
     is_platy: bool
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts of a case; stages record the groups from whose keys they are derived."""
+    """Facts of a case; stages record the groups from which they derive."""
     for group in groups:
         getattr(case, group)
     return case._facts
 
 
 def in_kernel(case: Case) -> KernelValues:
-    """Case in the kernel, including values changed in place since it was read."""
+    """Case in the kernel, including values assigned in place since it was read."""
     changes = case._changes_in_place()
     return case._changed(changes) if changes else case._values
 
 
 def check_all_kept(case: Case, needs: str) -> None:
-    """Refuse a case whose runs do not keep the rows of all boulders; `needs` begins the message."""
+    """Raise an error for a case whose runs do not keep the rows of all boulders; the message
+    starts with `needs`."""
     if (kept := case.output["kept"]) != "all":
         raise RockfallError(
             f"{case.name}: &output kept = {literal(kept)}: {needs} the rows of all boulders: "
@@ -288,14 +290,14 @@ def check_all_kept(case: Case, needs: str) -> None:
 
 
 def is_given(case: Case, group: str, key: str) -> bool:
-    """Return True if a key differs from its default; stages record its group."""
+    """Return True if a key differs from its default; stages record the group of the key."""
     own = getattr(case, group).get(key)
     read = next(read for read in case._values.groups if read.name == group)
     return key in read.given or own != read.usual.get(key)
 
 
 def _plain(groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert groups (some are lists) to values for a namelist file."""
+    """Convert groups and lists of groups to values for a namelist file."""
     return {
         group: [*map(plain_values, values)] if group in REPEATABLE else plain_values(values)
         for group, values in groups.items()
@@ -303,7 +305,7 @@ def _plain(groups: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _all_values(values: KernelValues) -> dict[str, Any]:
-    """Values of each group of a case; lists for REPEATABLE groups."""
+    """Values of each group of a case; lists for repeatable groups."""
     groups: dict[str, Any] = {group: [] for group in REPEATABLE}
     for group in values.groups:
         if group.name in REPEATABLE:
@@ -314,8 +316,8 @@ def _all_values(values: KernelValues) -> dict[str, Any]:
 
 
 def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Form of rebounds implied by changes of `impact`: sets or table, which would otherwise have no
-    effect. The kernel refuses both together.
+    """Form of rebounds that a change of `impact` implies: sets or table. Without it the change
+    would have no effect; the kernel refuses both together.
     """
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
     if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):
@@ -324,7 +326,7 @@ def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def given_groups(case: Case) -> dict[str, dict[str, Any]]:
-    """Groups that are not repeatable, with the keys that differ from their default."""
+    """Non-repeatable groups, with the keys that differ from their defaults."""
     return {
         group.name: group.given
         for group in in_kernel(case).groups
@@ -333,7 +335,7 @@ def given_groups(case: Case) -> dict[str, dict[str, Any]]:
 
 
 def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
-    """Repeatable groups, with the keys that differ from their default."""
+    """Repeatable groups, with the keys that differ from their defaults."""
     groups: dict[str, list[dict[str, Any]]] = {group: [] for group in REPEATABLE}
     for group in in_kernel(case).groups:
         if group.name in REPEATABLE:
@@ -342,6 +344,6 @@ def given_in_lists(case: Case) -> dict[str, list[dict[str, Any]]]:
 
 
 def given_text(case: Case) -> str:
-    """Text of a case without groups whose keys all have their default."""
+    """Text of a case without the groups in which all keys have their defaults."""
     given = {group: case._groups[group] for group in given_groups(case)}
     return namelist_text(given | {name: getattr(case, name) for name in REPEATABLE})

@@ -20,7 +20,7 @@ from rockfall.io.rasters.raster_file import raster_file, raster_files
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-#: Extensions of companion files of a layer (GDAL's drivers of shapefiles and GeoPackages).
+#: Extensions of companion files of a layer (GDAL drivers for shapefiles and GeoPackages).
 BESIDE = (
     ".shp", ".shx", ".dbf", ".prj", ".cpg", ".qpj", ".cst", ".qix", ".sbn", ".sbx", ".idm", ".ind",
 )  # fmt: skip
@@ -28,7 +28,7 @@ APPENDED = (".xml", ".aux.xml", "-wal", "-shm", "-journal")
 
 
 def input_files(case: Case) -> Iterator[Path]:
-    """Yield all files that a case reads, the case file first; some may not exist."""
+    """Yield all files that a case may read, starting with the case file; some may not exist."""
     yield Path(case.name)
     for key, name in case.files():
         if name != FROM_ARRAY:
@@ -39,8 +39,8 @@ def input_files(case: Case) -> Iterator[Path]:
 
 
 def read_names(case: Case) -> list[str]:
-    """Names (without folders) of the files given in a case, except impact sets and impact tables,
-    which may be unused.
+    """Names (without folders) of the files in a case, except impact sets and tables, which may be
+    unused.
     """
     names = (
         name
@@ -51,7 +51,7 @@ def read_names(case: Case) -> list[str]:
 
 
 def group_files(case: Case, group: str) -> Iterator[Path]:
-    """Yield all files named in a group of a case, with possible companion files."""
+    """Yield all files of a group in a case, with possible companion files."""
     for key, name in case.files():
         if key.group != group or name == FROM_ARRAY:
             continue
@@ -66,7 +66,7 @@ def group_files(case: Case, group: str) -> Iterator[Path]:
 
 
 def _named_grounds(case: Case) -> set[str]:
-    """Names of the grounds in the case and its table of zones, some of them impact sets."""
+    """Names of grounds in the case and its zone table; some are names of impact sets."""
     names = {case.surface.get("ground", "")}
     with suppress(RockfallError):
         names |= {zone.ground for zone in case_zones(case).values()}
@@ -74,10 +74,10 @@ def _named_grounds(case: Case) -> set[str]:
 
 
 def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
-    """Yield the files named by one value of a key."""
+    """Yield the files that a value of a key refers to."""
     path = case.path(name)
     if kind == "sets":
-        if operator := find_operator(case, name)[0]:  # its reader reports missing files
+        if operator := find_operator(case, name)[0]:  # its reader will report missing files
             yield operator
     elif kind == "impact_table":
         if case.impact["form"] == "table" and (operator := own_table(case, name)):
@@ -91,8 +91,8 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 
 def files_behind(result: Held) -> Iterator[Path]:
-    """Yield the files that the case of a result reads, relative to the run's folder; none if the
-    case is unreadable.
+    """Yield the files that the case of a result reads, relative to the folder of the run; none if
+    the case cannot be read.
     """
     if {"case", "case_file"} <= result.attrs.keys():
         try:
@@ -102,12 +102,12 @@ def files_behind(result: Held) -> Iterator[Path]:
         yield from input_files(case)
         for key in json.loads(result.attrs.get("input_checksums", "{}")):
             group, _, name = key.partition(" ")
-            if group in REPEATABLE:  # the case contains the coordinates of the layer
+            if group in REPEATABLE:  # layer coordinates are stored in the case
                 yield from _layer_files(case.path(name))
 
 
 def _layer_files(path: Path) -> Iterator[Path]:
-    """A polygon layer and its companion files."""
+    """Files of a polygon layer, including companion files."""
     yield path
     yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if path.suffix.lower() == ".shp":

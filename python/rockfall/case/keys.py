@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel's table of the keys of a case."""
+"""The kernel's table of case keys."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case.text import read_values
 
-REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups that are lists
+REPEATABLE = tuple(_core.fields("repeatable_group").decode().split())  # groups in the form of lists
 
 
 FOREST = "trees", "polygons", "stems", "uniform_stems"
-#: Keys that are only valid with at least one of some other keys, and are removed with the last of
-#: them. None: all other keys of the group.
+#: Keys that are only valid with at least one of some other keys and are removed with the last of
+#: these. None: all other keys of the group.
 ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     "surface": [(("zones",), ("zones_layer", "zone_field", "table", "default_zone"))],
     "release": [
@@ -30,11 +30,11 @@ ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     ],
     "output": [(("maps",), ("map_extent", "min_passages"))],
 }
-OF_MAPS = {"thresholds": "exceeded", "object_width": "hits"}  # keys of &hazard, and parts of maps
+OF_MAPS = {"thresholds": "exceeded", "object_width": "hits"}  # keys of &hazard and their maps
 
 
 class Key(NamedTuple):
-    """Row of the table of keys; `default` is text as in a case file, "required" or "absent"."""
+    """Row of the key table; `default` is text as in a case file, "required" or "absent"."""
 
     group: str
     name: str
@@ -44,19 +44,19 @@ class Key(NamedTuple):
     allowed: str
     unit: str
     meaning: str
-    file: str = ""  # kind of file: raster, layer, raster layer (either), table, sets
-    low: float | None = None  # limits of numbers, if any
+    file: str = ""  # file type: raster, layer, raster layer (either), table, sets
+    low: float | None = None  # limits of numbers
     high: float | None = None
 
     @property
     def is_varied(self) -> bool:
-        """Return True for a key of &variant that replaces a key of another group."""
+        """Return True for a key of &variant that replaces a key in another group."""
         return self.group == "variant" and varied_key(self.name) is not None
 
 
 @cache
 def key_table() -> tuple[Key, ...]:
-    """Every key of a case file, in order."""
+    """All case keys, in order."""
     rows: list[Key] = []
     while text := _core.table_row("keys", len(rows) + 1).decode().strip():
         group, name, kind, most, default, allowed, unit, meaning, file = text.split("|")
@@ -75,7 +75,8 @@ def keys_of(group: str) -> dict[str, Key]:
 
 
 def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, None]:
-    """Keys of a group that are only valid with a removed key (None), unless they are given."""
+    """Keys of a group that are only valid with a removed key (None), unless they are changed
+    too."""
     after = {**before, **changes}
     gone: dict[str, None] = {}
     for owners, keys in ONLY_WITH.get(group, ()):
@@ -87,21 +88,21 @@ def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any])
 
 
 def idle_of_hazard(scenarios: Sequence[Any], maps: Sequence[str]) -> dict[str, None]:
-    """Keys of &hazard used by neither scenarios nor maps."""
+    """Keys of &hazard that neither scenarios nor maps use."""
     used = [key for key, part in OF_MAPS.items() if any(part in name for name in maps)]
     return {} if scenarios else dict.fromkeys(keys_of("hazard").keys() - {*used})
 
 
 @cache
 def varied_key(name: str) -> tuple[str, str] | None:
-    """Group and key that a key of &variant replaces; None for its other keys."""
+    """Group and key that a key of &variant replaces; None if it replaces none."""
     group, _, key = name.partition("_")
     keys = {(row.group, row.name) for row in key_table()}
     return (group, key) if (group, key) in keys else None
 
 
 def broken_rule(group: str, name: str, number: float) -> str:
-    """Rule of a key that a number violates; empty if the number is allowed."""
+    """Rule of a key that a number violates; "" if the number is allowed."""
     return _core.check_numbers(group, name, [number])[1].decode().strip()
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Rules for keys that only studies use: &ensemble, &hazard, &scenario and &variant. The kernel
-checks the type and range of each value, and the rules for runs.
+checks types and ranges of values, and the rules for runs.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,17 +12,17 @@ import numpy as np
 from rockfall.case.keys import keys_of
 from rockfall.limits import MAX_NAME
 
-#: Keys of &variant that select some groups of a repeatable kind.
+#: Keys of &variant that select groups of a repeatable kind.
 CHOSEN = {"barriers": "barrier", "dams": "dam"}
-BASE = "base"  # name of the case without variants
-#: Factors of &ensemble that may be columns of `draws`.
+BASE = "base"  # name of the case without its variants
+#: Factors of &ensemble that `draws` may have as columns.
 FACTORS = tuple(key for key in keys_of("ensemble") if key.endswith("_factor"))
 
-ROCKS = {  # keys of &surface that may give rock sizes
+ROCKS = {  # keys of &surface with rock sizes
     "zones", "mean_radius", "rg70", "uniform_mean_radius", "uniform_rg",
 }  # fmt: skip
 
-Groups = Mapping[str, Any]  # case: groups of keys and values; repeatable groups are lists
+Groups = Mapping[str, Any]  # groups with keys and values, repeatable groups as lists
 Broken = Iterator[tuple[str, str]]  # keys, and the rules that they violate
 
 
@@ -30,13 +30,13 @@ class Fault(NamedTuple):
     """A key that violates a rule."""
 
     group: str
-    number: int  # number of the group among groups with its name, from 1
+    number: int  # number of the group among those of its name, from 1
     key: str
     rule: str
 
 
 def first_fault(groups: Groups, at_points: bool) -> Fault | None:
-    """Return the first key that violates a rule; None if there is none."""
+    """First key that violates a rule; None if there is none."""
     checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups))]
     for number in range(1, len(groups["scenario"]) + 1):
         checks.append(("scenario", number, _scenario(groups, number, at_points)))
@@ -50,7 +50,7 @@ def first_fault(groups: Groups, at_points: bool) -> Fault | None:
 
 def _ensemble(groups: Groups) -> Broken:
     """Check &ensemble. Factors apply to boulders of the case and of the source layer, whose values
-    are unknown before it is read.
+    are unknown until it is read.
     """
     ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
     if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
@@ -75,7 +75,7 @@ def _ensemble(groups: Groups) -> Broken:
 
 def _hazard(groups: Groups) -> Broken:
     """Check &hazard. Classes must not decrease with intensity or frequency, so that the classes at
-    the limits of a frequency interval bound all classes within.
+    the limits of a frequency interval bound all classes in between.
     """
     hazard = groups["hazard"]
     periods, factor = hazard["return_periods"], hazard["frequency_factor"]
@@ -87,7 +87,7 @@ def _hazard(groups: Groups) -> Broken:
         yield "frequency_factor", "must enclose 1"
     if not groups["scenario"]:
         return
-    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # increasing
+    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # in increasing order
     numbers = np.array([classes.index(word) for word in hazard["matrix"]])
     intensities = len(hazard["thresholds"]) + 1
     if numbers.size != intensities * len(periods):
@@ -124,8 +124,8 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
 
 
 def _variant(variants: list[Groups], number: int) -> Broken:
-    """Check that a variant is consistent and its name a valid file name. The case of the variant is
-    checked when it is built.
+    """Check that a variant is consistent, and that its name is a valid file name. The variant's
+    case is checked when it is built.
     """
     *earlier, given = variants[:number]
     name = given["name"]
@@ -147,5 +147,5 @@ def _variant(variants: list[Groups], number: int) -> Broken:
 
 
 def _lower(name: str) -> bytes:
-    """Name in lower case (ASCII): file systems may ignore case."""
+    """Name in lower case (ASCII), because file systems may ignore case."""
     return name.encode().lower()

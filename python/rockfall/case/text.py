@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text in namelist format, which the kernel reads and this module writes."""
+"""Namelist texts, which the kernel reads and this module writes."""
 
 import json
 import weakref
@@ -12,17 +12,17 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError, check_kernel
 
-WIDTH = 72  # columns after which a list continues on the next line
-VALUE_COLUMN = 44  # column at which comments begin
-KEPT = 8  # maximum number of texts whose values are cached
+WIDTH = 72  # columns, after which a list continues on the next line
+VALUE_COLUMN = 44  # column of comments
+KEPT = 8  # number of texts whose values are cached
 
 
 class Values(NamedTuple):
-    """Values of a group in their types."""
+    """Typed values of a group."""
 
     name: str
     given: dict[str, Any]
-    usual: dict[str, Any]  # values of keys with their default
+    usual: dict[str, Any]  # defaults of keys that are not given
 
     def all(self) -> dict[str, Any]:
         """All values."""
@@ -30,7 +30,7 @@ class Values(NamedTuple):
 
 
 class KernelValues:
-    """Groups of a text or case in the kernel, freed with this object."""
+    """Groups of a text or case in the kernel; deleting this object frees them."""
 
     def __init__(
         self, handle: int, facts: np.ndarray, length: int, code: int, message: bytes
@@ -38,9 +38,9 @@ class KernelValues:
         check_kernel(code, message)
         self._handle = handle
         weakref.finalize(self, _core.close_values, handle)
-        self.facts: tuple[bool, ...] = tuple(facts.astype(bool).tolist())  # of a case
+        self.facts: tuple[bool, ...] = tuple(facts.astype(bool).tolist())  # properties of a case
         self._json = _core.values_of(handle, length).tobytes()
-        self.text = ""  # of a case, once it has been written
+        self.text = ""  # text of a case, once written
 
     def __index__(self) -> int:
         return self._handle
@@ -50,16 +50,16 @@ class KernelValues:
 
     @property
     def groups(self) -> list[Values]:
-        """Values of the groups, in order; the caller may change them."""
+        """Values of the groups, in order; the caller may change the copy."""
         return [Values(*group) for group in json.loads(self._json)]
 
 
-_READ: dict[tuple[bytes, str, str], KernelValues] = {}  # latest texts, oldest first
+_READ: dict[tuple[bytes, str, str], KernelValues] = {}  # cached texts, oldest first
 
 
 def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
     """Read the groups of a text. `form` is "case" (checked and completed), "any" (unknown keys are
-    allowed), or "defaults" (defaults of all groups of a case, whatever the text).
+    allowed), or "defaults" (defaults of all case groups, regardless of the text).
     """
     if (kept := _READ.get((text, name, form))) is not None:
         return kept
@@ -69,7 +69,7 @@ def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
 
 
 def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
-    """Cache the values of a text, such as the frequently used case of a result."""
+    """Cache the values of a text that is often needed, such as the case of a result."""
     _READ[text, name, form] = values
     for oldest in [*_READ][:-KEPT]:
         _READ.pop(oldest, None)
@@ -78,29 +78,27 @@ def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
 def changed_values(
     values: KernelValues, removed: Iterable[str], text: bytes, name: str
 ) -> KernelValues:
-    """Values of a case without `removed` groups or keys (`group%key`), and with the values of a
-    text.
+    """Values of a case after removing the groups or keys (`group%key`) in `removed` and adding the
+    values of a text.
     """
     words = " ".join(removed) or " "
     return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 
 
 def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
-    """Values of a text in which each group occurs once."""
+    """Values of a text in which no group is repeated."""
     return {group.name: group.given for group in read_values(text.encode(), name).groups}
 
 
 def kernel_text(text: bytes, name: str) -> tuple[bytes, bytes]:
-    """Encode a text and its name for the kernel, which would stop at a zero byte."""
+    """Encode a text and its name for the kernel; a zero byte would end the text."""
     if b"\0" in text:
         raise RockfallError(f"{name}: character code 0 is not text")
     return text or b"\n", name.encode()
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert NumPy numbers, arrays, paths and tuples to types for a namelist file; drop empty
-    values.
-    """
+    """Convert NumPy numbers, arrays, paths and tuples to namelist types; drop empty values."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, Path):
@@ -114,8 +112,8 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
-    """Text of a namelist file, which reads back as equal values: groups that are not empty, then
-    repeated groups (lists).
+    """Text of a namelist file, from which equal values are read: non-empty groups, then repeated
+    groups (lists).
     """
     single = {name: keys for name, keys in groups.items() if isinstance(keys, Mapping)}
     texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(single.items()) if keys]
@@ -126,7 +124,7 @@ def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
 
 
 def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
-    """A group as text."""
+    """Text of a group."""
     lines = [f"&{name}"]
     for key, value in sorted(values.items()):
         line = f"{indent}{key} = "
@@ -142,7 +140,7 @@ def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
 
 
 def literal(value: Any) -> str:
-    """One or several values in namelist format."""
+    """Text of one or several values in namelist format."""
     if isinstance(value, float):
         return float.__repr__(value)
     if isinstance(value, list | tuple):
@@ -153,7 +151,7 @@ def literal(value: Any) -> str:
 
 
 class Entry(NamedTuple):
-    """Key and value in a text with comments; a disabled entry is written as a comment."""
+    """Key and value in a commented text; a disabled entry is written as a comment."""
 
     key: str
     value: Any
@@ -162,7 +160,7 @@ class Entry(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group in a text with comments."""
+    """Group in a commented text."""
 
     name: str
     entries: list[Entry]
@@ -179,7 +177,7 @@ def case_text(head: Iterable[str], groups: Iterable[Group], foot: Iterable[str])
 
 
 def _comment(text: str) -> str:
-    """Comment on one line, even if names of files and layers contain line breaks."""
+    """Comment in a single line, even if file or layer names contain line breaks."""
     return f"! {' '.join(text.splitlines())}"
 
 

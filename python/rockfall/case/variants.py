@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Variants of a case: each &variant group defines a case by its differences from the rest of the
-case. All have the same seed, hence common random numbers.
+case. All share the seed and thus common random numbers.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rockfall.errors import RockfallError
 def variants(case: Case) -> dict[str, Case]:
     """Return the cases of the &variant groups by name, in order; empty without such groups.
 
-    A RockfallError reports an invalid variant, or equal variants.
+    Raises a RockfallError for an invalid variant, or for equal variants.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -46,8 +46,8 @@ def variants(case: Case) -> dict[str, Case]:
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
-    """Return the variant with this name, or the case itself if it has no variants. A case with
-    several variants requires a name; BASE is the case without variants.
+    """Variant with this name, or the case itself if it has no variants. A case with several
+    variants requires a name; BASE selects the case without variants.
     """
     if name is None:
         check_single(case)
@@ -62,7 +62,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
 
 
 def check_single(case: Case) -> None:
-    """Refuse a case with variants: a run needs a single variant."""
+    """Raise an error for a case with variants: a run needs a single variant."""
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
@@ -95,7 +95,7 @@ def _variant(case: Case, given: Mapping[str, Any]) -> Case:
 
 
 def _contents(case: Case) -> str:
-    """Contents of a case as text, without its title."""
+    """Text of a case without its title."""
     groups = given_groups(case)
     groups["case"] = {key: own for key, own in groups["case"].items() if key != "title"}
     return namelist_text(groups | {group: getattr(case, group) for group in REPEATABLE})
@@ -103,7 +103,7 @@ def _contents(case: Case) -> str:
 
 @contextmanager
 def naming_variant(case: Case, name: str) -> Iterator[None]:
-    """Add the name of the variant to errors about its case raised within the block."""
+    """Within the block, errors about the variant's case start with the name of the variant."""
     try:
         yield
     except RockfallError as error:
@@ -113,7 +113,7 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 
 
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
-    """Groups with these names; an unknown name is refused."""
+    """Groups with these names; an unknown name raises an error."""
     own = [(_name(item), item) for item in getattr(case, group)]
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
@@ -124,6 +124,6 @@ def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[st
 
 
 def _name(given: Mapping[str, Any]) -> str:
-    """Name of a group; the default is the name of its layer or file."""
+    """Name of a group; by default the name of its layer or file."""
     stem = Path(given["file"]).stem if "file" in given else ""
     return str(given.get("name") or given.get("layer") or stem)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones of the surface of a case, from their table or their polygons' attributes."""
+"""Ground zones of a case, from the zone table or the polygons' attributes."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
 
 
 def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
-    """Zones by id, in the order of the table or of the polygons; empty for a surface without zones.
-    Unusual values are added to `remarks`.
+    """Zones by id, in the order of the table or of the polygons; empty for a surface without
+    zones. Remarks on unusual values are added to `remarks`.
     """
     if "zones" not in case.surface:
         return {}
@@ -23,7 +23,7 @@ def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
 def polygon_zones(
     case: Case, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone]]:
-    """Id of each polygon (int32), and the zones by id; for a case without a zone table."""
+    """Id of each polygon (int32), and the zones by id, for a case without a zone table."""
     surface = case.surface
     path = case.path(surface["zones"])
     if surface["zones"] == FROM_ARRAY or path.suffix.lower() not in EXTENSIONS:
