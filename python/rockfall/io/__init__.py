@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign formats in and out: rasters, layers, tables."""
+"""Input and output of foreign formats: rasters, layers, tables."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Atomic writing: a file, or the set of files of a folder, appears only when complete."""
+"""Atomic writing: a file, or all files of a folder, appear only when complete."""
 
 import itertools
 import os
@@ -16,16 +16,16 @@ from rockfall.io.output_files import TEMPORARY, check_folder, check_outputs, exi
 from rockfall.system import lock, replace
 
 LOCK, UNLOCKED = "lock", "unlocked"  # files in a temporary folder
-OLD = "old"  # subfolder for the old versions of replaced files
+OLD = "old"  # subfolder for previous versions of replaced files
 IN_USE = "cannot be replaced; is it open in another program?"
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path of the same name, renamed to `path` if the block succeeds and removed
-    if it fails. It is in a new folder next to `path` that only its owner can access, so that other
-    users of a shared folder cannot place a link there. If the file cannot be renamed (on Windows,
-    over an open file), it is left next to `path`.
+    """Yield a temporary path with the same name; rename it to `path` if the block succeeds, and
+    remove it if the block fails. It is in a new folder next to `path` that only its owner can
+    access, so that other users of a shared folder cannot place a link there. If renaming fails (on
+    Windows, over an open file), the file is kept next to `path`.
     """
     path = Path(path)
     try:
@@ -35,7 +35,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             try:
                 replace(part, path)
             except OSError as error:
-                if not part.exists():  # writing failed
+                if not part.exists():  # nothing was written
                     raise
                 kept = keep_next_to(path, part)
                 stays.append(kept)
@@ -49,9 +49,9 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
-    """Yield a temporary folder. If the block succeeds, its files are moved to `folder`, `last` at
-    the end; if the block fails, nothing changes. If an old file cannot be replaced (on Windows, an
-    open file), the new files are left in a folder next to `folder`.
+    """Yield a temporary folder. If the block succeeds, move its files to `folder`, the file `last`
+    at the end; if the block fails, change nothing. If an old file cannot be replaced (on Windows,
+    an open file), the new files are kept in a folder next to `folder`.
     """
     folder = Path(folder)
     check_folder(folder, tries=False)
@@ -68,7 +68,7 @@ def atomic_folder(
             moves = [(path, old / path.name) for path in reversed(targets) if os.path.lexists(path)]
             moves += zip(paths, targets, strict=True)
             try:
-                with _made(folder), interrupts():  # move all files or none
+                with _made(folder), interrupts():  # moves all files or none
                     _move_all(moves)
             except OSError as error:
                 kept = keep_next_to(folder.resolve(), new)
@@ -86,11 +86,11 @@ def atomic_folder(
 
 @contextmanager
 def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
-    """Yield a new folder that only its owner can access, and a list for files that must stay in it;
-    if the list is empty, the folder is removed. Unlocked folders left by killed processes on this
-    machine are removed first, unless they contain the only copy of a replaced file.
+    """Yield a new folder that only its owner can access, and a list of files that must stay in it;
+    if the list is empty, the folder is removed afterwards. First, remove folders left by killed
+    processes on this machine, unless they contain the only copy of a replaced file.
     """
-    machine = socket.gethostname().encode()  # other machines of a cluster may not see the lock
+    machine = socket.gethostname().encode()  # other machines of a cluster may ignore locks
     for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
         with suppress(OSError), open(left, "r+b") as file:
             lock(file.fileno())
@@ -101,7 +101,7 @@ def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
         with open(place / UNLOCKED, "xb") as file:
             file.write(machine)
             file.flush()
-            with suppress(OSError):  # without locks, the folder stays if the process is killed
+            with suppress(OSError):  # without locks, the folder of a killed process stays
                 lock(file.fileno())
                 os.rename(place / UNLOCKED, place / LOCK)
             yield place, kept
@@ -127,7 +127,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _move_all(moves: Iterable[tuple[Path, Path]]) -> None:
-    """Move files one by one; on a failure or Ctrl-C, all are moved back."""
+    """Move files in turn; on a failure or Ctrl-C, move all back."""
     begun = []
     try:
         for source, target in moves:
@@ -146,8 +146,8 @@ def not_replaced(error: OSError) -> str:
 
 
 def keep_next_to(path: Path, new: Path) -> Path:
-    """Move a file or folder next to `path`, which it cannot replace, as NAME-2, NAME-3, ...; it
-    stays in place on a file system that cannot rename.
+    """Move a file or folder that cannot replace `path` next to it, as NAME-2, NAME-3, ... On a
+    file system that cannot rename, it stays in place.
     """
     names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     kept = next(name for name in names if not os.path.lexists(name))

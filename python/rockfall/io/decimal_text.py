@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Columns of numbers formatted as CSV rows, seven times as fast as with NumPy and `csv`.
+"""Formatting of number columns as CSV rows, seven times as fast as with NumPy and `csv`.
 
-A column of n texts is an array of bytes (n, width), padded with zeros."""
+A column of n texts is a byte array (n, width), padded with zeros."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 
 GROUP = 4  # digits per table lookup
 FOUR = np.frombuffer(b"".join(b"%04d" % k for k in range(10**GROUP)), "u4")
-DIGITS = 9  # digits that restore any single-precision number
+DIGITS = 9  # digits that identify any single-precision number
 MAX_DECIMALS = 16
 TEN = 10 ** np.arange(MAX_DECIMALS + 1)
-DECIMALS, COARSE = 4, 1000.0  # decimals of a double; single precision is as coarse from COARSE
-SMALL, LARGE = 1e-7, 1e11  # numbers outside, except 0, are formatted by NumPy
+DECIMALS, COARSE = 4, 1000.0  # decimals of a double; from COARSE on, single precision is coarser
+SMALL, LARGE = 1e-7, 1e11  # NumPy formats non-zero numbers outside this range
 ZERO, MINUS, POINT, COMMA, NEWLINE = b"0-.,\n"
 
 
 def csv_rows(columns: Sequence[np.ndarray]) -> bytes:
-    """Rows of columns of texts (n, width)."""
+    """CSV rows from columns of texts (n, width)."""
     parts = []
     for column in columns:
         parts += [column, np.full((len(column), 1), COMMA, "u1")]
@@ -29,7 +29,7 @@ def csv_rows(columns: Sequence[np.ndarray]) -> bytes:
 
 
 def word_column(words: Sequence[str], which: np.ndarray) -> np.ndarray:
-    """Column (n, width) of words by their index."""
+    """Column (n, width) of words selected by index."""
     letters = np.array([word.encode() for word in words], "S")
     return letters.view("u1").reshape(len(words), letters.itemsize)[which]
 
@@ -43,8 +43,8 @@ def whole_column(numbers: np.ndarray, missing: np.ndarray | bool = False) -> np.
 
 
 def real_column(numbers: np.ndarray) -> np.ndarray:
-    """Column (n, width) of reals in the fewest digits that restore them in single precision
-    (doubles: at least to four decimals); blank for NaN.
+    """Column (n, width) of reals, with the fewest digits that identify them in single precision
+    (doubles: at least four decimals); blank for NaN.
     """
     missing, exact = np.isnan(numbers), np.abs(numbers).astype("f8")
     as_digits = (exact == 0) | (exact >= SMALL) & (exact < LARGE)
@@ -71,7 +71,7 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
 
 
 def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integers and numbers of decimals that restore reals >= 0."""
+    """Integers and numbers of decimals that represent reals >= 0."""
     exact = single.astype("f8")
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
     places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)
@@ -89,7 +89,7 @@ def _sign(negative: np.ndarray) -> np.ndarray:
 
 
 def _whole(numbers: np.ndarray) -> np.ndarray:
-    """Digits (n, width) of integers >= 0, without leading zeros."""
+    """Digits (n, width) of integers >= 0 without leading zeros."""
     digits = _digits(numbers, -(-len(str(numbers.max(initial=0))) // GROUP))
     first = np.where(numbers == 0, digits.shape[1] - 1, np.argmax(digits != ZERO, axis=1))
     digits *= _up_to(digits.shape[1]) >= first.astype("u1")[:, None]

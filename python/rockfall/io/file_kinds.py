@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kinds of files by their first bytes."""
+"""File types, recognised by their first bytes."""
 
 import re
 from typing import NamedTuple
 
 
 class Kind(NamedTuple):
-    """Kind of file: its name for messages, and a pattern of its first bytes."""
+    """File type: a name for messages, and a pattern for the first bytes."""
 
     name: str
     first: bytes
@@ -38,7 +38,7 @@ KML = Kind("KML", rb"(?i)\s*<(.*<)?kml\b")
 GPX = Kind("GPX", rb"(?i)\s*<(.*<)?gpx\b")
 XML = Kind("XML", rb"\s*<")
 
-#: The first match is used.
+#: File types; the first match counts.
 KINDS = (
     KMZ, XLSX, ZIP, XLS, GZIP, BZIP2, XZ, SEVEN_ZIP, RAR, GEOPACKAGE, SHAPEFILE, UTF_16, CLOUD, PDF,
     PNG, JPEG, JPEG_2000, SURFER, GRASS, GRIB, HTML, JSON, KML, GPX, XML,
@@ -47,7 +47,7 @@ ARCHIVES = ZIP, GZIP, BZIP2, XZ, SEVEN_ZIP, RAR
 
 
 def kind_of(start: bytes) -> Kind | None:
-    """Kind of a file, from its first bytes; None if unknown."""
+    """Type of a file from its first bytes; None if unknown."""
     start = start.removeprefix(b"\xef\xbb\xbf")
     for kind in KINDS:
         if re.match(kind.first, start, re.DOTALL):

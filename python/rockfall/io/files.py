@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Input files: check that they are regular; read their first bytes or their text."""
+"""Input files: checks that they are regular files; their first bytes or their text."""
 
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 def check_regular(path: str | Path) -> None:
-    """Refuse a pipe or a device as input: it may be endless or block."""
+    """Refuse a pipe or device as input: it may be endless, or block."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
         raise RockfallError(f"{path}: not a regular file")
 
@@ -30,13 +30,13 @@ def start_of(path: str | Path) -> bytes:
 
 
 def reason(error: OSError, path: str | Path) -> str:
-    """Reason why a file cannot be read; Windows reports a denied permission for a folder."""
+    """Reason why a file cannot be read; for folders, Windows reports denied permission instead."""
     return "Is a directory" if os.path.isdir(path) else error.strerror or str(error)
 
 
 def relative_name(path: str | Path, folder: str | Path) -> str:
-    """Name of a file as written in a case in `folder`: relative, with `/` on every system; absolute
-    if Windows has the file on another drive."""
+    """Name of a file for a case in `folder`: relative, with `/` on every system, but absolute if
+    the file is on another Windows drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
@@ -44,7 +44,7 @@ def relative_name(path: str | Path, folder: str | Path) -> str:
 
 
 def check_text_file(path: str | Path) -> None:
-    """Refuse a file that is not regular or too large for a text."""
+    """Refuse a file that is not regular, or too large for a text file."""
     check_regular(path)
     if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
         raise RockfallError(f"{path}: larger than 64 MB, so not a text file of rockfall")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Advice on files that are not readable rasters."""
+"""Advice on files that are not supported as rasters."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.vectors.point_text import first_line, is_row
 
 _CONVERT = "make a GeoTIFF of it: "
-#: Advice by kind of file; other kinds may be readable rasters.
+#: Advice by file type; other types may be readable as rasters.
 _CURES = {
     **dict.fromkeys((*kinds.ARCHIVES, kinds.KMZ), "unpack it"),
     **dict.fromkeys(
@@ -25,7 +25,7 @@ _CURES = {
     kinds.UTF_16: "save it as UTF-8",
     kinds.HTML: "the download failed",
 }
-#: Rasters with a separate header file: extension of each, and name of the format.
+#: Raster formats with a separate header file: extension and format name.
 _HEADED = (
     (".sdat", ".sgrd", "a SAGA grid"),
     (".bil", ".hdr", "an EHdr grid"),
@@ -36,7 +36,7 @@ _HEADED = (
 
 
 def check_foreign(path: str, start: bytes) -> None:
-    """Refuse a file of a known but unsupported kind; `start` is its first bytes."""
+    """Refuse a file of a known but unsupported type; `start` is its first bytes."""
     file = Path(path)
     what, cure = _kind(file, start)
     if not what:
@@ -49,7 +49,7 @@ def check_foreign(path: str, start: bytes) -> None:
 
 
 def _kind(file: Path, start: bytes) -> tuple[str, str]:
-    """Name of the kind of a file, and advice; empty if unknown."""
+    """Name of a file's type, and advice; empty if the type is unknown."""
     kind = kinds.kind_of(start)
     if kind in _CURES:
         return kind.name, _CURES[kind]

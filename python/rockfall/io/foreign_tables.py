@@ -8,7 +8,7 @@ from rockfall.io import file_kinds as kinds
 from rockfall.io.files import start_of
 
 _TABLE, _LAYER = "save the table as CSV", "save it as a GeoPackage (.gpkg), as QGIS does"
-#: Advice by kind of file; other tables must be saved as CSV.
+#: Advice by file type; other tables must be saved as CSV.
 _CURES = {
     **dict.fromkeys(kinds.ARCHIVES, "unpack it"),
     **dict.fromkeys((kinds.KMZ, kinds.KML, kinds.GPX, kinds.XML), _LAYER),
@@ -18,12 +18,12 @@ _CURES = {
     kinds.UTF_16: "save it as UTF-8",
     kinds.HTML: "the download failed",
 }
-#: Trajectories of RAMMS, whose layout is not published.
+#: Trajectory files of RAMMS, whose layout is not published.
 _TRAJECTORIES = (".rts", ".pts")
 
 
 def check_table(path: str | Path) -> None:
-    """Refuse a file of a known kind other than a table; unreadable files pass."""
+    """Refuse a file of a known type that is not a table; unreadable files pass this check."""
     if not Path(path).is_file():
         return
     if Path(path).suffix.lower() in _TRAJECTORIES:

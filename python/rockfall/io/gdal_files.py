@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that GDAL may open: plain files of a few formats, without references to other files.
+"""Checks of files before GDAL opens them: plain files in a few formats, without references to
+other files.
 
 GDAL identifies files by content, not by name: a text may define a map service or a mosaic of other
-files, and a pipe may be endless. Every file that GDAL would access is checked here first. A mosaic
-(VRT) is refused, because it may access any file or server and run Python.
+files, and a pipe may be endless. Every file that GDAL would access is checked here first. Mosaics
+(VRT) are refused, because they may access any file or server, and run Python.
 """
 
 import math
@@ -19,16 +20,16 @@ from rockfall.errors import RockfallError
 from rockfall.io.files import TIFF, check_regular, start_of
 from rockfall.io.tables import plain_decimal
 
-#: Formats whose headers contain no text that GDAL could misread as zero.
+#: Formats without header texts that GDAL could misread as zero.
 BINARY = ("GTiff", "HFA", "GSBG", "GS7BG")
-#: Driver of SRTM tiles, which are recognised by their names, such as N46E007.hgt.
+#: GDAL driver of SRTM tiles, which are recognised by names such as N46E007.hgt.
 TILE = ("SRTMHGT",)
 SURFER = (b"DSBB", b"DSRB")
 _TILE_NAME = re.compile(r"[NS]\d\d[EW]\d{3}(\.SRTM\w*)?\.hgt", re.IGNORECASE)
 IMAGINE = b"EHFA_HEADER_TAG"
 _MASKS = (".msk", ".ovr")
-_NODATA = 42113  # a tag
-_ASCII, _SHORT = 2, 3  # types
+_NODATA = 42113  # TIFF tag
+_ASCII, _SHORT = 2, 3  # TIFF types
 _SIZES = {_ASCII: 1, _SHORT: 2}  # bytes
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity|1\.#(qnan|ind|inf)0*)", re.IGNORECASE)
 _MAX_TAG = 65536  # bytes
@@ -67,32 +68,33 @@ def is_tile(path: str | Path) -> bool:
 
 
 def check_imagine(path: str) -> None:
-    """Refuse an Erdas Imagine file whose values are in another file."""
+    """Refuse an Erdas Imagine file whose values are stored in another file."""
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content.find(b"ExternalRasterDMS") >= 0:
             raise RockfallError(f"{path}: its numbers are in another file: make a GeoTIFF of it")
 
 
 def check_nodata(path: str) -> None:
-    """Refuse a GeoTIFF whose nodata text is not a number: GDAL reads it as 0."""
+    """Refuse a GeoTIFF whose nodata text is not a number, because GDAL reads it as 0."""
     nodata = tiff_text(path, _NODATA).strip(" \0")
     if nodata and math.isnan(plain_decimal(nodata)) and not _NOT_FINITE.fullmatch(nodata):
         raise RockfallError(f"{path}: nodata = {nodata[:40]}: must be a number or nan")
 
 
 def tiff_text(path: str | Path, tag: int) -> str:
-    """Text of a tag in the first directory; empty if absent, or in a truncated file."""
+    """Text of a tag in the first directory; "" if the tag is missing or the file truncated."""
     return _tiff_tag(path, tag, _ASCII)[0].decode("latin-1")
 
 
 def tiff_numbers(path: str | Path, tag: int) -> tuple[int, ...]:
-    """16-bit integers of a tag in the first directory; empty if absent, or in a truncated file."""
+    """16-bit integers of a tag in the first directory; empty if the tag is missing or the file
+    truncated."""
     raw, end = _tiff_tag(path, tag, _SHORT)
     return struct.unpack(f"{end}{len(raw) // 2}H", raw[: len(raw) // 2 * 2])
 
 
 def _tiff_tag(path: str | Path, tag: int, kind: int) -> tuple[bytes, str]:
-    """Bytes of a tag with the given type, and their byte order."""
+    """Bytes of a tag of the given type, with their byte order."""
     with open(path, "rb") as file:
         try:
             return _tag_bytes(file, os.path.getsize(path), tag, kind)
@@ -120,14 +122,14 @@ def _tag_bytes(file: BinaryIO, size: int, wanted: int, wanted_kind: int) -> tupl
 
 
 def companions(path: Path) -> list[Path]:
-    """Companion files of a file: masks, world files, tables."""
+    """Companion files: masks, world files, tables."""
     stem, folder = f"{path.stem}.".lower(), path.parent
     names = [name for name in os.listdir(folder) if name.lower().startswith(stem)]
     return [folder / name for name in names if name != path.name]
 
 
 def check_vrt(path: str, start: bytes) -> None:
-    """Refuse a file with these first bytes that GDAL may read as a VRT."""
+    """Refuse a file whose first bytes GDAL may take for a VRT."""
     if b"<VRTDataset" in start.split(b"\0")[0]:
         tiff = Path(path).with_name(f"{Path(path).stem}_vrt.tif")
         command = shlex.join(["gdal_translate", path, str(tiff)])

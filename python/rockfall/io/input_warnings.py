@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings about likely mistakes in inputs, as stored in result files."""
+"""Warnings about likely mistakes in inputs, in the form stored in result files."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from rockfall.language import Text, packed, unpacked
 
 
 class InputWarning(NamedTuple):
-    """An input that is likely a mistake."""
+    """A warning about an input that is probably a mistake."""
 
-    where: str  # file, group and key, with the names used in the case
-    text: str  # its literal meaning, and what may have been meant
+    where: str  # file, group and key, as named in the case
+    text: str  # literal meaning of the input, and the probable intention
 
     @classmethod
     def of(cls, stored: Sequence[Any]) -> InputWarning:
-        """Warning from the attribute `input_warnings` of a file; older files have English only."""
+        """Warning from the attribute `input_warnings` of a file; older files have only English
+        text."""
         where, text, *data = stored
         return cls(str(where), unpacked(data[0] if data else None, text))
 
     @property
     def is_reprojection(self) -> bool:
-        """Return True for a reprojected layer, which reports list with the files."""
+        """Return True for a reprojected layer; reports mention it in the list of files."""
         if isinstance(self.text, Text):
             return self.text.key.startswith("input.reprojected")
         return self.text.startswith(REPROJECTED)
 
 
 def stored_warnings(warnings: Iterable[InputWarning]) -> str:
-    """Value of the attribute `input_warnings`: place, English text and message."""
+    """Attribute value `input_warnings`: place, English text and message."""
     return json.dumps([[*warning, packed(warning.text)] for warning in warnings])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Open and write netCDF-4 files, under names that are also valid on Windows."""
+"""Opening and writing of netCDF-4 files, with names that Windows accepts."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 Mode = Literal["r", "w", "x", "a"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
-CACHE = 2**20  # cache of a variable [bytes]; netCDF's default is 16 MB or more
+CACHE = 2**20  # cache of a variable [bytes]; the default in netCDF is 16 MB or more
 
-# HDF5 locks its files and fails on file systems without locks, which are not needed here: files are
-# written under temporary names. HDF5 reads this variable when it opens its first file.
+# HDF5 locks its files and fails on file systems without locks. Locks are unnecessary here, because
+# files are written under temporary names. HDF5 reads this variable when it opens its first file.
 os.environ.setdefault(_LOCKING, "FALSE")
 
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
-    """Open a netCDF-4 file. A RockfallError refuses files that are not regular, names that netCDF
-    cannot open, and classic netCDF: a header that exceeds the file makes the library allocate too
-    much memory and abort the process.
+    """Open a netCDF-4 file. RockfallError for files that are not regular, for names that netCDF
+    cannot open, and for classic netCDF: with a header that claims too much, the library would
+    allocate too much memory and abort the process.
     """
     import netCDF4
 
@@ -40,11 +40,11 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
         raise RockfallError(f"{path}: is classic netCDF: convert it to netCDF-4 by {command}")
     check_letters(path)
-    # absolute, since netCDF treats other names as addresses
+    # absolute: netCDF takes other names for addresses
     name = os.path.abspath(path)
 
     class Named(netCDF4.Dataset):
-        """A file whose name xarray can read."""
+        """A file with a name that xarray can read."""
 
         def filepath(self, encoding: str | None = None) -> str:
             return super().filepath(encoding or NETCDF_NAMES)
@@ -67,7 +67,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
 
 
 def check_letters(path: str | Path) -> None:
-    """Refuse a path with letters that netCDF cannot open on this Windows."""
+    """Refuse a path with letters that netCDF cannot open on this Windows system."""
     if NETCDF_NAMES is None:
         return
     try:
@@ -80,7 +80,8 @@ def check_letters(path: str | Path) -> None:
 
 
 def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
-    """Open a netCDF-4 file, or a group, with xarray; `decoding` is for `open_dataset`."""
+    """Open a netCDF-4 file, or one of its groups, with xarray; `decoding` is passed to
+    `open_dataset`."""
     import xarray as xr
 
     add_accessor()
@@ -89,7 +90,7 @@ def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) ->
 
 
 def load_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
-    """Read a netCDF-4 file into memory, and close it; as `open_dataset`."""
+    """Load a netCDF-4 file into memory and close it; arguments as in `open_dataset`."""
     with open_dataset(path, group, **decoding) as data:
         return data.load()
 
@@ -97,7 +98,7 @@ def load_dataset(path: str | Path, group: str | None = None, **decoding: Any) ->
 def write_compressed(
     data: xr.Dataset, path: str | Path, level: int, group: str | None = None, mode: Mode = "w"
 ) -> None:
-    """Write a dataset, or a group of it with mode "a", as netCDF-4, all compressed."""
+    """Write a dataset as compressed netCDF-4, or as a group of an existing file (mode "a")."""
     import xarray as xr
 
     packed = {name: {"zlib": True, "complevel": level} for name in data}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks before writing outputs: inputs are never overwritten, other files only on request."""
+"""Checks before outputs are written: inputs are never overwritten, other files only on request."""
 
 import errno
 import os
@@ -19,15 +19,15 @@ from rockfall.system import replace, reserve
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
-#: A disk with less free space [bytes] counts as full: some libraries undo their last writes.
+#: Free space [bytes] below which a disk counts as full: some libraries undo their last writes.
 LEFT_FREE = 2**24
-#: Permission to replace files: given in scripts, where the call implies it.
+#: Permission to replace files; calls from scripts imply it.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
 
 
 @contextmanager
 def overwriting(allowed: bool) -> Iterator[None]:
-    """Allow or refuse the replacement of existing files within the block."""
+    """Allow or forbid the replacement of existing files within the block."""
     before = _replacing.set(allowed)
     try:
         yield
@@ -50,7 +50,7 @@ def check_output(
 ) -> None:
     """Refuse an output path before the work starts: an input, an existing file (unless
     `overwriting` allows it), a folder, or a file in a missing folder; with `tries`, also a path
-    that is not writable. After the work, finished files are written wherever possible.
+    without write permission. After the work, finished files are kept wherever possible.
     """
     path = Path(path)
     check_outputs([path], inputs)
@@ -61,7 +61,7 @@ def check_output(
 
 
 def _check_place(path: Path, folder: Path) -> None:
-    """Refuse an output in a folder that is not writable or cannot rename files."""
+    """Refuse an output in a folder without write permission, or where files cannot be renamed."""
     try:
         _try_renaming(folder)
     except OSError as error:
@@ -70,8 +70,8 @@ def _check_place(path: Path, folder: Path) -> None:
 
 
 def _try_renaming(folder: Path) -> None:
-    """Try the last steps of writing; an OSError if the folder does not permit new folders and
-    files, or if its file system cannot replace a file by renaming.
+    """Try the final steps of writing. OSError if new folders and files are not permitted, or if
+    the file system cannot replace a file by renaming.
     """
     descriptor, target = tempfile.mkstemp(dir=folder, prefix=TEMPORARY)
     os.close(descriptor)
@@ -85,7 +85,7 @@ def _try_renaming(folder: Path) -> None:
 
 
 def check_space(path: Path, size: int) -> None:
-    """Refuse an output of at least this size [bytes] that does not fit on the disk."""
+    """Refuse an output of at least this size [bytes] if the disk lacks the space."""
     try:
         reserve(path.parent, size)
     except OSError as error:
@@ -95,8 +95,8 @@ def check_space(path: Path, size: int) -> None:
 
 
 def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse to overwrite an input (under any name), a folder or a device; or any existing file,
-    unless `overwriting` allows it.
+    """Refuse to overwrite an input (under any name), a folder, a device or, unless `overwriting`
+    allows it, any existing file.
     """
     taken = [path for path in paths if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
@@ -111,19 +111,20 @@ def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> N
 
 
 def _identity(path: str | Path) -> tuple[int, int]:
-    """Device and inode of a file, equal for all its names."""
+    """Device and inode of a file, which are the same under all its names."""
     status = os.stat(path)
     return status.st_dev, status.st_ino
 
 
 def why_unwritten(error: Exception, folder: Path) -> str:
-    """Reason why a library could not write a file; most do not report a full disk."""
+    """Reason why a library could not write a file; most libraries do not report a full disk."""
     full = shutil.disk_usage(folder).free < LEFT_FREE
     return os.strerror(errno.ENOSPC) if full else str(error)
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse an output folder that is a file or not writable; it may not exist yet."""
+    """Refuse an output folder that is a file or lacks write permission; the folder may not exist
+    yet."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file, a folder is needed")
     if tries:
@@ -131,6 +132,6 @@ def check_folder(folder: Path, *, tries: bool = True) -> None:
 
 
 def existing(folder: Path) -> Path:
-    """Return the folder, or its nearest existing parent."""
+    """The folder, or its nearest existing parent."""
     place = folder.resolve()
     return next(path for path in (place, *place.parents) if path.exists())

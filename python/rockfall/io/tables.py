@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Read CSV tables of users, and write CSV tables for spreadsheets."""
+"""Reading of users' CSV tables, and writing of CSV tables for spreadsheets."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MAX_COLUMNS = 1000
-#: First line of a CSV that defines its separator for spreadsheets.
+#: First line of a CSV file that sets its separator for spreadsheets.
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t|])"?', re.IGNORECASE)
-# Texts that a spreadsheet would run as formulas, or that look like escaped formulas. Some programs
-# skip blanks and invisible marks, and accept full-width East Asian signs.
+# Texts that a spreadsheet would execute as formulas, or that look like escaped formulas. Some
+# programs skip blanks and invisible characters, and accept full-width East Asian signs.
 _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
 
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number and cells of each line that is not blank. Cells are separated by commas or
-    semicolons; texts escaped by `spreadsheet_text` are restored.
+    """Yield the number and the cells of each non-blank line. Cells are separated by commas or
+    semicolons; escaping by `spreadsheet_text` is undone.
     """
     line = 1
     check_text_file(path)
@@ -72,7 +72,7 @@ def plain_decimal(text: str) -> float:
 
 
 class Row(NamedTuple):
-    """A row of a file: its position, and its cells by column."""
+    """A table row: its position in the file, and its cells by column."""
 
     where: str
     cells: dict[str, str]
@@ -97,13 +97,13 @@ class Row(NamedTuple):
         return value
 
     def maybe(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
-        """Number in a cell, or NaN if the column or the cell is missing."""
+        """Number in a cell; NaN if the column is missing or the cell empty."""
         return self.number(column, min, max) if self.cells.get(column) else math.nan
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
-    """Return the position of a table's header, its columns in lower case, and its rows: at least
-    one, each as long as the header.
+    """Position of a table's header, its columns in lower case, and its rows: at least one, each as
+    long as the header.
     """
     lines = table_rows(path)
     number, header = next(lines, (1, []))
@@ -116,7 +116,7 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
 def read_columns(
     path: str | Path, needed: Iterable[str]
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Return the position of each row of a table, and its texts by column (arrays of objects)."""
+    """Position of each row of a table, and the texts by column (object arrays)."""
     where, columns, rows = read_table(path)
     for column in needed:
         if column not in columns:
@@ -150,7 +150,7 @@ def _rows(
 
 
 def write_csv(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table atomically, without its index, with texts that spreadsheets do not run."""
+    """Write a table atomically, without its index; texts are safe for spreadsheets."""
 
     def safe(value: object) -> object:
         return spreadsheet_text(value) if isinstance(value, str) else value
@@ -162,7 +162,8 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def spreadsheet_text(text: str) -> str:
-    """Add an apostrophe to a text (not a number) that a spreadsheet would run as a formula."""
+    """Add an apostrophe to a text (other than a number) that a spreadsheet would execute as a
+    formula."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Table of the zones of surface material, and the row of each cell in it."""
+"""Table of surface zones, and the table row of each cell."""
 
 import math
 import re
@@ -17,21 +17,21 @@ from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.io.vectors.layers import attribute, plain
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 
-#: Columns of lengths in metres, in the order of the values in a row.
+#: Length columns [m], in the order of the values in a row.
 RADII = ("mean_radius", "rg70", "rg20", "rg10")
-#: Columns of the zone's strength [Pa] and relief [degree].
+#: Columns for a zone's strength [Pa] and relief [degree].
 PAIR = ("ground_strength", "ground_relief")
-MATERIAL = (*RADII, "ground", *PAIR)  # a zone table has at least one of these columns
-NAMES = ("name", "description")  # columns of free text that name a zone
+MATERIAL = (*RADII, "ground", *PAIR)  # a zone table needs at least one of these columns
+NAMES = ("name", "description")  # free-text columns used as zone names
 
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 
 
 class NamedGround(NamedTuple):
-    """Name of a ground, with a strength [Pa] and relief [degree] that replace its values."""
+    """Name of a ground, and a strength [Pa] and relief [degree] that replace its own."""
 
     name: str
-    pair: Mapping[str, float] = MappingProxyType({})  # by their names in a table of grounds
+    pair: Mapping[str, float] = MappingProxyType({})  # by column name in a table of grounds
 
     def __str__(self) -> str:
         units = {"strength": "Pa", "relief": "degrees"}
@@ -40,28 +40,28 @@ class NamedGround(NamedTuple):
 
 
 class Zone(NamedTuple):
-    """A row of a table of zones."""
+    """A row of a zone table."""
 
-    sizes: tuple[float, ...]  # [m], ordered as RADII; NaN: not given, Inf: absorbs
-    ground: str = ""  # ground of its rebounds; "": that of the case
+    sizes: tuple[float, ...]  # [m] in the order of RADII; NaN: not given, inf: absorbs
+    ground: str = ""  # ground for rebounds; "": the case's
     strength: float = math.nan  # strength of the ground [Pa]; NaN: not given
     relief: float = math.nan  # relief of the ground [degree]; NaN: not given
-    where: str = ""  # position of the row, for messages
+    where: str = ""  # position of the row, used in messages
     name: str = ""  # name; "": not given
 
     @property
     def pair(self) -> dict[str, float]:
-        """Strength and relief of the zone, if given, by their names in a table of grounds."""
+        """Strength and relief of the zone, if given, by column name in a table of grounds."""
         given = {"strength": self.strength, "relief": self.relief}
         return {name: value for name, value in given.items() if not math.isnan(value)}
 
     @property
     def names_ground(self) -> bool:
-        """Return True if the zone has a ground other than that of the case."""
+        """Return True if the zone has a ground other than the case's."""
         return bool(self.ground or self.pair)
 
     def ground_in(self, usual: NamedGround) -> NamedGround:
-        """Ground of the zone; `usual` is the ground of the case.
+        """Ground of the zone; `usual` is the case's ground.
 
         >>> usual = NamedGround("talus", {"strength": 2e5, "relief": 12.5})
         >>> str(Zone((), "", 3e5).ground_in(usual))
@@ -75,9 +75,9 @@ class Zone(NamedTuple):
 def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:
     """Read the zones by id, in the order of the file.
 
-    Cells are separated by commas or semicolons; unknown columns are ignored and added to `remarks`.
-    An empty cell means that no size is given. A zone with its own ground may have sizes of zero (no
-    rocks). A strength and relief replace those of the ground.
+    Cells are separated by commas or semicolons; unknown columns are ignored and mentioned in
+    `remarks`. An empty cell gives no size. A zone with its own ground may have zero sizes (no
+    rocks). A strength and relief replace the ground's values.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
@@ -108,11 +108,11 @@ def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) ->
 def zones_of_polygons(
     columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
-    """Return the zone id of each polygon (int32), the zones by id, and whether the layer has these
-    ids. The attributes of polygons are the columns of a zone table.
+    """Zone id of each polygon (int32), zones by id, and True if the layer has these ids.
+    Attributes of polygons have the meaning of zone-table columns.
 
-    Polygons with equal attributes are one zone. Its id is the integer attribute `field` if unique
-    for each zone, else its number in file order, from 1.
+    Polygons with equal attributes form a zone. Its id is the integer attribute `field` if this is
+    unique for each zone, else its number in file order, from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -144,7 +144,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of polygons; None if polygons that differ have the same id."""
+    """Ids of the polygons; None if different polygons share an id."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]
@@ -153,7 +153,7 @@ def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[in
 
 
 def _text(value: Any) -> str:
-    """Convert an attribute to the text of a cell; "" if empty."""
+    """Attribute as text of a cell; "" if empty."""
     value = plain(value)
     return "" if value is None else str(value).strip()
 
@@ -175,10 +175,10 @@ def index_blocks(
     table: str = "table",
     what: str = "zone",
 ) -> np.ndarray:
-    """Table row (int8 or int16, counted from 1) of each cell; 0 where the terrain is not valid.
+    """Table row (int8 or int16, from 1) of each cell; 0 where the terrain is not valid.
 
     `blocks` are rows of zone ids; cells with `NO_ID` belong to `default_zone`. `valid` is a mask,
-    or the elevations (NaN = not valid). `path`, `table` and `what` (the term for an id) are for
+    or elevations (NaN: not valid). `path`, `table` and `what` (the term for an id) are used in
     messages.
     """
     if len(table_ids) > np.iinfo(np.int16).max:
@@ -230,7 +230,7 @@ def _is_valid(block: np.ndarray) -> np.ndarray:
 
 
 def _without_row(unknown: dict[int, int], path: str, table: str, what: str) -> str:
-    """Error message about cells whose zone is missing or not in the table."""
+    """Message about cells whose zone is missing or not in the table."""
     if NO_ID in unknown:
         return (
             f"{path}: {unknown[NO_ID]} cells of the terrain have no zone: "

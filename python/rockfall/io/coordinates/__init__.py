@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems and units of lengths, as files state them."""
+"""Coordinate reference systems and length units stated by files."""

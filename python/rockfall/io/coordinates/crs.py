@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate systems: names, equality, needs of the model, CF (1.8, appendix F)."""
+"""Coordinate reference systems: names, equality, requirements of the model, CF (1.8, appendix
+F)."""
 
 from __future__ import annotations
 
@@ -24,11 +25,11 @@ if TYPE_CHECKING:
 
 NO_DATUM = "not stated"
 _NAMELESS = re.compile(r"(d_)?(unknown|unnamed|undefined|not.specified)", re.IGNORECASE)
-_NEAR = 1e-3  # difference of equal coordinates [m]
+_NEAR = 1e-3  # maximum difference of equal coordinates [m]
 
 
 def crs_name(crs: CRS) -> str:
-    """Short name: EPSG:25832, the title of a system without a number, or its projection."""
+    """Short name of a system: EPSG:25832, its title if it has no code, or its projection."""
     return _short_name(_pyproj(crs))
 
 
@@ -48,7 +49,7 @@ def _title(system: pyproj.CRS) -> str:
 
 
 def crs_argument(crs: CRS) -> str:
-    """Horizontal system for a command: its code, or well-known text."""
+    """Horizontal system as a command argument: its code, or well-known text."""
     code = in_plan(crs).to_epsg()
     return f"EPSG:{code}" if code else plan_wkt(crs)
 
@@ -56,8 +57,8 @@ def crs_argument(crs: CRS) -> str:
 def same_crs(a: CRS | None, b: CRS | None) -> bool:
     """Return True if plan coordinates are equivalent; an unknown system equals any other.
 
-    A projection can be written as a number, as well-known text, or as a PROJ string, which has no
-    name of the datum but may have a shift to WGS 84.
+    A projection can be given as a code, as well-known text, or as a PROJ string, which lacks the
+    datum name but may include a shift to WGS 84.
     """
     if a is None or b is None:
         return True
@@ -69,7 +70,7 @@ def same_crs(a: CRS | None, b: CRS | None) -> bool:
 
 
 def _source(system: pyproj.CRS) -> pyproj.CRS:
-    """System without a shift to another datum."""
+    """System without a shift to WGS 84."""
     return system.source_crs if system.is_bound and system.source_crs else system
 
 
@@ -85,8 +86,8 @@ def _same_datum(a: pyproj.CRS, b: pyproj.CRS) -> bool:
 
 
 def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
-    """Return True if two projections of one ellipsoid have the same coordinates, up to `_NEAR`, at
-    some places near their centre."""
+    """Return True if two projections of the same ellipsoid give the same coordinates, within
+    `_NEAR`, at some places near their centre."""
     import pyproj
 
     if not (a.is_projected and b.is_projected):
@@ -101,7 +102,7 @@ def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
 
 
 def _body(system: pyproj.CRS) -> tuple[float, float, float]:
-    """Ellipsoid, and prime meridian counted from the antimeridian, never 0."""
+    """Ellipsoid, and the prime meridian relative to the antimeridian, so that it is never 0."""
     ellipsoid, meridian = system.ellipsoid, system.prime_meridian
     assert ellipsoid is not None and meridian is not None
     greenwich = meridian.longitude * float(meridian.unit_conversion_factor)
@@ -109,7 +110,7 @@ def _body(system: pyproj.CRS) -> tuple[float, float, float]:
 
 
 def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
-    """Longitudes and latitudes [degrees] near the centre of a projection."""
+    """Longitudes and latitudes [degree] of test points near the centre of a projection."""
     assert system.coordinate_operation is not None
     angles: dict[str, list[float]] = {"ongitude": [], "atitude": []}
     for parameter in system.coordinate_operation.params:
@@ -127,7 +128,7 @@ def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
-    """Coordinates of places [degrees from the prime meridian of the system]."""
+    """Coordinates of points [degree from the prime meridian of the system]."""
     import pyproj
 
     base = system.geodetic_crs
@@ -138,27 +139,27 @@ def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) 
 
 
 class Transformation(NamedTuple):
-    """A transformation between two systems."""
+    """A transformation between two coordinate systems."""
 
-    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y, infinite where undefined
-    is_best: bool  # False if it needs a grid that is not installed, or is of another area
+    transform: Callable[..., tuple[Any, Any]]  # x and y to x and y; infinite where undefined
+    is_best: bool  # False if it needs a missing grid, or applies to another area
 
 
 def transformation(crs: CRS, grid: Grid) -> Transformation:
-    """Transformation from a system to that of a raster, in plan."""
+    """Plan transformation from a system to the system of a raster."""
     assert grid.crs is not None
     return _best_way(_pyproj(in_plan(crs)), _pyproj(in_plan(grid.crs)), grid.crs, grid)
 
 
 def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
-    """Transformation from a system to longitude and latitude (WGS 84), best within `bounds`."""
+    """Transformation from a system to longitude and latitude (WGS 84), the best within `bounds`."""
     import pyproj
 
     return _best_way(_pyproj(in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
 
 
 def vertical_datum(crs: CRS) -> str:
-    """Name of the vertical datum; `NO_DATUM` if the system has none."""
+    """Name of the vertical datum; `NO_DATUM` if there is none."""
     system = _pyproj(crs)
     names = [part.name for part in system.sub_crs_list if part.is_vertical]
     if not names and len(system.axis_info) == 3:
@@ -167,7 +168,7 @@ def vertical_datum(crs: CRS) -> str:
 
 
 class Bounds(NamedTuple):
-    """Extent in plan [m]."""
+    """Plan bounds [m]."""
 
     west: float
     south: float
@@ -178,7 +179,7 @@ class Bounds(NamedTuple):
 def _best_way(
     source: pyproj.CRS, target: pyproj.CRS, crs: CRS, bounds: Bounds | Grid
 ) -> Transformation:
-    """Best transformation between systems within bounds, which are in `crs`."""
+    """Best transformation between systems within bounds given in `crs`."""
     import pyproj
 
     corners = _degrees(crs, [bounds.west, bounds.east], [bounds.south, bounds.north])
@@ -186,11 +187,11 @@ def _best_way(
     if np.isfinite(corners).all():
         (west, east), (south, north) = corners
         area = pyproj.transformer.AreaOfInterest(west, south, east, north)
-    # Outside of the area of a datum shift PROJ would leave out the shift, 100 m and more. It is
-    # nearer than none; where none is known (a datum without a name) there is no other way.
+    # Outside the area of a datum shift, PROJ would leave out the shift of 100 m or more. Applying
+    # it is more accurate; a datum without a name has no shift.
     for within, allow_ballpark in ((area, False), (None, False), (area, True)):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # PROJ's warning about a missing grid
+            warnings.simplefilter("ignore")  # suppress PROJ's warning about a missing grid
             ways = pyproj.transformer.TransformerGroup(
                 source, target, True, within, allow_ballpark=allow_ballpark
             )
@@ -202,14 +203,15 @@ def _best_way(
     )
 
 
-#: Command that converts a raster to metres: to a plan (None: unchanged), and heights by a factor.
+#: Command that converts a raster to metres: to a plan system (None: unchanged), with heights
+#: multiplied by a factor.
 Cure = Callable[[str | None, float], str]
 
 
 def check_metres(
     grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
 ) -> None:
-    """Refuse units other than the metre, of plan coordinates and of elevations; `stated` are those
+    """Refuse plan coordinates and elevations in units other than the metre; `stated` lists units
     that the file gives in addition to its CRS."""
     system = None if grid.crs is None else _pyproj(grid.crs)
     plan = METRE
@@ -237,8 +239,8 @@ def check_metres(
 def _plan_refusal(
     grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
 ) -> RockfallError:
-    """Refusal of plan coordinates in a unit, with elevations in another unit than the metre (None:
-    in metres, or not stated), and the commands that convert both."""
+    """Message that refuses plan coordinates in a unit other than the metre, and elevations in
+    another unit (None: metres, or not stated), with the commands that convert both."""
     assert grid.crs is not None
     both = f", elevations in {heights.name}" if heights else ""
     problem = f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), metres are needed"
@@ -259,7 +261,7 @@ def _plan_refusal(
 
 
 def _check_kind(path: str, system: pyproj.CRS) -> None:
-    """Refuse systems without plan coordinates, and depths."""
+    """Refuse systems without plan coordinates, and systems with depths."""
     if system.is_geocentric:
         raise RockfallError(
             f"{path}: coordinates are geocentric ({_short_name(system)}), from the centre of the "
@@ -276,7 +278,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
 
 
 def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
-    """Remark if a raster lies outside the area of its CRS; refuse exchanged x and y."""
+    """Add a remark if a raster is outside the area of its CRS; refuse swapped x and y."""
     code = None if grid.crs is None else in_plan(grid.crs).to_epsg()
     if code is None:
         return
@@ -304,7 +306,8 @@ def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
 
 
 def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
-    """Units in plan and of heights, None without, metre where undefined; no angles."""
+    """Units of plan coordinates and heights: None if missing, metre if undefined; angles are
+    omitted."""
     plan, heights = METRE, None
     for axis in crs.axis_info:
         factor, name = axis.unit_conversion_factor, axis.unit_name
@@ -332,16 +335,17 @@ def in_plan(crs: CRS) -> CRS:
 
 
 def plan_wkt(crs: CRS | str) -> str:
-    """Well-known text of the horizontal part of a system, or of its well-known text."""
+    """Well-known text of the horizontal part of a system (or of its well-known text)."""
     from rasterio.crs import CRS
 
     return in_plan(CRS.from_user_input(crs)).to_wkt()
 
 
 def _utm(grid: Grid) -> str | None:
-    """UTM zone of the centre of a raster; None where it is not on the earth.
+    """UTM zone at the centre of a raster; None if the centre is not on the Earth.
 
-    `pyproj.database.query_utm_crs_info` takes 0.1 s, and gives two zones or none near the poles.
+    `pyproj.database.query_utm_crs_info` takes 0.1 s, and near the poles it gives two zones or
+    none.
     """
     (longitude,), (latitude,) = _degrees(grid.crs, *([c] for c in _middle(grid)))
     if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
@@ -351,17 +355,17 @@ def _utm(grid: Grid) -> str | None:
 
 
 def length_scale(grid: Grid) -> float:
-    """Coordinate metres per metre on the ground at the centre of a raster: the geometric mean of
-    east and north; 1 where the CRS does not define it.
+    """Coordinate metres per metre on the ground at the centre of a raster: geometric mean of east
+    and north, or 1 if the CRS does not define it.
 
-    `pyproj.Proj.get_factors` is 0.2 % off in the Mercator projection of web maps.
+    `pyproj.Proj.get_factors` has an error of 0.2 % for the Mercator projection of web maps.
     """
     if grid.crs is None or not grid.crs.is_projected:
         return 1.0
     import pyproj
 
     x, y = _middle(grid)
-    step = 100.0  # [m]: long compared with the rounding of degrees, short compared with the Earth
+    step = 100.0  # [m] long compared with rounding of degrees, short compared with the Earth
     longitude, latitude = _degrees(grid.crs, [x, x + step, x], [y, y, y + step])
     start = [longitude[0]] * 2, [latitude[0]] * 2
     *_, ground = pyproj.Geod(ellps="WGS84").inv(*start, longitude[1:], latitude[1:])
@@ -371,17 +375,17 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable for the horizontal part of a system. With the
-    vertical part, readers would scale counts and energies. The complete system is in `crs_wkt`
-    (WKT 2), and in `spatial_ref` (WKT 1, for older programs); CF parameters are added where they
-    are equivalent. `vertical_datum` is the name of the vertical datum, if there is one."""
+    """Attributes of a CF grid mapping variable for the horizontal part of a system (because of the
+    vertical part, readers would scale counts and energies). The complete system is in `crs_wkt`
+    (WKT 2) and `spatial_ref` (WKT 1, for older programs); CF parameters are added if they are
+    equivalent. `vertical_datum` is the name of the vertical datum, if any."""
     texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()
     if texts not in _MAPPINGS:
         _MAPPINGS[texts] = _grid_mapping(crs)
     return dict(_MAPPINGS[texts])
 
 
-#: Cache of systems: creating one takes longer than many runs.
+#: Cached systems: creating a system takes longer than many runs.
 _MAPPINGS: dict[tuple[str, str], dict[str, Any]] = {}
 
 
@@ -397,16 +401,16 @@ def _grid_mapping(crs: CRS) -> dict[str, Any]:
 
 
 def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
-    """`to_cf` if its parameters alone define the coordinates of the system.
+    """CF parameters of `to_cf`, if they alone define the coordinates of the system.
 
-    An oblique Mercator is left out: CF has no angle of the rectified grid, and PROJ's readers
-    disagree on its default (EPSG:2056 is more than 100 km off by pyproj up to 3.7).
+    Oblique Mercator projections are excluded: CF lacks the angle of the rectified grid, and PROJ
+    readers disagree on its default (with pyproj up to 3.7, EPSG:2056 is wrong by over 100 km).
     """
     import pyproj
 
     source = _ellipsoidal(_source(crs))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a lost parameter; not in all versions
+        warnings.simplefilter("ignore")  # about lost parameters, in some versions
         parameters = source.to_cf()
         parameters.pop("crs_wkt", None)
         name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
@@ -424,7 +428,7 @@ def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
 
 
 def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
-    """System with the formulas for an ellipsoid, as in CF; the same on a sphere."""
+    """System with the ellipsoidal formulas that CF requires, also on a sphere."""
     import pyproj
 
     description = system.to_json_dict()
@@ -451,7 +455,7 @@ def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], lis
     import pyproj
 
     nowhere = [math.nan] * len(x)
-    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would loop for ever
+    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would never return
         return nowhere, nowhere
     try:
         to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)

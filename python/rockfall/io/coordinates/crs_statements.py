@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Several statements of the CRS in the grid mapping of a netCDF file: readers differ in their
-choice, so the statements must agree."""
+"""CRS statements in the grid mapping of a netCDF file: readers use different ones, so all must
+agree."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,15 +9,15 @@ from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import crs_name, same_crs
 from rockfall.io.coordinates.projection_file import vertical_units
 
-#: Attributes that name a system, in order of preference.
+#: Attributes that define a system, in order of preference.
 NAMES = (
     "crs_wkt", "spatial_ref", "esri_pe_string", "epsg_code", "proj4", "proj4text", "proj4_params",
 )  # fmt: skip
 
 
 def check_statements(where: str, attrs: Mapping[str, Any]) -> None:
-    """Refuse a grid mapping with several attributes that name different systems, or elevations in
-    another unit than the metre; texts that describe no system are ignored."""
+    """Refuse a grid mapping whose attributes define different systems, or elevations in a unit
+    other than the metre; texts that define no system are ignored."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

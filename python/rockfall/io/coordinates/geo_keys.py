@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys of GeoTIFF, in TIFF and LAS files, about the unit of heights.
+"""GeoTIFF keys in TIFF and LAS files that define the unit of heights.
 
-GDAL ignores the key of the unit unless the system is user-defined too, and laspy ignores both.
+GDAL ignores the unit key unless the system is user-defined, and laspy ignores both.
 """
 
 import math
@@ -12,14 +12,14 @@ from typing import NamedTuple
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.length_units import Stated, Unit, unit_in_words, unit_of_code
 
-DIRECTORY, TEXTS = 34735, 34737  # TIFF tags, and records of LAS
+DIRECTORY, TEXTS = 34735, 34737  # TIFF tags, and LAS records
 _PROJECTED, _PLAN_UNIT = 3072, 3076
 _SYSTEM, _CITATION, _UNIT = 4096, 4097, 4099
 _EPSG = range(1024, 32767)
 
 
 class Key(NamedTuple):
-    """Entry of the directory of keys."""
+    """Entry of the key directory."""
 
     id: int
     location: int
@@ -28,12 +28,12 @@ class Key(NamedTuple):
 
 
 def keys_of(directory: Sequence[int]) -> list[Key]:
-    """Entries of a directory, which begins with four numbers of its own."""
+    """Entries of a key directory, whose first four numbers are its header."""
     return [Key(*directory[at : at + 4]) for at in range(4, len(directory) - 3, 4)]
 
 
 def stated_heights(keys: Sequence[Key], texts: str) -> list[Stated]:
-    """Units of heights by the keys of the vertical system, its citation, and its unit."""
+    """Height units from the keys for the vertical system, its citation, and its unit."""
     stated = []
     for key in keys:
         unit = None
@@ -49,7 +49,7 @@ def stated_heights(keys: Sequence[Key], texts: str) -> list[Stated]:
 
 
 def check_plan(path: str, keys: Sequence[Key]) -> None:
-    """Refuse a unit of plan coordinates that is not that of the projected system."""
+    """Refuse a plan unit that differs from the unit of the projected system."""
     values = {key.id: key.value for key in keys if not key.location}
     system, code = values.get(_PROJECTED, 0), values.get(_PLAN_UNIT)
     if system not in _EPSG or code is None:
@@ -64,7 +64,7 @@ def check_plan(path: str, keys: Sequence[Key]) -> None:
 
 @cache
 def _axis_unit(code: int, directions: tuple[str, ...]) -> Unit | None:
-    """Unit of the first axis of a system in one of some directions."""
+    """Unit of the first axis of a system with one of these directions."""
     import pyproj
 
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Units of lengths as files give them: as a unit, in words, or as an EPSG code."""
+"""Length units as files give them: as a unit, in words, or as an EPSG code."""
 
 import math
 import re
@@ -23,7 +23,7 @@ class Unit(NamedTuple):
 
 
 class Stated(NamedTuple):
-    """Unit of elevations, and the part of a file that gives it."""
+    """Unit of elevations, and the part of a file that states it."""
 
     unit: Unit
     where: str
@@ -32,7 +32,7 @@ class Stated(NamedTuple):
 METRE = Unit("metre", 1.0)
 _METRE_CODE = 9001
 _METRES = {"", "m", "metre", "metres", "meter", "meters"}
-#: Units: words for sentences, and symbols that count as units only in brackets or after "in".
+#: Units: words that count anywhere, and symbols that count only in brackets or after "in".
 _WORDS = (
     (
         Unit("US survey foot", 1200 / 3937),
@@ -59,12 +59,12 @@ _PROSE = re.compile(r"long_?name|description|title|comment|abstract|summary")
 
 
 def is_metre(unit: str | None) -> bool:
-    """Return True if a unit as spelled in files is the metre, or missing."""
+    """Return True if a unit, as spelled in files, is the metre or is missing."""
     return (unit or "").strip().lower() in _METRES
 
 
 def unit_of(text: str) -> Unit:
-    """Unit of a spelling; its factor is NaN if it is not known."""
+    """Unit for a spelling; its factor is NaN if the spelling is unknown."""
     spelled = text.strip().lower()
     if is_metre(spelled):
         return METRE
@@ -75,8 +75,8 @@ def unit_of(text: str) -> Unit:
 
 
 def unit_in_words(text: str) -> Unit | None:
-    """Unit of elevations in a sentence; None if there is none, or if metres occur too. A number
-    before a unit is a size, such as that of a cell."""
+    """Elevation unit in a sentence; None if there is none, or if metres occur too. A number before
+    a unit is a size, such as a cell size."""
     spelled = text.lower()
     if _METRE_WORDS.search(spelled):
         return None
@@ -93,7 +93,7 @@ def unit_in_words(text: str) -> Unit | None:
 
 
 def unit_of_code(code: int) -> Unit | None:
-    """Linear unit of an EPSG code, None if there is none."""
+    """Linear unit of an EPSG code; None if there is none."""
     if code == _METRE_CODE:
         return METRE
     from pyproj.database import get_units_map
@@ -105,8 +105,8 @@ def unit_of_code(code: int) -> Unit | None:
 
 
 def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
-    """Units of elevations in the attributes or tags of a raster: the value of a unit attribute that
-    does not describe its cells, or words of a description."""
+    """Elevation units in the attributes or tags of a raster: from a unit attribute that does not
+    refer to its cells, or from the words of a description."""
     stated = []
     for key, value in attributes.items():
         name = key.lower()
@@ -123,7 +123,7 @@ def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
 
 
 def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
-    """Two contradictory statements of units; international and US feet count as equal."""
+    """Two contradictory unit statements; international and US feet count as equal."""
     first, *others = [*stated, None]
     for other in others:
         if first and other and not math.isclose(first.unit.factor, other.unit.factor, rel_tol=1e-5):
@@ -132,7 +132,7 @@ def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
 
 
 def refuse_units(path: str | Path, stated: Iterable[Stated], command: Callable[[str], str]) -> None:
-    """Refuse heights of points not in metres; `command` converts them by a factor."""
+    """Refuse point heights in units other than the metre; `command` converts them by a factor."""
     for unit, where in stated:
         if not unit.is_metre:
             is_known = math.isfinite(unit.factor)

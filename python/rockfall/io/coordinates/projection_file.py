@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Projection files (.prj) next to grids and points.
 
-GDAL reads the horizontal system of the dialects of ESRI. It silently skips units of heights, a
-second system on a line of its own, and WKT 2.
+GDAL reads the horizontal system in ESRI's dialects. It silently skips height units, a second
+system on a separate line, and WKT 2.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def _text(file: Path) -> str:
 
 
 def projection_crs(path: str | Path) -> CRS | None:
-    """CRS of the projection file of a grid, which GDAL could not read; None without one."""
+    """CRS in the projection file of a grid whose CRS GDAL could not read; None without such a
+    file."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
@@ -52,7 +53,7 @@ def projection_crs(path: str | Path) -> CRS | None:
 
 
 def projection_heights(path: str | Path) -> list[Stated]:
-    """Units of heights in the projection file of a grid or of points."""
+    """Height units in the projection file of a grid or of points."""
     if (file := _projection_file(path)) is None:
         return []
     text = _text(file)
@@ -61,12 +62,12 @@ def projection_heights(path: str | Path) -> list[Stated]:
 
 
 def vertical_units(text: str) -> list[Unit]:
-    """Units of the vertical systems in well-known texts, one after the other."""
+    """Units of the vertical systems in consecutive well-known texts."""
     return [_vertical_unit(text[match.start() :]) for match in _VERTICAL.finditer(text)]
 
 
 def _unit_of_heights(word: str) -> Unit | None:
-    """Unit of a line Zunits: a name, NO, or units per metre."""
+    """Unit in a line Zunits: a name, NO, or a number of units per metre."""
     if word.upper() in ("NO", "NONE"):
         return None
     try:
@@ -76,7 +77,7 @@ def _unit_of_heights(word: str) -> Unit | None:
 
 
 def _vertical_unit(text: str) -> Unit:
-    """Unit of the vertical system with which a text begins."""
+    """Unit of the vertical system at the start of a text."""
     import pyproj
 
     depths = accumulate((letter == "[") - (letter == "]") for letter in text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Units of elevations that a raster file gives in addition to its CRS."""
+"""Elevation units that a raster file gives in addition to its CRS."""
 
 import re
 from pathlib import Path
@@ -17,12 +17,12 @@ from rockfall.io.files import TIFF, start_of
 from rockfall.io.gdal_files import companions, tiff_numbers, tiff_text
 from rockfall.io.rasters.raster_file import AsciiSource, RasterFile, raster_file
 
-_METADATA = re.compile(r"<altunits>([^<]*)</altunits>", re.IGNORECASE)  # of the FGDC
+_METADATA = re.compile(r"<altunits>([^<]*)</altunits>", re.IGNORECASE)  # FGDC metadata
 _MAX_METADATA = 2_000_000  # bytes
 
 
 def stated_units(raster: RasterFile) -> list[Stated]:
-    """Units in the band, its description, tags, keys of GeoTIFF, and companion files."""
+    """Elevation units in the band, its description, tags, GeoTIFF keys, and companion files."""
     source, file = raster.source, raster_file(raster.path)
     if isinstance(source, AsciiSource):
         return []
@@ -30,7 +30,7 @@ def stated_units(raster: RasterFile) -> list[Stated]:
         key: value
         for key, value in (*source.tags().items(), *source.tags(1).items())
         if "#" not in key or key.startswith("NC_GLOBAL#")
-    }  # no attributes of coordinates
+    }  # except attributes of coordinates
     if tags.get("positive", "").lower() == "down":
         raise RockfallError(f"{raster.path}: has depths (positive = down): elevations are needed")
     stated = [Stated(unit_of(unit), "band unit") for unit in source.units[:1] if unit]
@@ -48,7 +48,7 @@ def stated_units(raster: RasterFile) -> list[Stated]:
 
 
 def _in_metadata(file: Path) -> list[Stated]:
-    """Unit of elevations in the metadata of the FGDC next to a file."""
+    """Elevation unit in the FGDC metadata next to a file."""
     names = (f"{file.name}.xml".lower(), f"{file.stem}.xml".lower())
     stated = []
     for companion in companions(file):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters in and out."""
+"""Reading and writing of rasters."""

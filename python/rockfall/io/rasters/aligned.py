@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters of a case, on the cells of its terrain."""
+"""Rasters of a case on the cells of its terrain."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,9 +25,10 @@ def aligned_blocks(
     smooth: bool = True,
     remarks: list[str] | None = None,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Read a raster of `what` (a plural, for messages) aligned with `grid`, in blocks of rows:
-    (rows, values valid until the next block). Rows of a box count from 0. `smooth`: values may be
-    interpolated between cells, unless they are integers. `remarks` gets a `packing_note`.
+    """Read a raster aligned with `grid` in blocks of rows: (rows, values valid until the next
+    block). `what` (a plural) is used in messages. Rows of a box count from 0. If `smooth`, advice
+    may suggest interpolation, unless values are integers. A `packing_note` may be added to
+    `remarks`.
 
     Cells without data are NaN, or `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
@@ -52,7 +53,7 @@ def aligned_blocks(
                         f"{raster.path}: row {rows.start + row + 1}, column {column + 1}: "
                         f"{block[row, column]:g}: {what} must be integers"
                     )
-            if store.shape < block.shape:  # one buffer for all blocks, for the heap
+            if store.shape < block.shape:  # all blocks share a buffer, which saves memory
                 store = np.empty(block.shape, dtype)
             values = store[: len(block)]
             values.fill(np.nan if dtype.kind == "f" else NO_ID)
@@ -61,7 +62,7 @@ def aligned_blocks(
 
 
 def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
-    """Refuse an odd number as undeclared nodata, with the command that declares it."""
+    """Refuse an unusual number as undeclared nodata, with the command that declares it."""
     if abs(value) <= largest:
         return
     cure = "declare it as nodata"
@@ -80,7 +81,7 @@ def _check_unit(raster: RasterFile, what: str) -> None:
 
 
 def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -> None:
-    """Refuse a raster that is not aligned with `grid`; suggest the command that aligns it."""
+    """Refuse a raster that is not aligned with `grid`, and suggest the command that aligns it."""
     own, dem, apart = raster.grid, grid.path or "the terrain", False
     if not same_crs(own.crs, grid.crs):
         problem = f"{what} are in {crs_name(own.crs)}, {dem} is in {crs_name(grid.crs)}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations in memory: requirements, and input from NumPy arrays or xarray.DataArrays."""
+"""Elevations in memory: requirements, and conversion from NumPy arrays or xarray.DataArrays."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _NAME = "dem"
 def from_array(
     data: np.ndarray | xr.DataArray, transform: Affine | Grid | None = None
 ) -> tuple[np.ndarray, Grid]:
-    """Elevations in the form of `read_dem`; copied only if they must change.
+    """Elevations in the form of `read_dem`; the array is copied only if it must change.
 
-    A NumPy array needs its `transform` (or a Grid). An xarray.DataArray has the coordinates x and y
-    of its cell centres, y in either direction, and a CRS as stored by rioxarray or CF.
+    A NumPy array needs a `transform` (or a Grid). An xarray.DataArray must have the coordinates x
+    and y of its cell centres, y in either direction, and a CRS as stored by rioxarray or CF.
     """
     if hasattr(data, "coords"):
         data = as_plan(cast("xr.DataArray", data))
@@ -56,7 +56,7 @@ def from_array(
 
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
-    """Return float32 for types that it holds exactly (integers of up to 16 bits), else float64."""
+    """float32 for types that it represents exactly (integers of up to 16 bits), else float64."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
@@ -64,7 +64,7 @@ def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
 
 
 def check_elevations(name: str, z: np.ndarray) -> None:
-    """Refuse rasters too small for a patch, infinite elevations, and rasters without elevations."""
+    """Refuse rasters with too few cells for a patch, infinite elevations, or no elevations."""
     ny, nx = z.shape
     if min(nx, ny) < 2:
         raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
@@ -73,7 +73,8 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
-    """Return True if any cell of rows from `row` has an elevation; odd ones are refused."""
+    """Return True if any cell in the rows from `row` has an elevation; implausible elevations are
+    refused."""
     is_known = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)
@@ -89,9 +90,9 @@ def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
-    """Grid of a DataArray with dims (y, x), and True if its first row is the southernmost.
+    """Grid of a DataArray with dims (y, x); True if its first row is the southernmost.
 
-    A GeoTransform stored with the CRS gives exact edges, provided it agrees with the coordinates.
+    A GeoTransform stored with the CRS gives exact edges if it agrees with the coordinates.
     """
     x, y = _centres(data, "x"), _centres(data, "y")
     if min(x.size, y.size) < 2:
@@ -110,20 +111,20 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
 
 
 def north_up(data: xr.DataArray, values: np.ndarray | None = None) -> tuple[np.ndarray, Grid]:
-    """Values of a DataArray, or others on its cells, with rows from the north; and its grid."""
+    """Values of a DataArray, or other values on its cells, north-up, and the grid."""
     grid, flipped = grid_of(data)
     values = data.values if values is None else values
     return values[::-1] if flipped else values, grid
 
 
 def corner_of(attrs: Mapping[str, Any]) -> tuple[float, float, float]:
-    """West and north edge, and cell size [m], of the grid mapping of a result."""
+    """West edge, north edge and cell size [m] from the grid mapping of a result."""
     west, cell, _, north, _, _ = map(float, str(attrs["GeoTransform"]).split())
     return west, north, abs(cell)
 
 
 def as_plan(data: xr.DataArray) -> xr.DataArray:
-    """DataArray on dims (y, x), with other dims of length one removed, such as a single band."""
+    """DataArray with dims (y, x); other dims of length one, such as a single band, are removed."""
     others = [name for name in data.dims if name not in ("y", "x")]
     if not {"y", "x"} <= set(data.dims) or any(data.sizes[name] > 1 for name in others):
         raise RockfallError(f"{_NAME}: dims are {', '.join(map(str, data.dims))}: must be y, x")
@@ -145,7 +146,7 @@ def _check_unit(what: str, data: xr.DataArray) -> None:
 
 
 def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
-    """Refuse coordinates that are not finite and evenly spaced, up to a thousandth of a cell."""
+    """Refuse coordinates that are not finite and evenly spaced within a thousandth of a cell."""
     even = np.abs(np.diff(centres) - step) <= 1e-3 * abs(step)
     if step == 0 or not even.all():
         raise RockfallError(f"{_NAME}: coordinate {axis} is not evenly spaced")

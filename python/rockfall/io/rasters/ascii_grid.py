@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Strict reader of ESRI ASCII grids.
 
-GDAL reads a truncated file, or a token that is not a number, as zeros, in the header as well as in
-the data; so everything except the CRS is read here.
+GDAL replaces missing and invalid tokens by zeros, in the header as well as in the data. Therefore
+everything except the CRS is read here.
 """
 
 import math
@@ -27,10 +27,10 @@ _KEYS = (
     "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
     "nodata_value",
 )  # fmt: skip
-_CHUNK = 4_000_000  # bytes of text in memory at a time
-_HUGE = 1e30  # no elevation or size; nodata of the kind -3.4e38 is printed with 6 to 17 digits
+_CHUNK = 4_000_000  # bytes of text in memory
+_HUGE = 1e30  # larger than elevations or sizes; nodata such as -3.4e38 has 6 to 17 digits
 _OVERFLOW = re.compile(r"[-+]?1\.79769\d*e\+?308", re.IGNORECASE)
-_MAX_TOKEN = 4096  # bytes; no number is longer
+_MAX_TOKEN = 4096  # [bytes] longer than any number
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,19 @@ class AsciiCells:
     packing = 1.0, 0.0
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (rows in the file, values, valid mask)."""
-        # -9999 is the format's default.
+        """Yield blocks of the rows of a box: (rows in the file, values, valid mask)."""
+        # The default of the format is -9999.
         nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
-                return  # read to the end of the file, where invalid text may follow
+                return  # read the whole file, because invalid text may follow
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
                 yield slice(first, stop), block, ~_is_nodata(block, nodata)
 
     def _whole_rows(self) -> Iterator[tuple[slice, np.ndarray]]:
-        """Blocks of complete rows from the north: (rows, float64 of shape (n, nx)).
+        """Yield blocks of complete rows from the north: (rows, float64 of shape (n, nx)).
 
         Lines may be wrapped. Invalid, missing and surplus tokens are errors.
         """
@@ -83,7 +83,8 @@ class AsciiCells:
 
 
 def _is_nodata(block: np.ndarray, nodata: float) -> np.ndarray:
-    """Mark nodata values, even if header and data are rounded differently to single precision."""
+    """Mask of nodata values, even if header and data are rounded differently to single
+    precision."""
     if abs(nodata) > _HUGE:
         return block > _HUGE if nodata > 0 else block < -_HUGE
     with np.errstate(over="ignore"):
@@ -97,12 +98,12 @@ def is_ascii(start: bytes) -> bool:
 
 
 def is_ascii_grid(path: str | Path) -> bool:
-    """Return True for an existing ESRI ASCII grid, whatever its name."""
+    """Return True for an existing ESRI ASCII grid, regardless of its name."""
     return os.path.isfile(path) and is_ascii(start_of(path))
 
 
 def open_ascii(path: str) -> AsciiCells:
-    """Read the header: lines of a key and its value."""
+    """Read the header, whose lines have a key and a value."""
     values: dict[str, float] = {}
     start, line = 0, 1
     with open(path, "rb") as file:
@@ -126,13 +127,13 @@ def open_ascii(path: str) -> AsciiCells:
 
 
 def _header_line(line: bytes) -> list[str]:
-    """Tokens of a line that begins with a key; empty for other lines."""
+    """Tokens of a header line, which starts with a key; empty for other lines."""
     tokens = line.decode("latin-1").split()
     return tokens if tokens and tokens[0].lower() in _KEYS else []
 
 
 def _value(where: str, key: str, text: str) -> float:
-    """The value of a key; `where` begins messages."""
+    """Value of a key; messages start with `where`."""
     value = plain_decimal(text)
     if key in ("ncols", "nrows"):
         if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
@@ -150,7 +151,7 @@ def _value(where: str, key: str, text: str) -> float:
 
 
 def _check_keys(path: str, values: dict[str, float]) -> None:
-    """Check that all keys that position a grid are present exactly once."""
+    """Check that each key for the position of a grid occurs exactly once."""
     given = values.keys()
     if not {"ncols", "nrows"} <= given:
         raise RockfallError(f"{path}: the header lacks ncols or nrows")
@@ -177,7 +178,7 @@ def _place(values: dict[str, float]) -> Transform:
 
 
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
-    """Numbers in the rest of the file, in chunks; `line` is the first line."""
+    """Yield numbers from the rest of the file in chunks; `line` is the number of the first line."""
     tail = b""
     while block := file.read(_CHUNK):
         text = tail + block
@@ -195,7 +196,7 @@ def _parse(text: bytes, path: str, line: int) -> np.ndarray:
         return np.empty(0)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # older NumPy only warns
+            warnings.simplefilter("error", DeprecationWarning)  # older NumPy versions only warn
             return np.fromstring(text, sep=" ")
     except (ValueError, DeprecationWarning):
         number, token = _first_bad_token(text)
@@ -207,7 +208,7 @@ def _first_bad_token(text: bytes) -> tuple[int, str]:
     for number, row in enumerate(text.split(b"\n")):
         for token in row.split():
             try:
-                float(token.replace(b"_", b"?"))  # Python accepts 1_000, this format does not
+                float(token.replace(b"_", b"?"))  # Python accepts 1_000, the format does not
             except ValueError:
                 return number, token[:40].decode("ascii", "replace")
     return 0, "?"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Elevations of a raster file.
 
-In memory rasters are north-up and C-ordered, `array[row, column]`, row 0 the northernmost. Files
-are read in blocks of rows, so a large raster needs no memory beyond its final array.
+Rasters in memory are north-up and C-ordered, `array[row, column]`, northernmost row first. Files
+are read in blocks of rows, so that a large raster needs no memory beyond its final array.
 """
 
 import math
@@ -18,14 +18,15 @@ from rockfall.io.rasters.grid import Box, Grid
 from rockfall.io.rasters.raster_file import GdalCells, RasterFile, open_raster
 from rockfall.language import remark
 
-SAME_UNIT = 1e-3  # relative: rounded factors of a unit
+SAME_UNIT = 1e-3  # tolerance for rounded unit factors
 
 
 def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.ndarray, Grid]:
-    """Elevations [m], NaN where missing, and their grid; `remarks` gets a `packing_note`.
+    """Read elevations [m], NaN where missing, and their grid; a `packing_note` may be added to
+    `remarks`.
 
-    float32 stays float32; integers of 8 and 16 bits become float32, which represents them exactly;
-    all other types, and every ESRI ASCII grid, become float64. `path` may be `file.nc:variable`.
+    float32 stays float32; integers of 8 and 16 bits become float32, which is exact; other types,
+    and ESRI ASCII grids, become float64. `path` may be `file.nc:variable`.
     """
     with open_raster(path) as raster:
         _check_dem(raster)
@@ -43,8 +44,8 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 
 def packing_note(path: str | Path) -> list[str]:
-    """Remark on stored numbers that a companion file scales or offsets, which the raster alone does
-    not show. Packing in netCDF files is explicit."""
+    """Remark on a scale or offset in a companion file, which the raster file alone does not show;
+    in netCDF files packing is explicit."""
     remarks: list[str] = []
     with open_raster(path) as raster:
         add_packing_note(raster, remarks)
@@ -52,7 +53,7 @@ def packing_note(path: str | Path) -> list[str]:
 
 
 def read_elevations(path: str | Path, box: Box) -> np.ndarray:
-    """Elevations of some cells [m], NaN where missing."""
+    """Read the elevations of some cells [m], NaN where missing."""
     with open_raster(path) as raster:
         return _elevations(raster, box)
 
@@ -66,7 +67,7 @@ def _elevations(raster: RasterFile, box: Box) -> np.ndarray:
 
 
 def _check_dem(raster: RasterFile) -> None:
-    """Refuse a raster that cannot be a terrain."""
+    """Refuse a raster that cannot be a terrain model."""
     stated = stated_units(raster)
     for unit, where in stated:
         scale = raster.cells.packing[0]
@@ -80,7 +81,7 @@ def _check_dem(raster: RasterFile) -> None:
 
 
 def add_packing_note(raster: RasterFile, remarks: list[str] | None) -> None:
-    """Add the remark of `packing_note` to `remarks`, unless None."""
+    """Add the `packing_note` to `remarks`, unless it is None."""
     if remarks is None or not isinstance(raster.cells, GdalCells):
         return
     scale, offset = raster.cells.packing

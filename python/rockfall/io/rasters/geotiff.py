@@ -16,7 +16,7 @@ _TILE = 256  # cells
 def write_geotiff(
     path: str | Path, array: np.ndarray, grid: Grid, nodata: float | None = None, **tags: Any
 ) -> None:
-    """Write a map as a cloud-optimised GeoTIFF, with its CRS and `tags`, atomically.
+    """Write a map as a cloud-optimised GeoTIFF with its CRS and `tags`, atomically.
 
     The tags `units` and `long_name` also become the unit and the description of the band.
     """
@@ -37,10 +37,10 @@ def write_geotiff(
     }  # fmt: skip
     packed = {
         "driver": "COG", "blocksize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
-        "resampling": "nearest",  # of overviews
+        "resampling": "nearest",  # for overviews
         "predictor": "yes" if array.dtype.kind == "f" or array.dtype.itemsize < 8 else "no",
     }  # fmt: skip
-    # GDAL does not report a full disk when it closes a file, so Python writes the bytes.
+    # Python writes the bytes, because GDAL does not report a full disk on closing.
     with MemoryFile() as plain, MemoryFile() as memory, atomic_write(path) as part:
         with plain.open(**profile) as file:
             for rows in row_blocks(grid.shape, _TILE):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Raster geometry: north-up, square cells, in metres."""
+"""Raster geometry: north-up, with square cells, in metres."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ if TYPE_CHECKING:
     from affine import Affine
     from rasterio.crs import CRS
 
-#: Missing value of integer rasters; no zone can have this id.
+#: Missing value of integer rasters; not allowed as a zone id.
 NO_ID = int(np.iinfo(np.int32).min)
 
-#: Edges that differ by less than this fraction of a cell are equal.
+#: Edges closer than this fraction of a cell count as equal.
 TOLERANCE = 1e-6
 
 _BLOCK = 1_000_000  # cells
 
 
 class Transform(NamedTuple):
-    """Transform from (column, row) to (x, y), named as in `affine.Affine`, slow to import."""
+    """Transformation from (column, row) to (x, y), with the names of `affine.Affine`, which is
+    slow to import."""
 
     a: float
     b: float
@@ -37,8 +38,8 @@ class Transform(NamedTuple):
 class Grid:
     """Raster geometry; row 0 is the northernmost, as in files.
 
-    `west` and `north` are the outer edges [m], `cell` the side of a cell [m], `path` the file it
-    came from (for messages only).
+    `west` and `north` are the outer edges [m], `cell` is the cell side [m], and `path` is the
+    source file (for messages only).
     """
 
     west: float
@@ -51,7 +52,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx), the shape of its arrays."""
+        """Shape (ny, nx) of arrays on the grid."""
         return self.ny, self.nx
 
     @property
@@ -76,11 +77,11 @@ class Grid:
 
     @property
     def box(self) -> Box:
-        """Box of all its cells."""
+        """Box of all cells."""
         return Box(0, 0, self.ny, self.nx)
 
     def part(self, box: Box) -> Grid:
-        """Grid of some of its cells."""
+        """Grid of the cells in a box."""
         west, north = self.west + box.column * self.cell, self.north - box.row * self.cell
         return replace(self, west=west, north=north, nx=box.shape[1], ny=box.shape[0])
 
@@ -90,18 +91,18 @@ class Grid:
 
     @property
     def transform(self) -> Affine:
-        """Affine transform from (column, row) to (x, y), in rasterio's form."""
+        """Affine transformation from (column, row) to (x, y), in rasterio's form."""
         from affine import Affine
 
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of cells at places [m]; the far edge belongs to the last cell."""
+        """Row and column of the cells at points [m]; the far edges belong to the last cells."""
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
     def at(self, values: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Values (ny, nx) of the cells at places [m]; NaN outside the grid."""
+        """Values (ny, nx) of the cells at points [m]; NaN outside the grid."""
         row, column = (self.north - y) / self.cell, (x - self.west) / self.cell
         inside = (row >= 0) & (row < self.ny) & (column >= 0) & (column < self.nx)
         there = np.full(x.shape, np.nan)
@@ -109,7 +110,7 @@ class Grid:
         return there
 
     def matches(self, other: Grid) -> bool:
-        """Return True if both grids have the same cells, up to `TOLERANCE`, in any CRS."""
+        """Return True if both grids have the same cells within `TOLERANCE`; ignores the CRS."""
         near = TOLERANCE * self.cell
         return self.shape == other.shape and all(
             abs(getattr(self, edge) - getattr(other, edge)) <= near
@@ -146,7 +147,7 @@ class Box:
         return slice(self.column, self.stop_column)
 
     def corners(self) -> dict[str, tuple[int, int]]:
-        """First and last (column, row), counted from 1, as the kernel expects them for maps."""
+        """First and last (column, row), counted from 1, as the kernel expects for maps."""
         return {
             "map_at": (self.column + 1, self.row + 1),
             "map_last": (self.stop_column, self.stop_row),
@@ -154,7 +155,7 @@ class Box:
 
 
 def flaw_of(transform: Affine | Transform, far: int) -> str:
-    """Reason why cells cannot form a grid with up to `far` cells per side; empty if they can."""
+    """Reason why cells cannot form a grid with at most `far` cells per side; "" if they can."""
     t = transform
     if not 0 < abs(t.a) < np.inf:
         return f"cells have the size {t.a:g}: must be > 0"
@@ -168,7 +169,7 @@ def flaw_of(transform: Affine | Transform, far: int) -> str:
 
 
 def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:
-    """Slices of rows of about a million cells each; row counts are multiples of `multiple`."""
+    """Slices of about a million cells in whole rows; row counts are multiples of `multiple`."""
     ny, nx = shape
     step = max(1, _BLOCK // (max(1, nx) * multiple)) * multiple
     return (slice(first, min(first + step, ny)) for first in range(0, ny, step))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of netCDF grids: missing values, packing, and unit.
+"""Values of netCDF grids: missing data, packing, and unit.
 
-GDAL honours only some of the CF attributes, so these are read here. Contradictory attributes are
-refused. Coordinates decide on the position: a cut-out keeps the GeoTransform of the original, which
-newer versions of GDAL use.
+GDAL supports only some CF attributes, so they are read here, and contradictory attributes are
+refused. The position follows from the coordinates, because a cut-out keeps the original's
+GeoTransform, which newer versions of GDAL use.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ if TYPE_CHECKING:
     from affine import Affine
 
 _MAX_SIDE = 10_000_000  # cells
-_EVEN = 1e-3  # tolerance of coordinates, in cells
+_EVEN = 1e-3  # tolerance of coordinate steps, in cells
 
 
 @dataclass(frozen=True)
 class NetcdfCells:
-    """A variable on (y, x), read north-up in either storage order."""
+    """A variable on (y, x), read north-up from either storage order."""
 
     variable: netCDF4.Variable
-    dtype: np.dtype  #: of the stored numbers
+    dtype: np.dtype  #: type of the stored numbers
     shape: tuple[int, int]
     transform: Affine | Transform  #: north-up
     packing: tuple[float, float]  #: scale and offset
     missing: tuple[float, ...]  #: stored numbers that mark missing data
-    valid: tuple[float, float]  #: minimum and maximum of stored numbers that are data
-    rising: bool  #: the first row stored is the southernmost
+    valid: tuple[float, float]  #: range of stored numbers that are data
+    rising: bool  #: True if the first stored row is the southernmost
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (rows, stored numbers, valid mask)."""
+        """Yield blocks of the rows of a box: (rows, stored numbers, valid mask)."""
         ny = self.shape[0]
         chunks = self.variable.chunking()
         tile = chunks[-2] if isinstance(chunks, list) else 1
@@ -71,7 +71,7 @@ class NetcdfCells:
 
 @contextmanager
 def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
-    """Open a file after checking its dimensions, because GDAL reads coordinates first."""
+    """Open a file after checking its dimensions, because GDAL reads all coordinates first."""
     with open_netcdf(file) as data:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):
@@ -85,7 +85,8 @@ def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
 
 
 def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
-    """Cells of a variable; `transform` is GDAL's, exact where it agrees with the coordinates."""
+    """Cells of a variable. GDAL's `transform` is exact; it is used if it agrees with the
+    coordinates."""
     try:
         variable = data[name]
     except (IndexError, KeyError):
@@ -114,7 +115,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
 
 @dataclass(frozen=True)
 class _Validity:
-    """Attributes that define which stored numbers are data."""
+    """Attributes that define which stored numbers are valid."""
 
     where: str
     dtype: np.dtype
@@ -122,7 +123,7 @@ class _Validity:
     packed: bool
 
     def missing(self, default: float | str | None) -> tuple[float, ...]:
-        """Missing-value markers: a fill value (the file's or the library's), and others."""
+        """Missing-value markers: the fill value (from the file or the library), and others."""
         fill = self.values("_FillValue", 1)
         if fill.size == 0 and default is not None:
             fill = np.array([default]).astype(self.dtype)
@@ -142,7 +143,8 @@ class _Validity:
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
-        """Numeric attribute in the type of the variable; it must have `many` values unless None."""
+        """Attribute values in the variable's type; there must be `many` values, unless it is
+        None."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
@@ -150,7 +152,7 @@ class _Validity:
         if given.dtype.kind not in "iuf" or many not in (None, given.size):
             raise RockfallError(f"{problem}: must be {f'{many} numbers' if many else 'numbers'}")
         alike = given.dtype.kind == self.dtype.kind
-        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # _Unsigned numbers, or small ones
+        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # from _Unsigned, or small numbers
             alike = True
             given = np.where(given < 0, given.astype(object) + 256**self.dtype.itemsize, given)
         with np.errstate(all="ignore"):
@@ -169,7 +171,7 @@ def _unit(path: str, name: str, attributes: dict[str, Any]) -> str | None:
 
 
 def _found(variable: netCDF4.Variable, name: str) -> netCDF4.Variable | None:
-    """Variable with this name in the group of another variable, or in a parent group."""
+    """Variable with this name in the group of `variable` or in a parent group."""
     group = variable.group()
     while group is not None and name not in group.variables:
         group = group.parent
@@ -200,7 +202,8 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
 
 
 def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transform:
-    """GDAL's transform where it agrees with the coordinates, else that of the coordinates."""
+    """GDAL's transform if it agrees with the coordinates, else the transform from the
+    coordinates."""
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e
@@ -215,7 +218,8 @@ def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transfor
 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
-    """Type of the numbers; _Unsigned marks unsigned ones where the format has no such types."""
+    """Type of the stored numbers; _Unsigned marks unsigned integers in formats without such
+    types."""
     unsigned = str(attributes.get("_Unsigned", "")).lower()
     if unsigned not in ("", "true", "false") or (unsigned and stored.kind not in "iu"):
         raise RockfallError(
@@ -235,7 +239,7 @@ def _single(path: str, name: str, key: str, value: Any) -> float:
 
 
 def _default_fill(variable: netCDF4.Variable) -> float | str | None:
-    """Default fill value for a file without one; bytes have no default."""
+    """Default fill value, for a file that sets none; bytes have no default."""
     import netCDF4
 
     stored = variable.dtype

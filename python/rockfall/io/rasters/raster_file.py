@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A raster file: checked when opened, read in blocks of rows."""
+"""A raster file: checked on opening, and read in blocks of rows."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
     from rasterio.crs import CRS
     from rasterio.io import DatasetReader
 
-_CACHE = 32  # MB, a row of tiles of a wide raster; GDAL would take 5 % of the memory
-_BLOCK = 2**24  # cells of a tile, or the size of a smaller raster
+_CACHE = 32  # [MB] a row of tiles of a wide raster; GDAL would use 5 % of the memory
+_BLOCK = 2**24  # cells in a tile, or maximum cells of a raster read at once
 
 
 class Cells(Protocol):
-    """Stored cells of a file, with their reader."""
+    """Stored cells of a file, and their reader."""
 
     @property
     def dtype(self) -> np.dtype: ...
@@ -59,7 +59,7 @@ class Cells(Protocol):
         ...
 
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks of the rows of a box: (rows in the file, stored numbers, valid mask)."""
+        """Yield blocks of the rows of a box: (rows in the file, stored numbers, valid mask)."""
         ...
 
 
@@ -80,7 +80,7 @@ class GdalCells:
     def rows(self, box: Box) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         from rasterio.windows import Window
 
-        store = np.empty(0)  # shared by all blocks: repeated allocations would fragment the heap
+        store = np.empty(0)  # shared by all blocks, because repeated allocation fragments the heap
         tile = self.source.block_shapes[0][0]
         start, width = box.row // tile * tile, box.shape[1]
         for rows in row_blocks((box.stop_row - start, width), tile):
@@ -93,8 +93,8 @@ class GdalCells:
 
 
 class AsciiSource:
-    """Replacement for GDAL's dataset, for ESRI ASCII grids without companion files: importing GDAL
-    takes longer than reading a small grid."""
+    """Stand-in for GDAL's dataset for ESRI ASCII grids without companion files, because importing
+    GDAL takes longer than reading a small grid."""
 
     crs, units, dtypes = None, (None,), ("float64",)
 
@@ -127,11 +127,12 @@ class RasterFile:
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Blocks (rows in memory, values, valid mask), north-up, each valid until the next."""
+        """Yield blocks (rows in memory, values, valid mask), north-up, each valid until the
+        next."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
-            if self._packed:  # in double precision
+            if self._packed:  # unpack in double precision
                 block = block.astype(np.float64) * scale + offset
             if block.dtype.kind == "f":
                 valid = valid & ~np.isnan(block)
@@ -141,8 +142,8 @@ class RasterFile:
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
-        """Command that resamples this file into dem_suffix.tif, with holes as nodata instead of 0.
-        Values are multiplied by a factor and unpacked, which `rio warp` does not do."""
+        """Command that resamples this file to dem_suffix.tif, with holes as nodata instead of 0.
+        Values are unpacked and multiplied by a factor, which `rio warp` does not do."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -155,7 +156,7 @@ class RasterFile:
         )
 
     def in_metres(self, plan: str | None, factor: float) -> str:
-        """Command that writes dem_utm.tif in another plan CRS, or dem_m.tif in the same one, with
+        """Command that writes dem_utm.tif in another plan CRS, or dem_m.tif in the same CRS, with
         elevations multiplied by a factor. The vertical CRS is dropped, because readers would
         convert again."""
         if plan is not None:
@@ -181,11 +182,11 @@ class RasterFile:
         return quote(f"(+ {offset!r} {product})" if offset else product)
 
     def flaw(self) -> str:
-        """Reason why its cells cannot form a grid; empty if they can."""
+        """Reason why the cells cannot form a grid; "" if they can."""
         return flaw_of(self.transform, max(self.grid.shape))
 
     def check_cells(self) -> None:
-        """Refuse cells with a flaw; suggest the command that makes square ones."""
+        """Refuse cells with a flaw, and suggest the command that makes square cells."""
         if not (flaw := self.flaw()):
             return
         t = self.transform
@@ -208,9 +209,9 @@ class RasterFile:
 
 @contextmanager
 def open_raster(path: str | Path) -> Iterator[RasterFile]:
-    """Open a georeferenced raster of one band; `path` may be `file.nc:variable`.
+    """Open a georeferenced raster with a single band; `path` may be `file.nc:variable`.
 
-    Errors of GDAL or netCDF, when opening or reading, are reported in one line.
+    Errors of GDAL or netCDF during opening or reading become one-line errors.
     """
     path = str(path)
     with ExitStack() as stack:
@@ -227,21 +228,21 @@ def open_raster(path: str | Path) -> Iterator[RasterFile]:
 
 
 def raster_files(path: str | Path) -> set[str]:
-    """All files that a raster is read from: itself and companion files. A file that cannot be
-    opened is returned alone; its reader reports the error."""
+    """All files of a raster: the file and its companions. A file that cannot be opened is returned
+    alone; its reader will report the error."""
     files = {raster_file(str(path))}
     with ExitStack() as stack:
         try:
             files |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
         except RockfallError:
             pass
-        except _faults():  # checked last, because it imports GDAL
+        except _faults():  # evaluated last, because it imports GDAL
             pass
     return files
 
 
 def _faults() -> tuple[type[Exception], ...]:
-    """Exceptions of GDAL and netCDF for unreadable files, collected when needed."""
+    """Exceptions of GDAL and netCDF for unreadable files; evaluated on demand."""
     from rasterio.errors import RasterioError
 
     return RasterioError, OSError, RuntimeError, UnicodeDecodeError
@@ -253,7 +254,7 @@ def raster_file(path: str) -> str:
 
 
 def _opened(path: str, stack: ExitStack) -> RasterFile:
-    """Open the file by its format; the stack closes its resources."""
+    """Open the file according to its format; the stack closes its resources."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
     name = plain_file(file)
@@ -269,7 +270,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
     if is_ascii(start):
         cells = open_ascii(file)
         beside = companions(Path(file))
-        if beside and start.startswith(BOM_UTF8):  # GDAL would take it for another format
+        if beside and start.startswith(BOM_UTF8):  # GDAL would misidentify the format
             beside = [other for other in beside if other.suffix.lower() in (".prj", ".xml")]
             if beside:
                 raise RockfallError(
@@ -297,7 +298,7 @@ def _dataset(path: str, name: str, drivers: tuple[str, ...], stack: ExitStack) -
     import rasterio
     from rasterio.io import DatasetReader
 
-    stack.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE))  # discards GDAL's messages
+    stack.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE))  # suppresses GDAL's messages
     stack.enter_context(warnings.catch_warnings())
     warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
     source = stack.enter_context(DatasetReader(name, driver=list(drivers)))
@@ -318,7 +319,7 @@ def _raster(
 
 
 def _rio_name(path: str) -> str:
-    """Name under which rio opens a file or netCDF variable."""
+    """Name with which rio opens a file or netCDF variable."""
     file = raster_file(path)
     return f'NETCDF:"{file}":{path[len(file) + 1 :]}' if file != path else file
 
@@ -354,7 +355,7 @@ def _check_packing(raster: RasterFile) -> None:
 
 
 def _check_size(raster: RasterFile) -> None:
-    """Refuse a header that claims more than fits in memory."""
+    """Refuse a file whose header implies more cells than fit in memory."""
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
     have = 1e-9 * MACHINE_MEMORY

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Vector layers, drawings and points in, layers out."""
+"""Reading of vector layers, drawings and points, and writing of layers."""

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""DXF drawings: the lines, closed lines, hatches and points of the layers of their model space.
+"""DXF drawings: lines, closed lines, hatches and points in the layers of the model space.
 
 Blocks are exploded; arcs, circles, ellipses and splines become chords within `TOLERANCE`. All
-coordinates are in plan. The reader is ezdxf: GDAL garbles names with umlauts, stops at some
-drawings, and ignores the style of hatches. Areas of hatches are built here from their boundaries,
-because ezdxf loses islands in holes.
+coordinates are in plan. The reader is ezdxf, because GDAL garbles names with umlauts, fails on
+some drawings, and ignores hatch styles. Hatch areas are built here from their boundaries, because
+ezdxf loses islands in holes.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
     from shapely import Geometry
 
-TOLERANCE = 0.01  # of chords [m]
-COARSEST = 1e-6  # of chords, over the size of a curve: bounds their number
-CURVES = 16  # cubic curves that approximate an arc: within 1e-7 of its radius
-MAX_PARTS = 50_000  # entities of inserted blocks
-MAX_DEPTH = 16  # of blocks within blocks
+TOLERANCE = 0.01  # maximum deviation of chords [m]
+COARSEST = 1e-6  # tolerance over the size of a curve, which limits the number of chords
+CURVES = 16  # cubic curves that approximate an arc, within 1e-7 of its radius
+MAX_PARTS = 50_000  # maximum entities of inserted blocks
+MAX_DEPTH = 16  # maximum nesting of blocks
 LINES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
 HATCHES = ("HATCH", "MPOLYGON")
-DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # kinds of entities counted in paper space
-TEXT_BOX = 8  # flag of a boundary around a text
+DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # entity types counted in paper space
+TEXT_BOX = 8  # boundary flag for a text box
 OUTERMOST, FILLED = 1, 2  # styles of hatches: one level of holes, none; otherwise islands in holes
-PLAIN = ("AcDb2dPolyline", "AcDb3dPolyline")  # polylines that are no meshes
+PLAIN = ("AcDb2dPolyline", "AcDb3dPolyline")  # polylines that are not meshes
 NOWHERE = np.empty((0, 2))
 UNITS_OF_METRES = (0, 6)  # $INSUNITS: none, metres
 
 
 class Part(NamedTuple):
-    """An entity: its layer, its kind in the drawing, and its plan coordinates."""
+    """An entity: its layer, its type in the drawing, and its plan coordinates."""
 
     layer: str
     kind: str
-    xy: np.ndarray  # (n, 2); one place for a point, one boundary of a hatch; none: not read
+    xy: np.ndarray  # (n, 2): one row for a point, one boundary of a hatch, empty if not read
     closed: bool = False
     rings: tuple[np.ndarray, ...] = ()  # all boundaries of a hatch, (n, 2) each
-    style: int = 0  # of a hatch
+    style: int = 0  # hatch style
 
     def area(self) -> Geometry:
-        """Polygons of a closed line or a hatch; the check of shapes refuses crossed boundaries."""
+        """Polygons of a closed line or hatch; crossed boundaries are refused later, with the other
+        shapes."""
         import shapely
 
         areas = shapely.polygons([shapely.linearrings(ring) for ring in self.rings or (self.xy,)])
@@ -73,8 +74,8 @@ class Part(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """Entities of the model space, the unit ("" for metres or none), and the number of paper-space
-    entities of each layer, by case-insensitive name."""
+    """Entities in the model space, the unit ("" for metres or none), and the number of paper-space
+    entities by layer name (case-insensitive)."""
 
     parts: list[Part]
     unit: str
@@ -82,26 +83,26 @@ class Drawing(NamedTuple):
 
     @property
     def layers(self) -> list[str]:
-        """Names of the layers with lines, hatches or points."""
+        """Names of layers with lines, hatches or points."""
         return self.layers_with(lambda _: True)
 
     def layers_with(self, wanted: Callable[[Part], bool]) -> list[str]:
-        """Names of the layers with entities of the given kinds (lines, hatches or points)."""
+        """Names of layers with entities of the given types (lines, hatches or points)."""
         parts = (part for part in self.parts if len(part.xy) and wanted(part))
         return list(dict.fromkeys(part.layer for part in parts))
 
     def on_paper(self, layer: str | None) -> int:
-        """Number of entities of a layer (None: of all) in paper space."""
+        """Number of paper-space entities in a layer (None: in all layers)."""
         return self.paper.total() if layer is None else self.paper[layer.casefold()]
 
 
 def is_drawing(path: str | Path) -> bool:
-    """Return True if the name is that of a drawing."""
+    """Return True if a file name is that of a drawing."""
     return Path(path).suffix.lower() == ".dxf"
 
 
 def read_drawing(path: str | Path) -> Drawing:
-    """Read a DXF file; a RockfallError refuses other or damaged files."""
+    """Read a DXF file; RockfallError for other or damaged files."""
     need("DXF needs", "cad", "ezdxf")
     file = plain_file(path)
     check_text_file(path)
@@ -109,7 +110,7 @@ def read_drawing(path: str | Path) -> Drawing:
     return _read(str(path), file, status.st_mtime_ns, status.st_size)
 
 
-@lru_cache(maxsize=1)  # layers of a drawing are read one by one
+@lru_cache(maxsize=1)  # the layers of a drawing are read in turn
 def _read(path: str, file: str, *_: int) -> Drawing:
     import ezdxf
     from ezdxf import units
@@ -119,7 +120,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         unit = int(drawing.header.get("$INSUNITS", 0))
         named = "" if unit in UNITS_OF_METRES else units.decode(unit)
         space = drawing.modelspace()
-        names: dict[str, str] = {}  # DXF ignores the case of names
+        names: dict[str, str] = {}  # DXF names ignore case
         parts = []
         of_blocks = count()
         for layer, entity in _taken_apart(space, "", 0, of_blocks):
@@ -134,7 +135,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         )
     except RockfallError as error:
         raise RockfallError(str(error) if path in str(error) else f"{path}: {error}") from error
-    except (  # errors that ezdxf raises for damaged files
+    except (  # raised by ezdxf for damaged files
         ezdxf.DXFError, OSError, ValueError, LookupError, TypeError, AttributeError,
         ArithmeticError, RuntimeError, StopIteration, AssertionError,
     ) as error:  # fmt: skip
@@ -145,8 +146,8 @@ def _read(path: str, file: str, *_: int) -> Drawing:
 def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
-    """Layers and entities, with inserted blocks exploded; layer 0 in a block becomes the layer of
-    the insertion. `of_blocks` counts entities from blocks."""
+    """Layers and entities with inserted blocks exploded; layer 0 in a block becomes the layer of
+    the insertion. `of_blocks` counts the entities in blocks."""
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:
@@ -158,13 +159,13 @@ def _taken_apart(
             yield own, entity
             continue
         for insert in entity.multi_insert() if entity.mcount > 1 else [entity]:
-            if next(of_blocks) >= MAX_PARTS:  # counts empty blocks as well
+            if next(of_blocks) >= MAX_PARTS:  # also counts empty blocks
                 raise RockfallError(f"its blocks have more than {MAX_PARTS:,} entities")
             yield from _taken_apart(insert.virtual_entities(), own, depth + 1, of_blocks)
 
 
 def _part(path: str, layer: str, entity: Any) -> Part:
-    """Places of an entity."""
+    """Plan coordinates of an entity, as a Part."""
     from ezdxf.path import make_path
 
     kind = entity.dxftype()
@@ -176,13 +177,13 @@ def _part(path: str, layer: str, entity: Any) -> Part:
         return Part(layer, kind, NOWHERE)
     curve = make_path(entity, segments=CURVES)
     xy = _chords(curve, f"{path}: layer {layer}: {kind}")
-    if not len(xy):  # as drawn by a single mouse click
+    if not len(xy):  # drawn with a single click
         return Part(layer, f"{kind} without length", NOWHERE)
     return Part(layer, kind, xy, curve.is_closed and len(xy) > 3)
 
 
 def _hatch(path: str, layer: str, entity: Any) -> Part:
-    """Boundaries of a hatch, without gaps for text; other gaps are closed by straight lines."""
+    """Boundaries of a hatch, except text boxes; gaps are closed by straight lines."""
     from ezdxf.math import Vec3
     from ezdxf.path import from_hatch_boundary_path
 
@@ -204,7 +205,7 @@ def _hatch(path: str, layer: str, entity: Any) -> Part:
 
 
 def _chords(curve: Any, where: str) -> np.ndarray:
-    """Points (n, 2) of a curve in plan; none if it has no length."""
+    """Points (n, 2) of a curve in plan; empty if its length is zero."""
     corners = np.array([tuple(vertex)[:2] for vertex in curve.control_vertices()], float)
     if not np.isfinite(corners).all():
         raise RockfallError(f"{where} has coordinates that are not finite")
@@ -219,8 +220,8 @@ def _chords(curve: Any, where: str) -> np.ndarray:
 
 
 def without_outlines(parts: list[Part]) -> list[Part]:
-    """Parts without the closed lines around hatches or around holes in them: these areas would
-    count twice, and holes as areas."""
+    """Parts without closed lines that outline hatches or their holes: otherwise the areas would
+    count twice, and holes would count as areas."""
     hatched = [_measures(ring) for part in parts for ring in part.rings]
     if not hatched:
         return parts
@@ -244,6 +245,6 @@ def _measures(xy: np.ndarray) -> np.ndarray:
 
 
 def left_out(parts: list[Part]) -> str:
-    """Kinds of entities and their numbers: "3 TEXT, 1 HATCH"."""
+    """Types and numbers of entities: "3 TEXT, 1 HATCH"."""
     counts = Counter(part.kind for part in parts)
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())

@@ -2,9 +2,9 @@
 """Vector layers (GeoPackage, GeoJSON, shapefile, FlatGeobuf, drawings): features, and polygons
 rasterised on the terrain's grid.
 
-Files are checked before GDAL opens them. Shapefile and FlatGeobuf contain only shapes. A GeoPackage
-is a database, whose views may be endless; GeoJSON is text, which GDAL could read as another format,
-so it is rewritten.
+Files are checked before GDAL opens them. Shapefiles and FlatGeobuf contain only shapes. A
+GeoPackage is a database whose views may be endless. GeoJSON is text that GDAL could take for
+another format, so it is rewritten.
 """
 
 from __future__ import annotations
@@ -53,18 +53,18 @@ if TYPE_CHECKING:
 #: File extensions of vector layers.
 EXTENSIONS = frozenset({".gpkg", ".geojson", ".json", ".shp", ".fgb", ".dxf"})
 _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
-_SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # of shapefiles and FlatGeobuf
-_GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application id of a database, from byte 68
+_SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # shapefiles and FlatGeobuf
+_GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application ids, at byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
-_UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # in GeoPackage
+_UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # in a GeoPackage
 _POLYGONS = {"Polygon", "MultiPolygon"}
 _LINES = {"LineString", "MultiLineString"}
 _POINTS = {"Point", "MultiPoint"}
 _FEATURES = {*_POINTS, *_LINES, *_POLYGONS}
-_TYPES = (  # in the order of their numbers
+_TYPES = (  # ordered by number
     "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
 )  # fmt: skip
-SHORT = 10  # maximum length of attribute names in a shapefile
+SHORT = 10  # maximum length of attribute names in shapefiles
 REPROJECTED = "reprojected from"
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
 
@@ -80,7 +80,7 @@ def burn_polygons(
     numbers: np.ndarray | None = None,
 ) -> np.ndarray:
     """Integer `field` of the polygon that contains each cell centre (int32, `NO_ID` outside), or
-    its value in `numbers`; the last polygon where they overlap. Other arguments as in
+    its value in `numbers`. Where polygons overlap, the last one counts. Other arguments as in
     `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")
@@ -106,12 +106,12 @@ def burn_polygons(
 def read_attributes(
     path: str | Path, what: str, layer: str | None = None, key: str = ""
 ) -> dict[str, np.ndarray]:
-    """Attributes of all features of a layer, by name; `what` and `key` are for messages."""
+    """Attributes of all features in a layer, by name; `what` and `key` are used in messages."""
     return _read(str(path), None, what, layer, key)[2]
 
 
 def layer_names(path: str | Path) -> list[str]:
-    """Names of the layers with shapes in a file."""
+    """Names of the layers in a file that have shapes."""
     need("layers need", "vector", "pyogrio", "shapely")
     import pyogrio
 
@@ -121,7 +121,7 @@ def layer_names(path: str | Path) -> list[str]:
         return drawing.layers
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
-    except (RuntimeError, UnicodeDecodeError) as error:  # from GDAL
+    except (RuntimeError, UnicodeDecodeError) as error:  # raised by GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     return [str(name) for name, shape in layers if shape is not None]
 
@@ -129,9 +129,9 @@ def layer_names(path: str | Path) -> list[str]:
 def numbered_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Part of a polygon, from 1, that contains each cell centre (0: none; the last where they
-    overlap); the feature, from 1, of each part, after a leading 0; and the attributes of all
-    features. Other arguments as in `_on_terrain`."""
+    """Part number (from 1) of the polygon that contains each cell centre (0: none; the last where
+    polygons overlap); feature number (from 1) of each part, after a leading 0; and attributes of
+    all features. Other arguments as in `_on_terrain`."""
     polygons = _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)
     note_outside(str(path), polygons.shapes, grid, SLIVER, remarks)
     cells, owner, parts = _numbered(polygons, grid)
@@ -145,8 +145,8 @@ def numbered_polygons(
 def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Part of a polygon that contains each cell: the last one, or the first for order -1; the
-    feature of each part; and the parts."""
+    """Number of the polygon part that contains each cell (the last, or for order -1 the first);
+    the feature of each part; and the parts."""
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -164,8 +164,8 @@ def _numbered(
 def read_features(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Points, lines and polygons, with all their attributes by name, as in `_on_terrain`; a
-    multipoint of one point is a point."""
+    """Points, lines and polygons with all attributes, by name; arguments as in `_on_terrain`. A
+    multipoint with a single point becomes a point."""
     import shapely
 
     what = "points, lines or polygons"
@@ -179,15 +179,15 @@ def read_features(
 def read_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Polygons, with all their attributes by name, as in `_on_terrain`."""
+    """Polygons with all attributes, by name; arguments as in `_on_terrain`."""
     return _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)[1:3]
 
 
 def read_lines(
     path: str | Path, layer: str | None, grid: Grid, remarks: list[str], key: str = "layer"
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
-    """Lines of a layer (the only one, for None), with all their attributes by name. A line is a
-    list of its parts, (n, 2) coordinates [m]; connected parts are merged."""
+    """Lines of a layer (None: the only layer), with all attributes by name. A line is a list of
+    parts with (n, 2) coordinates [m]; connected parts are merged."""
     lines = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, key)
     return [_parts(shape) for shape in lines.shapes], lines.values
 
@@ -197,24 +197,24 @@ def _parts(shape: Any) -> list[np.ndarray]:
 
     parts = shapely.get_parts(shape)
     merged = shapely.get_parts(shapely.line_merge(shape))
-    if len(merged) < len(parts):  # otherwise as drawn
+    if len(merged) < len(parts):  # otherwise kept as drawn
         parts = merged
     return [shapely.get_coordinates(part) for part in parts]
 
 
 class Points(NamedTuple):
-    """Points of a layer; each point of a multipoint has its attributes."""
+    """Points of a layer; the points of a multipoint share its attributes."""
 
     x: np.ndarray  # [m]
     y: np.ndarray
     values: dict[str, np.ndarray]  # attributes by name
-    feature: np.ndarray  # feature of each point, counted from 1
+    feature: np.ndarray  # feature number of each point, from 1
 
 
 def read_points(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> Points:
-    """All points of a layer, as in `_on_terrain`."""
+    """All points of a layer; arguments as in `_on_terrain`."""
     import shapely
 
     features = _on_terrain(path, None, _POINTS, "points", grid, remarks, layer, key)
@@ -224,13 +224,13 @@ def read_points(
 
 
 def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
-    """Column with this name, ignoring case and allowing names truncated by shapefiles."""
+    """Column with this name, ignoring case; names may be truncated as in shapefiles."""
     lower = {own.lower(): column for own, column in columns.items()}
     return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
 
 
 def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Column with the name given by a case."""
+    """Column whose name the case gives."""
     if (values := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
         raise RockfallError(f"{path}: no attribute {name}, has: {has}")
@@ -246,7 +246,7 @@ def plain(value: Any) -> Any:
 
 
 class _Features(NamedTuple):
-    """A layer in coordinates of the terrain."""
+    """A layer in the coordinates of the terrain."""
 
     path: str
     shapes: np.ndarray
@@ -264,13 +264,13 @@ def _on_terrain(
     layer: str | None,
     key: str,
 ) -> _Features:
-    """Read valid shapes of the given kinds (`what`: a plural, for messages) with the given
-    attributes, or all (None), from a `layer`, or the only one. All layers are read by this
-    function. `key` is the case key of a layer, for messages.
+    """Read valid shapes of the given `kinds` with the attributes `columns` (None: all) from a
+    `layer` (None: the only one). All layers are read by this function. `what` (a plural) and `key`
+    (the case key) are used in messages.
 
-    Coordinates in another CRS than the terrain's are reprojected, vertex by vertex, with a note in
-    `remarks`; a layer without a CRS is refused. On a terrain without a CRS they are used unchanged,
-    whatever the CRS of the layer. Coordinates of a drawing are taken as the terrain's, with a note.
+    Coordinates in a CRS other than the terrain's are reprojected, vertex by vertex, with a note in
+    `remarks`; a layer without a CRS is refused. If the terrain has no CRS, coordinates are used
+    unchanged. Drawings are assumed to be in the terrain's CRS, with a note.
     """
     path = str(path)
     if is_drawing(path):
@@ -297,9 +297,9 @@ def _drawn(
     layer: str | None,
     key: str,
 ) -> np.ndarray:
-    """Shapes of a layer of a drawing, which has no attributes and no CRS. Closed lines and hatches
-    become polygons if polygons are allowed. Entities such as texts are left out with a remark; a
-    line where a polygon is required is refused."""
+    """Shapes in a layer of a drawing, which has neither attributes nor a CRS. Closed lines and
+    hatches become polygons if polygons are allowed. Other entities, such as texts, are left out
+    with a remark; a line where a polygon is required is refused."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 
@@ -349,7 +349,7 @@ def _drawn(
 
 
 def _check_paper_space(path: str, drawing: Drawing, titles: list[str], asked: str | None) -> None:
-    """Refuse a layer, or a drawing, with entities in paper space only."""
+    """Refuse a layer or drawing with entities only in paper space."""
     is_found = asked in titles if asked else titles
     if not is_found and (n := drawing.on_paper(asked)):
         raise RockfallError(
@@ -359,7 +359,7 @@ def _check_paper_space(path: str, drawing: Drawing, titles: list[str], asked: st
 
 
 def name_of(path: str | Path, layer: str | None) -> str:
-    """File and layer name, for a remark."""
+    """File and layer name, for remarks."""
     return f"{path}, layer {layer}" if layer else str(path)
 
 
@@ -385,14 +385,14 @@ def _reprojected(
 
 
 def extent(west: float, south: float, east: float, north: float) -> str:
-    """Bounds of a layer or grid for messages."""
+    """Bounds of a layer or grid as text, for messages."""
     return f"x {west:.12g} to {east:.12g}, y {south:.12g} to {north:.12g}"
 
 
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """Metadata of the layer, its shapes, and the given attributes, or all."""
+    """Metadata, shapes and attributes (None: all) of a layer."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -416,12 +416,12 @@ def _read(
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     by_name = dict(zip(about_read["fields"], values, strict=True))
-    # in the order of the layer: pyogrio 0.11 sorts them by name
+    # in layer order: pyogrio 0.11 sorts columns by name
     return info, shapes, {name: by_name[name] for name in names}
 
 
 def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
-    """Name of the requested layer, or of the only one with shapes."""
+    """Name of the requested layer, or of the only layer with shapes."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")
@@ -434,7 +434,7 @@ def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: 
 
 
 def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> np.ndarray:
-    """Refuse invalid shapes and other kinds; returns (west, south, east, north)."""
+    """Refuse invalid shapes and other kinds; return (west, south, east, north)."""
     import shapely
 
     good = ~(shapely.is_missing(shapes) | shapely.is_empty(shapes)) & shapely.is_valid(shapes)
@@ -461,7 +461,7 @@ def _bounds(shapes: np.ndarray) -> np.ndarray:
 
 
 def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
-    """CRS of a layer. A GeoJSON file without one is in degrees by its standard."""
+    """CRS of a layer; by its standard, GeoJSON without a CRS is in degrees."""
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
@@ -478,7 +478,7 @@ def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -
 
 
 def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
-    """Values of a field as int32."""
+    """Integer values of a field, as int32."""
     if values.dtype.kind not in "iuf":
         raise RockfallError(f"{path}: attribute {field} is not a number, zone ids are integers")
     for number, value in enumerate(values.tolist(), start=1):
@@ -491,13 +491,13 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
 
 
 def _plain_layer(path: str) -> str | bytes:
-    """Input for GDAL from a polygon file: its path, or text rewritten from it."""
+    """Input for GDAL from a vector file: its path, or rewritten text."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
     if start.startswith(b"SQLite format 3\0"):
         _check_geopackage(path, start)
-        return name if has_locks(name) else Path(path).read_bytes()  # SQLite would lock it
+        return name if has_locks(name) else Path(path).read_bytes()  # SQLite could not lock it
     if start.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
         return _plain_geojson(path)
     raise RockfallError(
@@ -506,7 +506,7 @@ def _plain_layer(path: str) -> str | bytes:
 
 
 def _check_geopackage(path: str, start: bytes) -> None:
-    """Check that the database has only stored tables and their spatial indexes."""
+    """Refuse a database with anything except stored tables and their spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: is a database but not a GeoPackage")
     for journal in ("wal", "journal"):
@@ -540,7 +540,7 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
 
 
 def _plain_geojson(path: str) -> bytes:
-    """Shapes, plain properties and CRS of a GeoJSON file."""
+    """Shapes, simple properties and CRS of a GeoJSON file, as text."""
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)
@@ -548,7 +548,7 @@ def _plain_geojson(path: str) -> bytes:
         text = json.dumps(plain, allow_nan=False)
     except (ValueError, RecursionError, AttributeError) as error:
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
-    return text.replace("<", "\\u003c").encode()  # so that GDAL does not take it for XML
+    return text.replace("<", "\\u003c").encode()  # prevents GDAL from taking it for XML
 
 
 def _no_number(token: str) -> None:
@@ -556,7 +556,7 @@ def _no_number(token: str) -> None:
 
 
 def _collection(data: Any) -> dict[str, Any]:
-    """FeatureCollection reduced to the supported members; raises a ValueError for anything else."""
+    """FeatureCollection reduced to supported members; ValueError for anything else."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")
@@ -583,7 +583,7 @@ def _feature(feature: Any) -> dict[str, Any]:
     if not isinstance(properties, dict) or not isinstance(geometry, dict | None):
         raise ValueError("properties and geometry of a Feature: must be objects")
     plain = {
-        key: str(value) if isinstance(value, bool) else value  # GDAL would convert them to numbers
+        key: str(value) if isinstance(value, bool) else value  # GDAL would convert booleans
         for key, value in properties.items()
         if not isinstance(value, dict | list)
     }
@@ -593,7 +593,7 @@ def _feature(feature: Any) -> dict[str, Any]:
 
 
 def _crs(crs: Any) -> Any:
-    """CRS by name, never by URL."""
+    """CRS by name; URLs are refused."""
     if crs is None:
         return None
     name = crs.get("properties", {}).get("name") if crs.get("type") == "name" else None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Point clouds: LAS and LAZ (laspy, lazrs), and XYZ text, read in chunks.
 
-Memory: 48 bytes for each point that is kept while they are joined, 24 afterwards; if points are
-averaged in squares, about 150 for each square with points, and 0.3 GB for the chunks.
+Memory: 48 bytes for each point while points are joined, 24 afterwards. If points are averaged in
+squares: about 150 bytes for each square with points, and 0.3 GB for the chunks.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from rockfall.limits import MAX_ELEVATION, MAX_REAL
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
-#: Reads chunks (n, 3) [m] of a file.
+#: Reads chunks (n, 3) [m] from a file.
 Chunks = Iterator[np.ndarray]
 
 LASER = (".las", ".laz")
-GROUND = (2,)  # classes of LAS, of the ASPRS
+GROUND = (2,)  # ASPRS classes in LAS files
 CHUNK = 1_000_000  # points
-MAX_POINTS = 20_000_000  # kept
-MAX_INDEX = 2**31  # of a square along an axis
+MAX_POINTS = 20_000_000  # maximum points in memory
+MAX_INDEX = 2**31  # maximum index of a square along an axis
 _HEADER = struct.Struct("<4s20xBB68xHIIBHI")  # signature, version, sizes, records, format, points
 _V14 = struct.Struct("<QIQ")  # at byte 235: extended records and their number, points
 _PLACE, _TABLE = struct.Struct("<q"), struct.Struct("<II")  # LAZ: offset and head of the chunks
 _RECORD, _EXTENDED = 54, 60  # bytes of the heads of records
 _WITHHELD = "withheld"
-_WKT, _DESCRIPTION = 2112, 3  # records of LAS: coordinate system, text area
+_WKT, _DESCRIPTION = 2112, 3  # LAS records: coordinate system, text area
 
 
 def is_cloud(path: str | Path) -> bool:
-    """Return True for the name of a point cloud, and for text files with points in rows."""
+    """Return True for the name of a point cloud, and for text files with a point in each row."""
     return Path(path).suffix.lower() in (*LASER, TEXT) or is_point_text(path)
 
 
@@ -57,10 +57,10 @@ def read_clouds(
     thin: float | None = None,
     given: CRS | None = None,
 ) -> tuple[np.ndarray, CRS | None]:
-    """Points (n, 3) [m] of all files, and their common CRS: that of LAS files, or the `given` one.
+    """Read points (n, 3) [m] from all files, and their common CRS, from LAS files or `given`.
 
-    From LAS files the points of the `classes` (default: 2, ground) are taken, except withheld ones;
-    with `thin`, the mean of the points in each square with this side [m].
+    LAS files contribute the points of the `classes` (default: 2, ground) that are not withheld.
+    With `thin`, the points in each square of this side [m] are replaced by their mean.
     """
     if thin is not None and not 0 < thin < np.inf:
         raise RockfallError(f"--thin {thin:g}: must be > 0 [m]")
@@ -77,7 +77,7 @@ def read_clouds(
 
 
 def _chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
-    """Chunks of a file, of either kind."""
+    """Yield chunks of a file of any kind."""
     return _laser_chunks(path, classes) if _is_laser(path) else text_chunks(path)
 
 
@@ -86,7 +86,7 @@ def _is_laser(path: str | Path) -> bool:
 
 
 def _checked(path: str | Path, chunks: Chunks) -> Chunks:
-    """Chunks with plausible coordinates; at least one point is required."""
+    """Yield chunks after checking their coordinates; refuse a file without points."""
     total = 0
     for chunk in chunks:
         limits = np.array([MAX_REAL, MAX_REAL, MAX_ELEVATION])
@@ -100,7 +100,7 @@ def _checked(path: str | Path, chunks: Chunks) -> Chunks:
 
 
 def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
-    """All points, unless there are too many."""
+    """All points in one array; refuse too many."""
     kept, total = [], 0
     for chunk in chunks:
         total += len(chunk)
@@ -114,8 +114,8 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
-    """Mean of the points in each square that has any: independent of the chunk size except for
-    rounding. A plane stays a plane."""
+    """Mean of the points in each square; independent of chunk sizes except for rounding. Points on
+    a plane stay on the plane."""
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
     for chunk in chunks:
@@ -141,7 +141,7 @@ def _together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, n
 
 
 def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct squares, with the sum of the values of each, added in their order."""
+    """Distinct squares, with the values of each summed in order."""
     if not len(squares):
         return squares, values
     order = np.argsort(squares, kind="stable")
@@ -151,7 +151,7 @@ def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
-    """CRS of all files, or None; a RockfallError refuses a mixture."""
+    """CRS shared by all files, or None; RockfallError for different CRSs."""
     named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:
@@ -168,8 +168,8 @@ def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
 
 
 def _laser_crs(path: str | Path) -> CRS | None:
-    """CRS of a LAS file, None if it has none. Contradictory records are refused: laspy uses the
-    last, other readers use the first or join them."""
+    """CRS of a LAS file, or None. Contradictory records are refused: laspy uses the last record,
+    other readers use the first or combine them."""
     from rasterio.crs import CRS
 
     with _Laser(path) as reader:
@@ -200,7 +200,8 @@ def _laser_crs(path: str | Path) -> CRS | None:
 
 
 def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any]) -> None:
-    """Refuse heights not in metres, by the GeoKeys, unread by laspy, or a description."""
+    """Refuse heights in units other than the metre, from GeoKeys (which laspy ignores) or a
+    description."""
     data = {record.record_id: record.record_data_bytes() for record in own}
     directory = data.get(DIRECTORY, b"")
     keys = keys_of(struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2]))
@@ -210,15 +211,15 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
         if (record.user_id, record.record_id) == ("LASF_Spec", _DESCRIPTION):
             unit = unit_in_words(record.record_data_bytes().decode("latin-1"))
             stated += [Stated(unit, "its text area")] if unit else []
-        elif record.user_id == "liblas":  # WKT from before LAS supported it
+        elif record.user_id == "liblas":  # WKT from before the LAS standard had it
             text = record.record_data_bytes().decode("latin-1")
             stated += [Stated(unit, "its libLAS record") for unit in vertical_units(text)]
     refuse_units(path, stated, lambda factor: _in_metres(Path(path), factor))
 
 
 def _in_metres(path: Path, factor: str) -> str:
-    """Command that writes a cloud with heights multiplied by a factor, without its CRS, because
-    readers would convert again: --crs gives the plan CRS."""
+    """Command that writes a cloud with heights multiplied by a factor. It drops the CRS, because
+    readers would convert again; --crs gives the plan CRS."""
     made = str(path.with_name(f"{path.stem}_m{path.suffix}"))
     code = f"import laspy; p = laspy.read({str(path)!r}); p.z = p.z * {factor}; p.vlrs = []; "
     code += f"p.evlrs = []; p.write({made!r})"
@@ -226,7 +227,7 @@ def _in_metres(path: Path, factor: str) -> str:
 
 
 class _Laser:
-    """An open LAS file; all its errors are RockfallErrors."""
+    """An open LAS file; all errors become RockfallErrors."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = path
@@ -249,12 +250,13 @@ class _Laser:
             raise self._refusal(error) from error
 
     def _refusal(self, error: Exception) -> RockfallError:
-        """Refusal of a damaged file, for which laspy and lazrs raise arbitrary errors."""
+        """RockfallError for a damaged file, on which laspy and lazrs raise arbitrary errors."""
         return RockfallError(f"{self.path}: cannot be read as a LAS file ({error})")
 
 
 def _check_header(path: str | Path) -> None:
-    """Refuse a file whose header claims more than it contains, before laspy relies on it."""
+    """Refuse a file whose header claims more data than the file contains, because laspy trusts
+    it."""
     size, start = os.path.getsize(path), start_of(path)
     if len(start) < _HEADER.size or not start.startswith(b"LASF"):
         raise RockfallError(f"{path}: not a LAS file")
@@ -277,11 +279,11 @@ def _check_header(path: str | Path) -> None:
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
-    """Number of points in a LAZ file, then the first of each chunk; -1 if invalid."""
+    """Number of points in a LAZ file, followed by those of its first chunks; -1 if invalid."""
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))
-        if table == -1:  # written as a stream: the offset is at the end of the file
+        if table == -1:  # written as a stream: the offset is at the file end
             file.seek(max(0, size - _PLACE.size))
             (table,) = _PLACE.unpack(file.read(_PLACE.size))
         if not offset < table <= size - _TABLE.size:
@@ -292,7 +294,7 @@ def _chunk_points(path: str | Path, offset: int, size: int) -> int:
 
 
 def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
-    """Points of the given classes, without withheld points."""
+    """Yield points of the given classes, without withheld points."""
     seen: Counter[int] = Counter()
     read = kept = 0
     with _Laser(path) as reader:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a layer as table rows, with attributes as cells; polygons merged to an area."""
+"""Points of a layer as table rows with attributes as cells, and polygons merged to an area."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ from rockfall.io.tables import Row
 from rockfall.io.vectors.layers import EXTENSIONS, plain, read_features, read_points
 
 PLACE = ("x", "y")  # columns of the coordinates [m]
-POLYGONS = {3, 6}  # numbers of types, also of several parts
+POLYGONS = {3, 6}  # type numbers, also of multipolygons
 
 
 def is_point_layer(path: str | Path) -> bool:
@@ -28,10 +28,10 @@ def is_point_layer(path: str | Path) -> bool:
 def read_point_rows(
     path: str | Path, grid: Grid, remarks: list[str]
 ) -> tuple[str, list[str], Iterator[Row]]:
-    """Columns of a layer of points, and its rows, in the form of `rockfall.io.tables.read_table`: x
-    and y [m] in the CRS of the grid, and the attributes, in lower case.
+    """Columns and rows of a point layer in the form of `rockfall.io.tables.read_table`: x and y
+    [m] in the CRS of the grid, and the attributes with names in lower case.
 
-    Reprojections are noted in `remarks`. A RockfallError names the fault of an invalid layer.
+    Reprojections are noted in `remarks`. RockfallError for an invalid layer.
     """
     points = read_points(path, grid, remarks)
     columns = {name.lower(): values for name, values in points.values.items()}
@@ -50,7 +50,7 @@ def read_point_rows(
 
 
 def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
-    """Union of the polygons of a layer in the grid's CRS; None with points or lines."""
+    """Union of a layer's polygons in the CRS of the grid; None for layers of points or lines."""
     import shapely
 
     shapes = read_features(path, grid, remarks)[0]
@@ -60,7 +60,8 @@ def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
 
 
 def _text(value: Any) -> str:
-    """Attribute as cell text; "" if empty. Integer columns with empty values are read as reals."""
+    """Attribute as cell text; "" if empty. (Integer columns with empty values are read as
+    reals.)"""
     if (value := plain(value)) is None:
         return ""
     if isinstance(value, float) and value.is_integer() and np.abs(value) < 2.0**53:

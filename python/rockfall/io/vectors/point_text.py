@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points in rows of a text (XYZ): columns by the names of the first line, else the first three.
+"""Text files with a point in each row (XYZ): the first line names the columns, or the first three
+columns are used.
 
-Shifted columns are refused: elevations from the wrong column may look like terrain.
+Shifted columns are refused, because values from a wrong column may look like elevations.
 """
 
 from __future__ import annotations
@@ -26,13 +27,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXT = ".xyz"
-#: Extensions of texts that may contain points in rows, or something else.
+#: Extensions of text files that may contain points.
 MAYBE_TEXT = (".asc", ".txt", ".dat", ".xyz")
 CHUNK = 1_000_000  # points
-HEIGHTS = (-500.0, 9000.0)  # [m]: all land lies between
-#: No national system has x above the first and y between the other limits [m]: y comes before x.
+HEIGHTS = (-500.0, 9000.0)  # elevation range of all land [m]
+#: Swapped coordinates: in no national system is x above the first limit and y between the others
+#: [m].
 NORTHING, LOCAL, EASTING = 2e6, 1e5, 1e6
-#: Elevations that mark missing values.
+#: Elevations that mark missing data.
 MISSING = (-9999.0, -99999.0, -32767.0, -32768.0)
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -42,18 +44,18 @@ _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+")
 
 
 class _Layout(NamedTuple):
-    """Columns of a text."""
+    """Column layout of a text."""
 
     separator: str
     columns: tuple[int, int, int]  # indices of x, y and z
     total: int  # number of columns
-    head: int  # lines
+    head: int  # header lines
     named: bool = True
 
 
 def is_point_text(path: str | Path) -> bool:
-    """Return True for an existing text, by its extension, whose first line describes points: three
-    or more numbers, or the names x, y and z separated by blanks."""
+    """Return True for an existing text file, by its extension, whose first line describes points:
+    at least three numbers, or the names x, y and z separated by blanks."""
     path = Path(path)
     if path.suffix.lower() not in MAYBE_TEXT or not path.is_file():
         return False
@@ -61,12 +63,12 @@ def is_point_text(path: str | Path) -> bool:
     cells, _ = _cells(line)
     names = [cell.lower().lstrip("#/") for cell in cells]
     if path.suffix.lower() == ".txt" and re.search("[,;]", line):
-        return False  # a table
+        return False  # it is a table
     return is_row(line) or {"x", "y", "z"} <= set(names)
 
 
 def is_row(line: str) -> bool:
-    """Return True for a line of three or more numbers.
+    """Return True for a line with at least three numbers.
 
     >>> is_row("600000.5;5000000.5;812.3"), is_row("ncols 4")
     (True, False)
@@ -76,7 +78,7 @@ def is_row(line: str) -> bool:
 
 
 def first_line(start: bytes) -> str:
-    """First line of a file that begins with these bytes, without a byte order mark."""
+    """First line of a file from its first bytes, without a byte order mark."""
     text = start.decode("utf-8-sig", "replace")
     return text.splitlines()[0].strip() if text.strip() else ""
 
@@ -99,9 +101,9 @@ def text_chunks(path: str | Path) -> Iterator[np.ndarray]:
                 yield table[list(layout.columns)].to_numpy()
     except pd.errors.EmptyDataError:
         return
-    except RockfallError:  # a ValueError too
+    except RockfallError:  # also a ValueError
         raise
-    except (ValueError, OverflowError, MemoryError) as error:  # ParserError too
+    except (ValueError, OverflowError, MemoryError) as error:  # includes ParserError
         if longer := _LONGER.search(str(error)):
             raise RockfallError(_longer(path, int(longer[1]), layout)) from error
         raise RockfallError(f"{path}: does not consist of rows of numbers ({error})") from error
@@ -115,8 +117,8 @@ def _longer(path: str | Path, line: int, layout: _Layout) -> str:
 
 
 def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: bool) -> None:
-    """Refuse rows longer than the first line, and columns that are not x, y and z."""
-    surplus = table.iloc[:, layout.total :].notna().any(axis=1)  # separators may end a line
+    """Refuse rows with more columns than the first line, and columns other than x, y and z."""
+    surplus = table.iloc[:, layout.total :].notna().any(axis=1)  # a separator may end a line
     if surplus.any():
         line = int(table.index[surplus][0]) + 1 + layout.head
         raise RockfallError(_longer(path, line, layout))
@@ -138,7 +140,7 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
 
 
 def _cells(line: str) -> tuple[list[str], str]:
-    """Cells of a line, and its separator in pandas notation."""
+    """Cells of a line, and the separator in pandas notation."""
     for mark in ";", ",":
         decimal = mark == "," and len(line.split()) > 2
         decimal = decimal and all(map(_COMMA_NUMBER.fullmatch, line.split()[:3]))
@@ -148,7 +150,7 @@ def _cells(line: str) -> tuple[list[str], str]:
 
 
 def _in_metres(path: Path, factor: str, cells: list[str], separator: str, head: int) -> str:
-    """Command that writes points of a text, after its header, with z times a factor."""
+    """Command that writes the points after the header, with z multiplied by a factor."""
     is_head = not all(map(_NUMBER.fullmatch, filter(None, cells)))
     names = [cell.lower().lstrip("#/")[:1] for cell in cells] if is_head else ["x", "y", "z"]
     names = names[1:] if names[0] == "" else names

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygons as areas: parts on the terrain, overlaps, points inside, and cells contained or touched.
+"""Areas of polygons: parts on the terrain, overlaps, points inside, and cells contained or
+touched.
 
-A point on the border of two polygons belongs to the western one, or to the southern one on an
-east-west border. Polygons with common borders thus share no cell, and omit none.
+A point on the border of two polygons belongs to the western polygon or, on an east-west border, to
+the southern polygon. Polygons with common borders thus share no cells and leave no gaps.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,18 +15,18 @@ from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid
 from rockfall.language import remark
 
-SLIVER = 0.01  # of the smaller polygon: smaller overlaps are inaccuracies of drawing
-SPARSE = 8  # cells between the first samples
-HALF = 0.5  # of the area of a zone or stand: their maps often reach beyond a DEM
-#: [m] east and north by which borders count as moved: far below surveys, far above rounding, and in
-#: a direction of no drawn border.
+SLIVER = 0.01  # fraction of the smaller polygon: smaller overlaps are drawing errors
+SPARSE = 8  # spacing of the first samples [cells]
+HALF = 0.5  # fraction of a zone's or stand's area: maps often extend beyond a DEM
+#: [m] Displacement of borders to the east and north: far below survey accuracy, far above
+#: rounding, and in a direction in which no border is drawn.
 ASIDE = (1e-6, 1.618034e-6)
-MARGIN = 0.01  # cells by which polygons are enlarged, so that no cell that they touch is missed
+MARGIN = 0.01  # [cells] polygons are enlarged by this, so that no touched cell is missed
 
 
 def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
-    """Polygons without overlaps, and the area [m2] that was shared: slivers belong to the later
-    polygon, larger overlaps are refused with the numbers of both features.
+    """Polygons without overlaps, and the overlapping area [m2]. Slivers go to the later polygon;
+    larger overlaps are refused with the numbers of both features.
 
     >>> import shapely
     >>> squares = np.array([shapely.box(0, 0, 10, 10), shapely.box(9.99, 0, 20, 10)])
@@ -51,7 +52,7 @@ def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
 
 
 def any_overlap(shapes: np.ndarray) -> bool:
-    """Return True if polygons share area, or may; False if all are apart or only touch."""
+    """Return True if polygons may overlap; False if all are apart or only touch."""
     import shapely
 
     earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")
@@ -60,7 +61,7 @@ def any_overlap(shapes: np.ndarray) -> bool:
 
 
 def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Parts of polygons within the terrain; empty if entirely outside."""
+    """Parts of polygons on the terrain; empty for polygons entirely outside."""
     import shapely
 
     return shapely.intersection(shapes, shapely.box(grid.west, grid.south, grid.east, grid.north))
@@ -69,7 +70,8 @@ def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
 def note_outside(
     path: str, shapes: np.ndarray, grid: Grid, least: float, remarks: list[str]
 ) -> None:
-    """Remark on polygons with more than the fraction `least` of their area outside the terrain."""
+    """Add a remark on polygons with more than the fraction `least` of their area outside the
+    terrain."""
     import shapely
 
     area = shapely.area(shapes)
@@ -80,8 +82,8 @@ def note_outside(
 
 
 def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Mark polygons that contain no cell centre, given the polygon number (from 1) of each cell.
-    Most polygons are found in a few cells, the others are searched within their bounds."""
+    """Mask of polygons that contain no cell centre, given the polygon number (from 1) of each
+    cell. Most polygons appear in some cell; the others are searched within their bounds."""
     import shapely
 
     held = np.zeros(len(shapes) + 1, bool)
@@ -96,14 +98,14 @@ def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndar
 def points_inside(
     shapes: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Each polygon by its index, and the indices of the points inside it."""
+    """Yield the index of each polygon and the indices of the points inside it."""
     import shapely
 
     order = np.argsort(y, kind="stable")
     sorted_y = y[order]
     shapely.prepare(shapes)
     for k, (west, south, east, north) in enumerate(shapely.bounds(shapes)):
-        if np.isnan(west):  # empty
+        if np.isnan(west):  # empty polygon
             continue
         start, stop = np.searchsorted(sorted_y, [south, north + 2 * ASIDE[1]])
         near = order[start:stop]
@@ -112,7 +114,7 @@ def points_inside(
 
 
 def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray) -> np.ndarray:
-    """Set `cells` (ny, nx) to the last polygon that contains their centre; return them."""
+    """Set `cells` (ny, nx) to the last polygon that contains the cell centre; return them."""
     from rasterio.features import rasterize
 
     moved = grid.moved(-ASIDE[0], -ASIDE[1])
@@ -120,7 +122,7 @@ def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray)
 
 
 def touched_cells(shapes: np.ndarray, numbers: np.ndarray, grid: Grid) -> np.ndarray:
-    """Number of the last polygon that touches each cell, even at an edge; 0 if none does."""
+    """Number of the last polygon that touches each cell, even at an edge; 0 if none."""
     import shapely
     from rasterio.features import rasterize
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of layers, and columns of tables, that are likely mistakes: unused or misspelt names,
-and numbers that represent missing values."""
+"""Layer attributes and table columns that are probably mistakes: unused or misspelt names, and
+numbers that stand for missing values."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -9,17 +9,16 @@ import numpy as np
 from rockfall.io.vectors.layers import SHORT
 from rockfall.language import remark
 
-#: Attributes that geographic information systems add by themselves.
+#: Attributes that GIS software adds automatically.
 _BOOKKEEPING = frozenset({
     "fid", "ogc_fid", "objectid", "id", "gid", "uuid", "globalid", "layer", "path", "geometry",
     "shape_length", "shape_leng", "shape_area", "remark", "comment", "note", "source",
 })  # fmt: skip
-#: Numbers that programs write for missing values; negative ones are outside the range of
-#: attributes.
+#: Numbers that programs write for missing values; negative ones are out of range anyway.
 _MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
-_APART = 0.5  # ratio of the largest other number to a mark; closer numbers are ordinary values
-_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # not checked for ranges
-_CLOSE = 0.7  # similarity of misspelt names, such as valeur and value
+_APART = 0.5  # largest other number over the mark; with a higher ratio, the mark counts as data
+_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # without range checks
+_CLOSE = 0.7  # minimum similarity of misspelt names, as of valeur and value
 _MAX_NAMED = 5
 
 
@@ -30,8 +29,8 @@ def note_unused(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on columns that are not among the `used` names, which shapefiles truncate. It
-    includes a used name that the column resembles, unless the file has that column."""
+    """Add a remark on columns whose names are not `used` (shapefiles truncate names). If a column
+    resembles a used name that the file lacks, the remark mentions it."""
     names = [plain(name) for name in used]
     expected = {*names, *(name[:SHORT] for name in names)}
     own = {plain(name): name for name in columns}
@@ -57,7 +56,8 @@ def note_marks(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Remark on columns whose largest number, far above others, looks like a missing value."""
+    """Add a remark on columns whose largest number is far above the others and looks like a
+    missing value."""
     names = {plain(name) for name in used} - _NO_NUMBERS
     names |= {name[:SHORT] for name in names}
     for name, column in columns.items():
