@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First inputs of a project: a DEM from surveyed points, an edited DEM, and a commented case."""
+"""First inputs of a project: a DEM from surveyed points, an edited DEM, and a case with
+comments."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make elevation models from surveyed points, and edit existing models."""
+"""Elevation models from surveyed points, and edits of existing models."""
 
 import math
 import shlex
@@ -42,21 +42,21 @@ from rockfall.terrain.regular_points import MAX_CELLS, Nodes, regular_nodes, res
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
 from rockfall.version import __version__
 
-DEEP = 30.0  # maximum depth of a cut [m]: ditches above dams are a few metres
-PIT = 3.0  # [m] survey errors are shallower; hollows and ditches are deeper
-BEYOND = 50.0  # [m] of --fill: across larger holes the ground is unknown
-BLURRED = 5.0  # [cells] of --smooth: noise of a survey needs two
+DEEP = 30.0  # maximum depth of a cut [m]; ditches above dams are a few metres deep
+PIT = 3.0  # [m] survey errors are smaller; hollows and ditches are deeper
+BEYOND = 50.0  # [m] maximum --fill: the ground in larger holes is unknown
+BLURRED = 5.0  # [cells] maximum --smooth: survey noise needs two
 
-MAX_LEFT_OUT = 1_000_000  # approximate maximum number of points for the leave-one-out error
-FAR = 3.0  # point spacings beyond which elevations are unknown
+MAX_LEFT_OUT = 1_000_000  # approximate maximum points used for leave-one-out errors
+FAR = 3.0  # [point spacings] elevations farther from all points are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
-STEEPEST = 10.0  # maximum ratio of rise to extent of points in metres
+STEEPEST = 10.0  # maximum ratio of rise to extent for points in metres
 NODATA = -9999.0
-SURFACE = {"uniform_mean_radius": 1.0}  # for cases read only for their dams
+SURFACE = {"uniform_mean_radius": 1.0}  # for cases that only read dams
 
 
 class Dem(NamedTuple):
-    """Elevations (ny, nx) [m] with their grid and nodata value."""
+    """Elevations (ny, nx) [m], their grid and nodata value."""
 
     z: np.ndarray
     grid: Grid
@@ -68,8 +68,8 @@ class Survey(NamedTuple):
 
     points: int
     spacing: float  # [m]
-    errors: np.ndarray  # leave-one-out errors of evenly chosen points [m]; NaN: none near
-    nodes: Nodes | None = None  # if points are nodes of a regular grid (errors are then empty)
+    errors: np.ndarray  # leave-one-out errors of some points [m]; NaN: no near points
+    nodes: Nodes | None = None  # if points form a regular grid; `errors` is then empty
     remarks: tuple[str, ...] = ()
 
     @property
@@ -88,15 +88,15 @@ def dem_of_points(
     classes: Sequence[int] | None = None,
     thin: float | None = None,
 ) -> tuple[Dem, Survey]:
-    """Make a DEM from the points of a CSV file (columns x, y, z [m]) or of point clouds (LAS, LAZ,
-    XYZ; `classes`, `thin`: see `read_clouds`) by inverse distance to a power, from the nearest
-    points within `within` [m] (default: three spacings of the points).
+    """Make a DEM from points in a CSV file (columns x, y, z [m]) or in point clouds (LAS, LAZ,
+    XYZ; `classes`, `thin`: see `read_clouds`) by inverse-distance weighting with a power, from the
+    nearest points within `within` [m] (default: three point spacings).
 
-    The default of `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
+    The default `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
 
-    Points that are the nodes of one regular grid become that grid: the default of `cell` is then
-    their spacing, each node the centre of a cell. Nodes without a point are nodata, unless `within`
-    is given. With another `cell`, elevations are bilinear between the nodes.
+    Points on the nodes of a regular grid give this grid: the default `cell` is then their spacing,
+    and each node is a cell centre. Nodes without a point are nodata, unless `within` is given.
+    With another `cell`, elevations are interpolated bilinearly.
     """
     path, system = paths[0], _crs(crs)
     if all(map(is_cloud, paths)):
@@ -159,7 +159,7 @@ def dem_of_points(
 
 
 def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarray:
-    """Points (n, 3) without points whose elevation marks missing data."""
+    """Points (n, 3) without those whose elevation marks missing data."""
     missing = np.isin(points[:, 2], MISSING)
     if not missing.any():
         return points
@@ -171,7 +171,7 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True if x and y may be degrees: they differ much less than the heights."""
+    """Return True if x and y may be in degrees: they vary much less than the heights."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)
@@ -187,7 +187,7 @@ def _check_places(path: str | Path, points: np.ndarray) -> None:
 
 
 def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
-    """Grid that covers `low` to `high`, with cell edges at multiples of the cell size."""
+    """Grid that covers `low` to `high`, with cell edges at multiples of the cell side."""
     west, north = math.floor(low[0] / cell) * cell, (math.floor(high[1] / cell) + 1) * cell
     nx, ny = (high[0] - west) // cell + 1, (north - low[1]) // cell + 1
     if not nx * ny <= MAX_CELLS:
@@ -198,8 +198,8 @@ def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
 
 
 def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | None = None) -> Dem:
-    """Read the DEM in a raster file; `crs` is for a file without a CRS, with one of the `remarks`
-    if the DEM lies outside its area of use.
+    """Read a DEM from a raster file. `crs` applies to a file without a CRS; if the DEM lies
+    outside its area of use, a remark is added.
     """
     z, grid = read_dem(path)
     if crs is not None:
@@ -214,7 +214,8 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """Apply EDITS (name, argument) to a DEM in turn; unusual values are added to `remarks`."""
+    """Apply EDITS (name, argument) to a DEM in order; remarks on unusual values are added to
+    `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem
@@ -223,7 +224,7 @@ def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> De
 def write_dem(
     dem: Dem, path: str | Path, made_from: Sequence[str | Path], options: Iterable[str] = ()
 ) -> None:
-    """Write a DEM as GeoTIFF, atomically, with its provenance."""
+    """Write a DEM as GeoTIFF with its provenance, atomically."""
     made = shlex.join(["dem", *map(str, made_from), *options])
     tags = {
         "TIFFTAG_SOFTWARE": "rockfall", "units": "m", "long_name": "elevation",
@@ -303,7 +304,8 @@ def _smooth(dem: Dem, std: float, remarks: list[str]) -> np.ndarray:
 
 
 def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations with the dams of a layer, as in &dam file; a temporary case checks their keys."""
+    """Elevations with the dams of a layer, as with &dam file; a temporary case checks their
+    keys."""
     x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
     case = Case(
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},
@@ -319,7 +321,7 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations lowered within polygons, or along lines: by `depth` or to `level` [m]."""
+    """Elevations lowered within polygons or along lines, by `depth` or to `level` [m]."""
     shapes, columns = read_features(path, dem.grid, remarks)
     columns = {name.lower(): values for name, values in columns.items()}
     z = dem.z

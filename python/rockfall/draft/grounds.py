@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds of a first case, recognised from terms for the material of its zones."""
+"""Grounds of a first case, recognised from the terms for zone materials."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -12,8 +12,8 @@ from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import tables_of_all_shapes
 from rockfall.io.zone_table import RADII
 
-#: Shipped grounds: their meaning, and prefixes of terms for such zones in English, German, French
-#: and Italian. Each has an impact table.
+#: Included grounds: meaning, and prefixes of terms for such zones in English, German, French and
+#: Italian. Each has an impact table.
 GROUNDS = {
     "rock": (
         "bedrock, rock face, ledge",
@@ -49,28 +49,28 @@ GROUNDS = {
     ),
 }  # fmt: skip
 CHOICES = ", ".join(GROUNDS)
-ID = "zone"  # attribute with the id of a zone
+ID = "zone"  # attribute with the zone id
 
-#: Function that takes a question and returns the answer; "" for none.
+#: Takes a question and returns the answer; "" for no answer.
 Ask = Callable[[str], str]
 
 
 def recognised(name: str) -> str:
-    """Ground recognised from a term in a name; "" for none, or for several grounds."""
+    """Ground recognised from a term in a name; "" if none or several are recognised."""
     words = re.split(r"[\W\d_]+", name.lower())
     grounds = {ground for word in words if (ground := _of_word(word))}
     return grounds.pop() if len(grounds) == 1 else ""
 
 
 def _of_word(word: str) -> str:
-    """Ground with the longest prefix of a word; `rocky` does not count as rock."""
+    """Ground with the longest prefix that matches a word; `rocky` does not count as rock."""
     prefixes = {prefix: ground for ground, (_, start) in GROUNDS.items() for prefix in start}
     longest = max(filter(word.startswith, prefixes), key=len, default="")
     return prefixes.get(longest, "")
 
 
 def check_ground(name: str, where: str) -> None:
-    """Refuse a name that is not a shipped ground."""
+    """Refuse a name that is not an included ground."""
     shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
@@ -79,7 +79,7 @@ def check_ground(name: str, where: str) -> None:
 
 
 def needs_rocks(ground: str) -> bool:
-    """Return True for a shipped ground that needs the size of its rocks."""
+    """Return True if an included ground needs the size of its rocks."""
     if row := shipped_rows().rows.get(ground):
         return models()[row.cells["model"]] > 0
     return ground in shipped_sets() or ground in tables_of_all_shapes()
@@ -89,11 +89,11 @@ def needs_rocks(ground: str) -> bool:
 class Grounds:
     """Grounds given for a draft, and the zones that use them."""
 
-    usual: str = ""  # for zones without a ground, or for the case
+    usual: str = ""  # for zones without a ground, or for a case without zones
     by_zone: Mapping[str, str] = field(default_factory=dict)  # by name, or by id as text
     ask: Ask | None = None
-    used: set[str] = field(default_factory=set)  # zones of `by_zone` that exist
-    answers: dict[str, str] = field(default_factory=dict)  # to questions
+    used: set[str] = field(default_factory=set)  # zones in `by_zone` that exist
+    answers: dict[str, str] = field(default_factory=dict)  # answers by question
     zones: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # by ground and reason
 
     def __post_init__(self) -> None:
@@ -107,8 +107,8 @@ class Grounds:
         return self.usual or self._asked("the slope", where, "GROUND")
 
     def of_zone(self, layer: Layer, k: int) -> str:
-        """Ground of a polygon: given for its zone, from its attribute or name, the default, or
-        requested.
+        """Ground of a polygon: given for its zone, from its attribute or name, the default, or the
+        answer to a question.
         """
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
@@ -130,12 +130,12 @@ class Grounds:
         return ground
 
     def notes(self) -> Iterator[str]:
-        """Yield a note on the zones of each ground that is not from an attribute."""
+        """Yield notes on the zones of each ground that does not come from an attribute."""
         for (ground, reason), zones in self.zones.items():
             yield f"{', '.join(zones)}: ground {ground} ({reason})"
 
     def check_used(self, layer: Layer | None) -> None:
-        """Refuse grounds for zones that do not exist."""
+        """Refuse grounds given for zones that do not exist."""
         for zone in self.by_zone.keys() - self.used:
             text = f"--ground {zone}={self.by_zone[zone]}"
             if layer is None:
@@ -145,7 +145,7 @@ class Grounds:
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")
 
     def _asked(self, what: str, where: str, option: str) -> str:
-        """Answer to a question, requested only once; a RockfallError without a terminal."""
+        """Answer to a question, which is posed only once; RockfallError without a terminal."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
                 raise RockfallError(f"{where}: no ground: give --ground {option}, of {CHOICES}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Text of a first case: each value with its reason and alternatives."""
+"""Text of a first case, with the reason and alternatives for each value."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,14 +17,14 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.scene.forest.attributes import matching
 
 VOLUME = 1.0  # [m3]
-RADIUS = 0.25  # [m]: with VOLUME, R_b/R_m is 2.5, within the range of impact sets
+RADIUS = 0.25  # [m] gives R_b/R_m = 2.5 with VOLUME, within the range of impact sets
 MAPS = ("passages", "deposits", "reach_probability", "energy_mean", "energy_q95", "jump_height_q95")
 TRAJECTORIES = 200
 STAND = {
     "dbh_mean": 30.0,
     "dbh_std": 10.0,
     "conifers": 100.0,
-}  # [cm], [cm], [%]: conifers absorb less
+}  # [cm], [cm], [%]; conifers absorb less energy
 
 
 @dataclass
@@ -38,21 +38,21 @@ class New:
     zones: Zones | None = None
     ground: str = ""  # ground of a case without zones
     observed: Observed | None = None
-    notes: list[str] = field(default_factory=list)  # use of each layer
-    remarks: list[str] = field(default_factory=list)  # oddities
+    notes: list[str] = field(default_factory=list)  # notes on the use of each layer
+    remarks: list[str] = field(default_factory=list)  # remarks on unusual inputs
     sources: int = 0  # number of sources, once known
     boulders: int = 1  # total number
-    threshold: float = 1.0  # of steep cells [degree]
-    volumes: int = 0  # number of sources whose layer gives the volume of their boulders
+    threshold: float = 1.0  # slope of steep cells [degree]
+    volumes: int = 0  # number of sources whose layer gives boulder volumes
 
     @staticmethod
     def has_key(group: str, name: str) -> bool:
-        """Return True if a key exists in cases."""
+        """Return True if cases have this key."""
         return name in keys_of(group)
 
 
 def new_text(new: New, place: Path) -> str:
-    """Text of the case, for the folder `place`."""
+    """Text of the case for the folder `place`."""
     groups = [
         _case(new), Group("terrain", [_entry("terrain", "dem", _name(new.dem, place))]),
         _surface(new, place), _boulder(new), _release(new, place),
@@ -62,7 +62,7 @@ def new_text(new: New, place: Path) -> str:
 
 
 def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> Entry:
-    """A key with its chosen value, and its description from the table of keys."""
+    """A key with its chosen value, and its description from the key table."""
     key_row = keys_of(group)[key]
     unit = f" [{key_row.unit}]" if key_row.unit else ""
     parts = why, f"{key_row.meaning}{unit}", key_row.allowed
@@ -70,12 +70,12 @@ def _entry(group: str, key: str, value: Any, why: str = "", on: bool = True) -> 
 
 
 def _name(file: Path, place: Path) -> str:
-    """Name of a file in a case in a given folder."""
+    """Name of a file for a case in a given folder."""
     return relative_name(file.resolve(), place.resolve())
 
 
 def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
-    """Key with the layer name, for a file with several layers."""
+    """Key for the layer name; needed if a file has several layers."""
     if not layer.alone:
         yield _entry(group, key, layer.name)
 
@@ -201,7 +201,7 @@ def _forest(new: New, place: Path) -> Iterator[Group]:
 
 
 def _drawn(new: New, place: Path) -> Iterator[Group]:
-    """Groups of lines, barriers and dams, whose other values are attributes of the layer."""
+    """Groups of lines, barriers and dams; the layers' attributes give the other values."""
     for kind, group in SEVERAL.items():
         for layer in new.used.get(kind, ()):
             entries = [_entry(group, "file", _name(layer.path, place))]
@@ -213,7 +213,7 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
 
 
 def _observed(new: New, place: Path) -> Iterator[Group]:
-    """Group of the observations at the site, if any."""
+    """Group of observations at the site, if any."""
     seen = new.observed
     if seen is None or not (seen.files or seen.angles):
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First case for a DEM and layers, which runs unchanged and lists further options."""
+"""First case for a DEM and layers; it runs unchanged and lists further options."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
 
-TOTAL = 100_000  # boulders in a first run
+TOTAL = 100_000  # boulders in the first run
 
 
 def new_case(
@@ -53,15 +53,15 @@ def new_case(
     shadow_angle: float | None = None,
     ask_angle: AskAngle | None = None,
 ) -> New:
-    """Write a commented case for a DEM and layers in files, and a table of any zones next to it,
-    without overwriting files; returns its contents.
+    """Write a commented case for a DEM and layers in files, with a zone table if there are zones.
+    No files are overwritten. Return the contents of the case.
 
-    `grounds` gives zones a ground by name or id; `ground` is for zones without a ground in their
-    attributes or names, or for a case without zones. `ask` returns the ground of a zone whose
-    ground is still unknown; without `ask`, or if it returns "", the case is refused. Blocks at rest
-    and scars become observations (`&observed`), with the lowest `energy_line_angle` and
-    `shadow_angle` [degree] seen at the site or in the region; `ask_angle` returns the angle of a
-    key for layers of observations, None if it is not known.
+    `grounds` sets the ground of zones by name or id; `ground` applies to zones without a ground in
+    their attributes or names, or to a case without zones. `ask` returns the ground of a zone that
+    is still unknown; without `ask`, or if it returns "", a RockfallError is raised. Layers of
+    blocks at rest and scars become observations (`&observed`), with the lowest `energy_line_angle`
+    and `shadow_angle` [degree] observed at the site or in the region; `ask_angle` returns the
+    angle for a key, or None if it is not known.
 
     >>> import rockfall
     >>> new = rockfall.new_case("dem.tif", ["cliff.gpkg"], "new.nml", ground="talus")
@@ -99,8 +99,8 @@ def new_case(
 
 
 def _take(new: New, layer: Layer) -> bool:
-    """Record the use of a layer; zones, sources and trees allow a single layer each. Returns False
-    for a layer of unknown use that may be meant for sources.
+    """Record the use of a layer; only a single layer of zones, sources or trees is allowed. Return
+    False for a layer of unknown use that may contain sources.
     """
     kind, why = kind_of(layer)
     doubtful = may_be_sources(layer, kind)
@@ -117,8 +117,8 @@ def _take(new: New, layer: Layer) -> bool:
 
 
 def _check_steep(new: New, doubtful: list[Layer]) -> None:
-    """Refuse steep cells as sources if a layer may be meant for sources but is not recognised; only
-    add a remark if its file also has layers of other uses.
+    """Refuse steep cells as sources if an unrecognised layer may contain sources; if its file also
+    has layers of other uses, only add a remark.
     """
     for layer in doubtful:
         if layer.is_called(SOURCES):
@@ -139,7 +139,7 @@ def _check_steep(new: New, doubtful: list[Layer]) -> None:
 
 
 def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
-    """Replace names of files in the temporary folder by the user's file names."""
+    """Replace file names in the temporary folder by the user's file names."""
     names = {place / relative_name(file.resolve(), place): file for file in (new.dem, *files)}
     if new.zones:
         names |= dict.fromkeys([new.zones.copy] if new.zones.copy else [], new.used[ZONES][0].path)
@@ -152,7 +152,7 @@ def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
 
 
 def _check_known(new: New, scene: Scene) -> None:
-    """Refuse points of sources from which no boulder can start."""
+    """Refuse source points from which no boulder can start."""
     lost = np.flatnonzero(~scene.known_at(scene.x, scene.y))
     for k in lost[:1].tolist():
         raise RockfallError(
@@ -163,8 +163,8 @@ def _check_known(new: New, scene: Scene) -> None:
 
 
 def _write(new: New, place: Path, files: Iterable[Path]) -> None:
-    """Write the case to a folder, and read all its inputs. The text depends on the sources found,
-    so it is written twice.
+    """Write the case to a folder and read all its inputs. It is written twice, because its text
+    depends on the sources found.
     """
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations of a first case: blocks at rest and scars, and the lowest angles of their lines."""
+"""Observations in a first case: blocks at rest, scars, and lowest angles of the energy and shadow
+lines."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -14,13 +15,13 @@ from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import Grid
 
 COPIES = {BLOCKS: "blocks", SCARS: "scars"}  # words in file names
-ANGLES = {"energy_line_angle": 31.0, "shadow_angle": 27.5}  # keys, with examples [degree]
-AskAngle = Callable[[str], "float | None"]  # of a key
+ANGLES = {"energy_line_angle": 31.0, "shadow_angle": 27.5}  # keys, with example values [degree]
+AskAngle = Callable[[str], "float | None"]  # returns the angle for a key
 
 
 class Observed(NamedTuple):
-    """Observations: files that a case names, with their layers; copies of layers that share a file
-    with others; and the lowest angles [degree] that are known, by key."""
+    """Observations: files for the case, with their layers; copies of layers that share a file with
+    other layers; and known lowest angles [degree] by key."""
 
     files: dict[Path, Layer]
     copies: list[Path]
@@ -28,7 +29,7 @@ class Observed(NamedTuple):
 
 
 def copy_names(out: Path) -> Iterator[Path]:
-    """Files that may be written next to a case."""
+    """Names of files that may be written next to a case."""
     return (out.with_name(f"{out.stem}_{name}.gpkg") for name in COPIES.values())
 
 
@@ -40,8 +41,8 @@ def observed_of(
     angles: Mapping[str, float | None],
     ask: AskAngle | None,
 ) -> Observed:
-    """Observations among layers with their kinds; copies go to a folder. `ask` returns an
-    angle if there are observations, and it is not given."""
+    """Observations in layers of known kinds; copies go to a folder. `ask` returns an angle that
+    was not given, if there are observations."""
     files, copies = {}, []
     for kind, layer in layers:
         path = layer.path
@@ -61,7 +62,7 @@ def observed_of(
 
 
 def check_angle(name: str, angle: float) -> None:
-    """Refuse an angle [degree] that a case would not take."""
+    """Refuse an angle [degree] that is not allowed in a case."""
     key = next(key for key in key_table() if key.name == name)
     assert key.low is not None and key.high is not None
     if not (math.isfinite(angle) and key.low <= angle <= key.high):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recognise the use of a layer in a case by its shapes, attributes and name."""
+"""Recognition of a layer's use in a case from its shapes, attributes and name."""
 
 import re
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ ZONES, SOURCES, LINES = "zones", "sources", "lines"
 BARRIERS, DAMS, TREES, OBJECTS = "barriers", "dams", "trees", "objects"
 STANDS = "stands"
 BLOCKS, SCARS = "blocks at rest", "scars"
-SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that may occur several times
-SYMBOLS = {"mean_radius": "r_m"}  # symbols commonly used for keys
-WORDS = {  # prefixes of names: English, German, French, Italian
+SEVERAL = {LINES: "line", BARRIERS: "barrier", DAMS: "dam"}  # groups that can be repeated
+SYMBOLS = {"mean_radius": "r_m"}  # usual symbols of keys
+WORDS = {  # name prefixes: English, German, French, Italian
     SOURCES: ("source", "cliff", "release", "scarp", "start", "quelle", "fels", "wand", "ausbruch",
               "abbruch", "anriss", "liefer", "falaise", "depart", "départ", "parete", "distacco",
               "innesco", "sorgent"),
@@ -39,25 +39,25 @@ WORDS = {  # prefixes of names: English, German, French, Italian
     OBJECTS: ("object", "house", "building", "objekt", "haus", "häus", "haeus", "geb",
               "maison", "batiment", "bâtiment", "edific", "casa", "case"),
 }  # fmt: skip
-AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # start of names of AvaFrame release areas
+AVAFRAME = re.compile(r"rel(?!ief)", re.IGNORECASE)  # start of the names of AvaFrame release areas
 #: Attributes of sources.
 OF_SOURCES = {"volume", "volume_class", "frequency", "block_shape", *VALUES} - {"density"}
-NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with the name of a feature
+NAMES = ("name", "bezeichnun", "nom", "nome", "label")  # attributes with feature names
 IMPACT = "impact"  # attribute of scars
-SHORT = 10  # maximum length of attribute names in a shapefile
+SHORT = 10  # maximum length of attribute names in shapefiles
 
 
 @dataclass
 class Layer:
-    """A layer on the terrain; attributes by their lower-case names."""
+    """A layer on the terrain, with attributes by lower-case name."""
 
     path: Path
     name: str
-    alone: bool  # in its file
+    alone: bool  # True for the only layer in its file
     shapes: np.ndarray
     own_names: dict[str, str]
     columns: dict[str, np.ndarray]
-    remarks: list[str]  # remarks from reading the layer
+    remarks: list[str]  # from reading the layer
 
     def __str__(self) -> str:
         return str(self.path) if self.alone else f"{self.path}, layer {self.name}"
@@ -71,28 +71,28 @@ class Layer:
         return kinds.pop() if len(kinds) == 1 else ""
 
     def attribute(self, key: str) -> str | None:
-        """Name of the attribute that gives a key."""
+        """Name of the attribute for a key."""
         names = (key, key[:SHORT], SYMBOLS.get(key))
         return next((name for name in names if name in self.columns), None)
 
     def values(self, key: str) -> list[Any]:
-        """Values of a key, None where empty; empty if no attribute gives it."""
+        """Values for a key, None for missing values; empty if no attribute matches."""
         name = self.attribute(key)
         return [] if name is None else [*map(plain, self.columns[name])]
 
     @property
     def name_column(self) -> str | None:
-        """Attribute with the names of features."""
+        """Attribute with feature names."""
         return next((name for name in NAMES if name in self.columns), None)
 
     def text(self, column: str | None, k: int) -> str:
-        """Attribute of a feature as text; "" if it is empty, or if there is no such attribute."""
+        """Attribute of a feature as text; "" if it is empty or missing."""
         value = None if column is None else plain(self.columns[column][k])
         return "" if value is None else str(value).strip()
 
     def has(self, key: str) -> bool:
         """Return True if features have numbers for a key. A layer in which only some features have
-        numbers is refused, because its use would be mistaken.
+        numbers is refused, because its use is doubtful.
         """
         values = self.values(key)
         if all(value is None for value in values):
@@ -107,7 +107,7 @@ class Layer:
         return True
 
     def is_called(self, kind: str) -> bool:
-        """Return True if a word in the name of the layer or its file indicates this kind."""
+        """Return True if a word in the layer or file name indicates this kind."""
         if kind == SOURCES and AVAFRAME.match(self.path.stem):
             return True
         words = re.split(r"[\W\d_]+", f"{self.name} {self.path.stem}".lower())
@@ -117,7 +117,7 @@ class Layer:
 
 
 def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
-    """Yield all layers of a file, on the terrain."""
+    """Yield all layers of a file that have features on the terrain."""
     if path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(
             f"{path}: is not a layer: its name must end in {', '.join(sorted(EXTENSIONS))}"
@@ -171,14 +171,14 @@ def _polygons(layer: Layer) -> tuple[str, str]:
 
 
 def may_be_sources(layer: Layer, kind: str) -> bool:
-    """Return True for a layer of unknown use that may be meant for sources."""
+    """Return True for a layer of unknown use that may contain sources."""
     if layer.is_called(SOURCES):
         return kind in ("", LINES)
     return not kind and not any(map(layer.is_called, (TREES, SCARS)))
 
 
 def _why_sources(layer: Layer) -> str:
-    """Reason why points or polygons are sources; "" otherwise."""
+    """Reason why points or polygons count as sources; "" if they do not."""
     given = [name for name in layer.columns if name in OF_SOURCES]
     return ", by their name" if layer.is_called(SOURCES) else f" with {given[0]}" if given else ""
 

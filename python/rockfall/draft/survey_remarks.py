@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on likely mistakes in surveyed points and in the cells made from them."""
+"""Remarks on probable mistakes in surveyed points and in cells made from them."""
 
 import math
 from collections.abc import Iterator
@@ -12,11 +12,11 @@ from rockfall.language import Text, say
 from rockfall.scene.ground import SPIKE
 from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 
-HIGHER = 1.0  # [m] between points at the same place: more than a survey error
+HIGHER = 1.0  # [m] height difference at the same place; exceeds survey errors
 AROUND = 16  # neighbours below or above a spike; eight may all be across a cliff
 SAMPLES = 1000  # rows and columns sampled for slopes
-COARSE, FINE = 5.0, 10.0  # cells per spacing, and spacings per cell, that are unreasonable
-FINEST = 100.0  # cells per spacing above which the cell size is a mistake
+COARSE, FINE = 5.0, 10.0  # unreasonable numbers of cells per spacing, and of spacings per cell
+FINEST = 100.0  # cells per spacing above which the cell size is refused
 
 
 def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
@@ -36,7 +36,7 @@ def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
 
 
 def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
-    """Remark on cells [m] much larger or smaller than the spacing of the points."""
+    """Remark on cells [m] that are much larger or smaller than the point spacing."""
     if cell > COARSE * spacing:
         yield say("input.coarse_cells", cell=cell, spacing=spacing)
     if cell < spacing / FINE:
@@ -44,7 +44,8 @@ def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
 
 
 def height_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remarks on points (n, 3) [m] whose elevation is impossible on land or far from all others."""
+    """Remarks on points (n, 3) [m] with elevations that are impossible on land or far from all
+    others."""
     z = points[:, 2]
     low, high = float(z.min()), float(z.max())
     if low < HEIGHTS[0] or high > HEIGHTS[1]:
@@ -58,7 +59,7 @@ def height_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def place_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] with the same place but different heights."""
+    """Remark on points (n, 3) [m] at the same place with different heights."""
     x, y, z = points[np.lexsort(points.T[::-1])].T
     again = (np.diff(x) == 0) & (np.diff(y) == 0)
     apart = np.where(again, np.diff(z), 0.0)
@@ -68,8 +69,8 @@ def place_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] higher or lower than all their neighbours by more than any rock;
-    `errors` are the leave-one-out errors of evenly selected points.
+    """Remark on points (n, 3) [m] that are higher or lower than all neighbours by more than any
+    rock; `errors` are leave-one-out errors of evenly selected points.
     """
     from scipy.spatial import cKDTree
 
@@ -80,7 +81,7 @@ def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Ite
         return
     _, which = cKDTree(points[:, :2]).query(points[odd, :2], AROUND + 1)
     own = which == odd[:, None]
-    own[~own.any(axis=1), -1] = True  # more points coincide than requested
+    own[~own.any(axis=1), -1] = True  # more coincident points than neighbours
     around = points[which[~own].reshape(odd.size, AROUND), 2]
     rise = points[odd, 2, None] - around
     apart = np.maximum(rise.min(axis=1), -rise.max(axis=1))
@@ -91,7 +92,7 @@ def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Ite
 
 
 def slope_remarks(z: np.ndarray, cell: float) -> Iterator[Text]:
-    """Remark on elevations (ny, nx) [m] steeper than any terrain, for instance in feet."""
+    """Remark on elevations (ny, nx) [m] that are steeper than any terrain, for instance in feet."""
     if min(z.shape) < 3:
         return
     row, column = (np.arange(1, size - 1, math.ceil(size / SAMPLES)) for size in z.shape)

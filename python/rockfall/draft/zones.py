@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zone table of a case, from polygons with ground attributes."""
+"""Zone table of a case, made from polygons with ground attributes."""
 
 import csv
 from pathlib import Path
@@ -19,20 +19,20 @@ from rockfall.io.zone_table import PAIR, RADII
 
 
 class Zones(NamedTuple):
-    """Zones in the form used by a case."""
+    """Zones in the form that a case uses."""
 
-    copy: Path | None  # copy of the polygons, with new ids if necessary
-    field: str  # attribute with the id
+    copy: Path | None  # copy of the polygons with new ids, if necessary
+    field: str  # attribute with the zone id
     table: Path
     method: str
     rest: int | None  # most frequent zone, for cells outside polygons; None: no such cells
-    outside: int  # number of those cells
+    outside: int  # number of these cells
 
 
 def zones_of(
     layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path, grounds: Grounds
 ) -> Zones:
-    """Write the zone table of a layer and, if its ids are not distinct, a copy with new ids."""
+    """Write the zone table of a layer and, if its ids are not unique, a copy with new ids."""
     radii, pair = ([key for key in keys if layer.attribute(key)] for keys in (RADII, PAIR))
     columns = [*radii, "ground", *pair]
     rows = [_row(layer, radii, pair, k, grounds) for k in range(len(layer.shapes))]
@@ -77,7 +77,7 @@ def _row(
 
 
 def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
-    """Name of each zone, if the layer has unambiguous ones."""
+    """Name of each zone, if the layer's names are unambiguous."""
     if layer.name_column is None:
         return {}
     column = layer.columns[layer.name_column]
@@ -99,11 +99,11 @@ def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
 def _rest(
     layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
 ) -> tuple[int | None, int]:
-    """Most frequent zone, for cells outside polygons, and the number of those cells."""
+    """Most frequent zone, for cells outside polygons, and the number of these cells."""
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
-    except RockfallError as error:  # remove the copy
+    except RockfallError as error:  # also remove the copy
         raise RockfallError(str(error).replace(str(path), str(layer))) from error
     zones, cells = np.unique(numbers[numbers != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(numbers == NO_ID))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain geometry: heights between cell centres, places along polylines, dams."""
+"""Terrain geometry: heights between cell centres, positions along polylines, dams."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Earth dams and walls: raise the terrain before a run, and measure the rasterised shape."""
+"""Earth dams and walls: they raise the terrain before a run; their rasterised shape is measured."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,43 +12,43 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import beside, lengths
 
-COARSE = 2.0  # minimum cells across a face; fewer make a bump (benchmarks/stability/dam_cells)
-FINE = 4.0  # cells across a face from which results hardly depend on cell size
-STATIONS = 400  # maximum number of profiles across a dam
-PROFILE = 241  # points of a profile across a dam
-WIDE = 2.0  # in dam heights: a wider crest explains a narrow face
-NEAR = 0.05  # a crest ends this fraction of the height below its top
+COARSE = 2.0  # minimum cells across a face; fewer give a bump (benchmarks/stability/dam_cells)
+FINE = 4.0  # cells across a face, from which results hardly depend on cell size
+STATIONS = 400  # maximum profiles across a dam
+PROFILE = 241  # points in a profile across a dam
+WIDE = 2.0  # [dam heights] a wider crest explains a narrow face
+NEAR = 0.05  # the crest includes points down to this fraction of the height below the top
 
 
 class DamShape(NamedTuple):
-    """Shape of a dam as rasterised, from profiles across its line."""
+    """Rasterised shape of a dam, from profiles across its line."""
 
-    length: float  # length of the line with at least half of the requested height [m]
-    height: float  # median height of the crest above the terrain below the line [m]
-    height_min: float  # minimum height, without the ends [m]
+    length: float  # line length with at least half of the requested height [m]
+    height: float  # median height of the crest above the original terrain at the line [m]
+    height_min: float  # minimum height, except at the ends [m]
     slope: float  # median slope of the narrower face, from crest to toe [degree]
-    crest_min: float  # elevation of the crest [m]
+    crest_min: float  # minimum elevation of the crest [m]
     crest_max: float
-    crest_width: float  # 5 % of the height below its top, in the median [m]
-    face: float  # width in plan of the narrower face, by the keys of the dam [m]
-    face_cells: float  # width of the narrower face in cells
+    crest_width: float  # median width 5 % of the height below the top [m]
+    face: float  # plan width of the narrower face, from the keys of the dam [m]
+    face_cells: float  # width of the narrower face [cells]
     requested: tuple[float, float, float]  # height [m], crest width [m], slope [degree]
 
     def rounded(self) -> dict[str, Any]:
-        """Numbers by name, as stored in a result: rounded to a millimetre."""
+        """Numbers by name, rounded to 1 mm, as stored in a result."""
         return {name: np.round(value, 3).tolist() for name, value in self._asdict().items()}
 
 
 def with_dam(
     z: np.ndarray, grid: Grid, dam: Mapping[str, Any], name: str
 ) -> tuple[np.ndarray, DamShape]:
-    """Return elevations (ny, nx), row 0 the northernmost, with one dam, and its shape as
-    rasterised; `name` is for messages.
+    """Return elevations (ny, nx), northernmost row first, with a dam, and its rasterised shape;
+    `name` is used in messages.
 
-    The crest is `height` above the terrain and `crest_width` wide, and falls to both sides at
-    `slope` until it meets the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at the
-    distance d from its line. Cells without an elevation are unchanged. A dam whose face is narrower
-    than two cells is refused unless it sets `allow_coarse`.
+    The crest is `height` above the terrain and `crest_width` wide. On both sides the dam falls at
+    `slope` to the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at the distance d from
+    its line. Cells without an elevation are unchanged. A dam face narrower than two cells raises
+    an error unless the dam sets `allow_coarse`.
     """
     vertices = np.array(dam["x"]) + 1j * np.array(dam["y"])
     line, crest = _crest(z, grid, vertices, name)
@@ -84,7 +84,7 @@ def with_dam(
 def with_dams(
     z: np.ndarray, grid: Grid, dams: Iterable[Mapping[str, Any]], name: str
 ) -> tuple[np.ndarray, tuple[DamShape, ...]]:
-    """Return elevations with several dams, one after the other, and their shapes."""
+    """Return elevations with several dams, added in turn, and the shapes of the dams."""
     shapes = []
     for dam in dams:
         z, shape = with_dam(z, grid, dam, name)
@@ -100,14 +100,14 @@ def finer(shape: DamShape) -> float:
 
 
 def higher(shape: DamShape) -> int:
-    """Height [m] with just enough cells across the face, whose width equals the height."""
+    """Height [m] at which the face, whose width equals this height, has just enough cells."""
     return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 
 def _shape(
     z: np.ndarray, raised: np.ndarray, grid: Grid, dam: Mapping[str, Any], vertices: np.ndarray
 ) -> DamShape:
-    """Shape of a dam as rasterised, from profiles across the surface seen by boulders."""
+    """Rasterised shape of a dam, from profiles across the surface that boulders meet."""
     base, wide, fall = dam["height"], dam["crest_width"], np.tan(np.radians(dam["slope"]))
     places, normal = _stations(vertices)
     half = wide / 2 + 2 * grid.cell + 3 * base / fall
@@ -117,7 +117,7 @@ def _shape(
     before, after = height(z, grid, x, y), height(raised, grid, x, y)
     middle = before[:, PROFILE // 2]
     added = np.nan_to_num(after - before)
-    own = added > NEAR * base  # noticeably raised by the dam
+    own = added > NEAR * base  # raised noticeably by the dam
     near = own & (abs(off) <= wide / 2 + grid.cell)
     top = np.max(np.where(near, after, -np.inf), axis=1)
     top = np.where(np.isfinite(top), top, after[:, PROFILE // 2])
@@ -143,7 +143,7 @@ def _shape(
 
 
 def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Evenly spaced places along a polyline, away from its ends, and unit normals there."""
+    """Evenly spaced points on a polyline, away from its ends, and the unit normals there."""
     ends = lengths(vertices)
     line = (np.arange(STATIONS) + 0.5) * ends[-1] / STATIONS
     sides = np.diff(vertices)
@@ -182,7 +182,7 @@ def _face(
 def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
-    """Median angle [degree] of the chord over 10 to 90 % of the width of a face."""
+    """Median angle [degree] of the chord from 10 to 90 % of a face's width."""
     on_side = side * off >= 0
     z, of_dam, out = after[:, on_side], own[:, on_side], abs(off[on_side])
     if side < 0:
@@ -202,7 +202,8 @@ def _slope(
 def _crest(
     z: np.ndarray, grid: Grid, vertices: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] along a crest line, at most half a cell apart, and terrain elevations there."""
+    """Distances [m] along a crest line, at most half a cell apart, and the terrain elevations
+    there."""
     ends = lengths(vertices)
     line = np.union1d(ends, np.arange(0.0, ends[-1], grid.cell / 2))
     x, y = (np.interp(line, ends, part) for part in (vertices.real, vertices.imag))

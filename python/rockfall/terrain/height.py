@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elevations between cell centres, as in the kernel (theory, chapter 2)."""
+"""Elevations between cell centres, computed as in the kernel (theory, chapter 2)."""
 
 import numpy as np
 
@@ -7,13 +7,14 @@ from rockfall.io.rasters.grid import Grid
 
 
 def inside(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Mark points between the outer cell centres."""
+    """Mask of points between the outer cell centres."""
     among = (x >= grid.x[0]) & (x <= grid.x[-1])
     return among & (y >= grid.y[-1]) & (y <= grid.y[0])
 
 
 def height(z: np.ndarray, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear elevation [m] at points within the cell centres; `z` is (ny, nx), from the north."""
+    """Bilinear elevation [m] at points between the cell centres; `z` is (ny, nx), northernmost row
+    first."""
     j, i, v, u = _patches(grid, x, y)
     north = (1 - u) * z[j, i] + u * z[j, i + 1]
     south = (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]
@@ -21,7 +22,7 @@ def height(z: np.ndarray, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarra
 
 
 def steepness(z: np.ndarray, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """1/cos of the slope of the bilinear surface at points within the cell centres."""
+    """1/cos of the slope of the bilinear surface at points between the cell centres."""
     j, i, v, u = _patches(grid, x, y)
     east = (1 - v) * (z[j, i + 1] - z[j, i]) + v * (z[j + 1, i + 1] - z[j + 1, i])
     south = (1 - u) * (z[j + 1, i] - z[j, i]) + u * (z[j + 1, i + 1] - z[j, i + 1])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain from surveyed points by inverse distance (Shepard 1968; paper, section 3.4)."""
+"""Terrain from surveyed points by inverse-distance weighting (Shepard 1968; paper, section 3.4)."""
 
 from typing import NamedTuple
 
@@ -9,16 +9,16 @@ from rockfall.io.rasters.grid import Grid, row_blocks
 
 
 class Weights(NamedTuple):
-    """Weighting of surveyed points: 1/distance**power."""
+    """Weighting of surveyed points by 1/distance**power."""
 
     power: float  # [-]
-    neighbours: int  # maximum number of nearest points
+    neighbours: int  # maximum number of nearest points used
     within: float  # maximum distance [m]
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN if no point
-    is near enough. Elevations of points, and equal elevations, are reproduced exactly.
+    """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN without a
+    near point. Elevations at the points, and constant elevations, are reproduced exactly.
     """
     from scipy.spatial import cKDTree
 
@@ -34,8 +34,8 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
-    """Leave-one-out error (n) [m]: elevation interpolated from the other points minus measured
-    elevation, at one of `every` points; NaN if no other point is near enough.
+    """Leave-one-out error (n) [m] at one in `every` points: elevation interpolated from the other
+    points minus measured elevation; NaN without another near point.
     """
     from scipy.spatial import cKDTree
 
@@ -48,7 +48,7 @@ def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray
             distance_upper_bound=_beyond(weights.within),
         )  # fmt: skip
         own = which == asked[rows][:, None]
-        own[~own.any(axis=1), -1] = True  # more coinciding points than neighbours
+        own[~own.any(axis=1), -1] = True  # more coincident points than neighbours
         others = len(apart), number - 1
         apart, which = apart[~own].reshape(others), which[~own].reshape(others)
         errors[rows] = _mean(points[:, 2], apart, which, weights.power) - points[asked[rows], 2]
@@ -56,19 +56,20 @@ def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray
 
 
 def _beyond(within: float) -> float:
-    """Upper limit for SciPy, which requires distances strictly below it."""
+    """Limit for SciPy, which requires distances strictly below it."""
     return float(np.nextafter(within, np.inf))
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Inverse-distance weighted mean of points, nearest first; infinite distances are ignored."""
+    """Inverse-distance weighted mean of points, sorted by distance; infinite distances are
+    ignored."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]
-    with np.errstate(invalid="ignore"):  # relative to the nearest, which has weight 1: no overflow
+    with np.errstate(invalid="ignore"):  # relative to the nearest point, which avoids overflow
         weight = np.where(nearest > 0, (nearest / apart) ** power, apart == 0)
     weight[np.isinf(apart)] = 0.0
-    heights = z[np.minimum(which, len(z) - 1)]  # missing neighbours have no weight
+    heights = z[np.minimum(which, len(z) - 1)]  # missing neighbours have weight 0
     first = heights[..., 0]
     with np.errstate(invalid="ignore"):
         return first + (weight * (heights - first[..., None])).sum(-1) / weight.sum(-1)

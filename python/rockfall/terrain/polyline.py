@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Distances to and along a polyline in plan; points and vertices are x + iy."""
+"""Distances to and along a polyline in plan; points and vertices are complex numbers x + iy."""
 
 import numpy as np
 
@@ -7,7 +7,8 @@ TIE = 1e-9  # relative difference of equal distances
 
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] of points from a polyline, and along it to the nearest place, or NaN."""
+    """Distance [m] of each point from a polyline, and distance along it to the nearest point; NaN
+    if the nearest point is an end."""
     along, apart, before = np.full(points.shape, np.nan), np.full(points.shape, np.inf), 0.0
     for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
         if side == 0:
@@ -39,18 +40,18 @@ def sides(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
 
 
 def lengths(vertices: np.ndarray) -> np.ndarray:
-    """Distances of the vertices along a polyline [m]."""
+    """Distances along a polyline to its vertices [m]."""
     return np.concatenate([[0.0], np.cumsum(abs(np.diff(vertices)))])
 
 
 def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
-    """Places at equal distances along a polyline, from its first vertex to its last."""
+    """Evenly spaced points along a polyline, from its first to its last vertex."""
     at = lengths(vertices)
     return np.interp(np.linspace(0.0, at[-1], number), at, vertices)
 
 
 def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] along two polylines to their intersections, in order along the first."""
+    """Distances [m] along two polylines to their intersections, ordered along the first."""
     start, side = vertices[:-1, None], np.diff(vertices)[:, None]
     begin, across = other[:-1], np.diff(other)
     turn = (np.conj(side) * across).imag

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points on the nodes of a regular grid with or without gaps, as in national surveys."""
+"""Detection of points on the nodes of a regular grid, with or without gaps, as in national
+surveys."""
 
 from typing import NamedTuple
 
@@ -9,16 +10,16 @@ from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid, row_blocks
 from rockfall.terrain.height import height
 
-ROUNDING = 0.02  # maximum distance of rounded coordinates from their node, over the spacing
+ROUNDING = 0.02  # maximum distance of rounded coordinates from their node, in spacings
 DENSE = 0.8  # minimum fraction of points with at least two of four neighbours
-#: whose coordinates are rounded
+#: if coordinates are rounded
 MAX_CELLS = 400_000_000
-SPARSE = 100  # maximum nodes per point of a grid with gaps
+SPARSE = 100  # maximum nodes per point in a grid with gaps
 
 
 class Nodes(NamedTuple):
-    """Elevations (ny, nx) [m] of nodes, NaN without a point; the grid has a cell around each node.
-    `shared` counts nodes with several different points, whose mean is used.
+    """Elevations (ny, nx) [m] at nodes, NaN without a point; `grid` has a cell around each node.
+    `shared` counts the nodes with several different points, whose mean is used.
     """
 
     z: np.ndarray
@@ -32,7 +33,7 @@ class Nodes(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """Nodes along an axis: first node, spacing [m], and node of each point."""
+    """Nodes along an axis: first node, spacing [m], and node index of each point."""
 
     first: float
     step: float
@@ -44,13 +45,14 @@ class _Axis(NamedTuple):
 
 
 def spacings(points: np.ndarray) -> tuple[float, float] | None:
-    """Spacing of the nodes in x and y [m]; None if points (n, 3) are not on the nodes of a grid."""
+    """Node spacings in x and y [m]; None if points (n, 3) are not on the nodes of a grid."""
     axes = _axes(points)
     return None if axes is None else (axes[0].step, axes[1].step)
 
 
 def regular_nodes(points: np.ndarray) -> Nodes | None:
-    """Nodes of a regular grid of square cells; None if points (n, 3) [m] are not on such nodes."""
+    """Nodes of a regular grid with square cells; None if points (n, 3) [m] are not on the nodes of
+    such a grid."""
     axes = _axes(points)
     if axes is None:
         return None
@@ -76,7 +78,7 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Resample bilinearly to cells whose edges are multiples of their size."""
+    """Resample bilinearly to cells with edges at multiples of the cell side."""
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell
@@ -101,12 +103,12 @@ def _axes(points: np.ndarray) -> tuple[_Axis, _Axis] | None:
 
 
 def _axis(values: np.ndarray) -> _Axis | None:
-    """Nodes along an axis; None if coordinates are not evenly spaced."""
+    """Nodes along an axis; None if the coordinates are not evenly spaced."""
     places = np.unique(values)
     if not 2 <= len(places) <= len(values) / 2:
         return None
     steps = np.diff(places)
-    wide = np.quantile(steps, 0.95, method="lower")  # some are gaps, some two roundings of one node
+    wide = np.quantile(steps, 0.95, method="lower")  # excludes gaps and double roundings of a node
     steps = steps[steps > ROUNDING * wide]
     usual = np.median(steps)
     step = float(steps[abs(steps - usual) < usual / 2].mean())
@@ -122,7 +124,7 @@ def _axis(values: np.ndarray) -> _Axis | None:
 
 
 def _dense(has_point: np.ndarray) -> float:
-    """Fraction of the nodes with a point that have at least two of four neighbours with a point."""
+    """Fraction of nodes with a point that have such nodes as at least two of four neighbours."""
     around = np.zeros(has_point.shape, np.int8)
     around[1:] += has_point[:-1]
     around[:-1] += has_point[1:]

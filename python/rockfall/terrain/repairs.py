@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Repair and edit elevations (ny, nx) [m], NaN where missing: holes, pits, noise, excavations."""
+"""Repairs and edits of elevations (ny, nx) [m], NaN where missing: holes, pits, noise, cuts."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.polygons import held_cells
 
 AROUND = np.ones((3, 3), bool)
-HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of the neighbouring cells
+HALF = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to half of the eight neighbours
 
 
 def without_holes(z: np.ndarray, far: float) -> np.ndarray:
-    """Fill holes enclosed by terrain from their surroundings, up to `far` cells from an edge (by
+    """Fill enclosed holes from the surrounding terrain, up to `far` cells from their edge (with
     GDAL). Nothing is extrapolated beyond the terrain."""
     from rasterio.fill import fillnodata
     from scipy.ndimage import label
@@ -22,7 +22,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
     parts, _ = label(missing)
     outside = np.unique(np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]]))
     holes = missing & ~np.isin(parts, outside)
-    base = np.nanmin(z)  # GDAL has single precision
+    base = np.nanmin(z)  # GDAL uses single precision
     lowered = np.where(missing, 0.0, z - base).astype(np.float32)
     filled = fillnodata(lowered, mask=~missing, max_search_distance=far)
     reached = fillnodata((~missing).astype(np.float32), mask=~missing, max_search_distance=far) > 0
@@ -32,7 +32,8 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Fill pits up to `deepest` [m] deep; deeper pits, such as ditches and quarries, remain."""
+    """Fill pits that are at most `deepest` [m] deep; deeper ones, such as ditches and quarries,
+    remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)
@@ -44,8 +45,8 @@ def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
 
 
 def _spill(z: np.ndarray) -> np.ndarray:
-    """Lowest level [m] at which water drains from each cell to the edge of the terrain, along a
-    minimum spanning tree of the cells.
+    """Lowest level [m] at which water drains from each cell to the edge of the terrain, found
+    along a minimum spanning tree of the cells.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
@@ -66,7 +67,7 @@ def _spill(z: np.ndarray) -> np.ndarray:
 
 
 def _pairs(number: np.ndarray) -> np.ndarray:
-    """Pairs of adjacent cells (2, n), each pair once; 0 is the outside."""
+    """Pairs (2, n) of adjacent cells, each once; 0 is the outside."""
     padded, pairs = np.pad(number, 1), []
     ny, nx = padded.shape
     for down, right in HALF:
@@ -81,9 +82,7 @@ def _pairs(number: np.ndarray) -> np.ndarray:
 
 
 def smoothed(z: np.ndarray, std: float) -> np.ndarray:
-    """Smooth known cells by a Gaussian filter with a standard deviation in cells; missing cells
-    remain.
-    """
+    """Smooth known cells with a Gaussian filter, `std` in cells; missing cells stay missing."""
     from scipy.ndimage import gaussian_filter
 
     is_known, base = ~np.isnan(z), np.nanmin(z)
@@ -95,7 +94,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Lower cells in a polygon by a depth [m], then at least to a floor [m]; NaN: omitted."""
+    """Lower the cells in a polygon by a depth [m], then at least to a floor [m]; NaN: not given."""
     inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth

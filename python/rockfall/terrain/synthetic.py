@@ -3,14 +3,14 @@
 
 import numpy as np
 
-SMOOTHING = 1.5  # Gaussian filter of the relief [cells]
+SMOOTHING = 1.5  # standard deviation of the Gaussian filter [cells]
 
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise [m], filtered by a Gaussian, at rows and columns; identical in all NumPy
+    """White noise [m] at these rows and columns after Gaussian filtering; identical in all NumPy
     versions.
     """
-    margin = 8  # more than five standard deviations of the filter: no edge effects
+    margin = 8  # more than five standard deviations of the filter, which avoids edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])
     noise = raw.reshape(shape) / 2.0**64 - 0.5
