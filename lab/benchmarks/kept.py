@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Throws kept in a plane of tables, and passing fractions between its parts:
+"""Planes of tables between their parts, on slopes where about half of the boulders pass:
 
-    python -m lab.benchmarks.kept FOLDER [--tables 2]
+    python -m lab.benchmarks.kept FOLDER [--tables 3]
 
-FOLDER stores contacts (of parts, as `tools/ship_tables.py --contacts FOLDER`), slopes of parts, and
-choices; missing files are computed, in about two hours on one core. Prints the fraction of boulders
-that passes 200 m of a plane, by tables simulated there, by the shipped parts, and by parts with
-chosen throws: the first balanced set of throws that gives a part its slope on a smooth surface over
-strength and relief (docs/archive/field_protocol.md, "Throws that are kept").
+FOLDER keeps contacts, those of parts as `tools/ship_tables.py --contacts FOLDER` does, slopes of
+parts, choices and results; what is missing is made, in some three hours of one core. Prints the
+fraction of boulders that passes 200 m of a plane: by tables thrown at the place, by the shipped
+parts, and on compact blocks by a table of the four parts around the place, with evenly spaced
+throws and with chosen ones (docs/archive/field_protocol.md, "Planes between their parts, judged").
+Chosen are, of balanced throws, the first by which a part has the slope of all parts together, a
+smooth surface over strength and relief.
 """
 
 import argparse
@@ -18,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from math import log
+from math import log, nan
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +28,15 @@ import numpy as np
 import xarray as xr
 
 import rockfall
+from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from lab.benchmarks.plane import plane
+from rockfall.evidence import Evidence
 from rockfall.grounds.impact_tables import FIELDS, KINDS, ImpactTable, save_table
 from rockfall.kernel_rules import USUAL_DENSITY, USUAL_WEIGHT
 from rockfall.result.crossings import at_lines
 from rockfall_lab import tables
-from rockfall_lab.blocks.case import BlockCase, restitution_of
+from rockfall_lab.blocks.case import restitution_of
 from tools.ship_tables import KEPT, PLANES, RADIUS, contacts_of, part_case
 
 LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # [m] down the plane, [m/s], number
@@ -46,24 +50,35 @@ EXTREME = 5.0  # standard deviations at which sums are clipped
 STOPS, ALL = 2, 10**9  # exit code of a record; number of records
 REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
 LIKE = {"ploughed": "meadow", "hard": "compact"}  # shipped grounds of these models
-THROWS, PATCHES, FIRST, NEXT = 400, 32, 94101, 100  # a table at a place; its seeds
-LOW, HIGH, WRONG = 0.2, 0.9, 0.1  # passing fractions
-PLACES = (  # plane, strength / (rho_b g R_b), relief [degree], slopes [degree]
-    ("ploughed-compact", 17.0, 10.25, (17.2, 19.2)),
-    ("ploughed-compact", 34.0, 8.0, (14.1, 16.1)),
-    ("ploughed-compact", 34.0, 15.25, (20.9, 22.9)),
-    ("ploughed-compact", 68.0, 12.75, (17.9, 19.9)),
-    ("ploughed-compact", 68.0, 17.75, (22.9, 24.9)),
-    ("ploughed-compact", 136.0, 10.25, (15.7, 17.7)),
-    ("ploughed-compact", 272.0, 15.25, (19.6, 21.6)),
-    ("ploughed-compact", 540.0, 12.75, (17.9, 19.9)),
-    ("hard-compact", 48.0, 11.5, (16.2, 18.2)),
-    ("hard-compact", 120.0, 14.5, (18.7, 20.7)),
-    ("hard-compact", 300.0, 17.5, (21.3, 23.3)),
-    ("hard-compact", 750.0, 11.5, (16.2, 18.2)),
+THROWS, PATCHES, FIRST, NEXT = 400, 32, 95101, 100  # of a table thrown at a place; seeds
+AWAY = 1.0  # from the slope on which half pass [degree]
+JUDGED = 8  # seed of boulders at places
+WRONG, ALIKE = 0.1, 0.03  # of what passes: bound, difference of the evenly spaced throws
+PLACES = (  # plane, strength over rho_b g R_b, relief [degree]
+    ("ploughed-compact", 17.0, 12.75),
+    ("ploughed-compact", 17.0, 15.25),
+    ("ploughed-compact", 34.0, 10.25),
+    ("ploughed-compact", 68.0, 15.25),
+    ("ploughed-compact", 136.0, 8.0),
+    ("ploughed-compact", 136.0, 12.75),
+    ("ploughed-compact", 272.0, 10.25),
+    ("ploughed-compact", 540.0, 15.25),
+    ("hard-compact", 48.0, 14.5),
+    ("hard-compact", 120.0, 11.5),
+    ("hard-compact", 300.0, 14.5),
+    ("hard-compact", 750.0, 14.5),
+    ("ploughed-compact", 48.0, 12.75),
+    ("ploughed-compact", 96.0, 15.25),
+    ("ploughed-compact", 192.0, 12.75),
+    ("hard-compact", 190.0, 11.5),
+    ("ploughed-elongated", 34.0, 11.5),
+    ("ploughed-platy", 136.0, 11.5),
+    ("hard-elongated", 120.0, 13.5),
+    ("hard-platy", 300.0, 13.5),
 )
 
-Part = tuple[float, float]  # strength / (rho_b g R_b), relief [degree]
+Part = tuple[float, float]  # strength over rho_b g R_b, relief [degree]
+Keys = dict[str, dict[str, Any]]  # of a case, by group
 
 
 def balanced_throws(data: xr.Dataset, kept: int, start: int) -> np.ndarray:
@@ -147,16 +162,16 @@ def numbered(data: xr.Dataset, kept: int, chosen: Sequence[int]) -> xr.Dataset:
     return data.assign(sequence=("contact", place[own]))
 
 
-def passing(keys: dict[str, dict[str, Any]], slope: float, folder: Path) -> float:
-    """Fraction of boulders with R_b = RADIUS that passes LINE on a plane [degree], by case keys in
-    a folder."""
+def passing(keys: Keys, slope: float, folder: Path, seed: int = 7) -> float:
+    """The fraction of boulders of R_b = RADIUS that passes LINE on a plane [degree], by keys of a
+    case in a folder."""
     angle = np.radians(slope)
     rows = int((LINE * np.cos(angle) + BEYOND) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
     fixed = {"volume": "fixed", "volume_mean": 4 / 3 * np.pi * RADIUS**3, "density": USUAL_DENSITY}
     case = rockfall.Case(
         folder=folder,
-        case={"boulders": BOULDERS, "seed": 7},
+        case={"boulders": BOULDERS, "seed": seed},
         impact={"form": "table"} | keys["impact"],
         surface={"uniform_mean_radius": 0.1} | keys.get("surface", {}),
         boulder=fixed | {"ground_strength_sigma": 0.0} | keys.get("boulder", {}),
@@ -221,7 +236,7 @@ def chosen_throws(data: xr.Dataset, slope: float) -> tuple[list[int], float]:
 
 
 class Folder:
-    """Stored results for parts of planes."""
+    """What is kept of parts of planes and of places between them."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -231,7 +246,7 @@ class Folder:
         case = part_case(name, column, row)
         return contacts_of(case, self.path / f"{name}-{part[0]:g}-{part[1]:g}.nc")
 
-    def _kept(self, name: str, part: Part, what: str, make: Callable[[], Any]) -> Any:
+    def kept(self, name: str, part: Part, what: str, make: Callable[[], Any]) -> Any:
         path = self.path / f"{name}-{part[0]:g}-{part[1]:g}.{what}.json"
         if not path.exists():
             path.write_text(json.dumps(make()))
@@ -245,97 +260,181 @@ class Folder:
             return half_slope(table, part[1] + ABOVE_RELIEF)
 
         parts = product(PLANES[name].strengths, PLANES[name].reliefs)
-        return smoothed({p: self._kept(name, p, "slope", partial(slope, p)) for p in parts})
+        return smoothed({p: self.kept(name, p, "slope", partial(slope, p)) for p in parts})
 
     def chosen(self, name: str, part: Part, target: float) -> xr.Dataset:
         """Contacts of a part, numbered so that a table keeps the chosen throws."""
         data = self.contacts(name, part)
-        throws, _ = self._kept(name, part, "throws", partial(chosen_throws, data, target))
+        throws, _ = self.kept(name, part, "throws", partial(chosen_throws, data, target))
         return numbered(data, KEPT, throws)
 
 
-def place_case(name: str, strength: float, relief: float, seed: int) -> BlockCase:
-    """Laboratory case for a place between the parts of a plane."""
-    pressure = float(f"{strength * USUAL_WEIGHT * RADIUS:.6g}")
-    restitution = restitution_of(pressure, USUAL_DENSITY)
-    ground = {"yield_pressure": pressure, "restitution": restitution, "relief": relief}
-    return part_case(name, 0, 0).replace(
-        lab={"throws": THROWS, "seed": seed}, ground=ground | {"patches": PATCHES}
-    )
+class Place:
+    """A place between the parts of a plane."""
+
+    def __init__(self, number: int, folder: Folder):
+        self.number, self.folder = number, folder
+        self.name, *self.part = PLACES[number]
+        self.model, self.shape = self.name.split("-")
+        self.pressure = float(f"{self.part[0] * USUAL_WEIGHT * RADIUS:.6g}")
+
+    def thrown(self, table: int) -> ImpactTable:
+        """Table thrown at the place, of all its contacts."""
+        restitution = restitution_of(self.pressure, USUAL_DENSITY)
+        ground = {"yield_pressure": self.pressure, "restitution": restitution}
+        seed = FIRST + self.number + NEXT * table
+        case = part_case(self.name, 0, 0).replace(
+            lab={"throws": THROWS, "seed": seed},
+            ground=ground | {"relief": self.part[1], "patches": PATCHES},
+        )
+        path = self.folder.path / f"{self.name}-place-{seed}.nc"
+        return tables.table_of([contacts_of(case, path)], ALL)
+
+    def of_parts(self, chosen: bool) -> ImpactTable:
+        """Table of the parts around the place, with chosen or evenly spaced throws, for ground of
+        the same relief for all sizes."""
+        strengths, reliefs, *_ = PLANES[self.name]
+        parts = [
+            part
+            for part in product(strengths, reliefs)
+            if _beside(part[0], self.part[0], strengths) and _beside(part[1], self.part[1], reliefs)
+        ]
+        if chosen:
+            targets = self.folder.targets(self.name)
+            data = [self.folder.chosen(self.name, part, targets[part]) for part in parts]
+        else:
+            data = [self.folder.contacts(self.name, part) for part in parts]
+        table = tables.table_of(data, KEPT * len(data))
+        ground = table.ground._replace(
+            strength=self.pressure, relief=self.part[1], relief_radius=1.0, hurst=1.0
+        )
+        return replace(table, ground=ground)
+
+    def slopes(self) -> tuple[float, float]:
+        """Slopes of the trial [degree]."""
+
+        def half(table: int) -> float:
+            return half_slope(self.thrown(table), self.part[1] + ABOVE_RELIEF)
+
+        middle = np.mean([self.kept(f"half-{m}", partial(half, m)) for m in range(2)])
+        return round(middle - AWAY, 1), round(middle + AWAY, 1)
+
+    def kept(self, what: str, make: Callable[[], Any]) -> Any:
+        return self.folder.kept(self.name, (self.part[0], self.part[1]), what, make)
+
+    def passing(self, column: str) -> list[float]:
+        """What passes on both slopes, by a column of the table of results."""
+
+        def passes() -> list[float]:
+            with tempfile.TemporaryDirectory() as name:
+                keys = self.shipped if column == "shipped" else self._own(column, Path(name))
+                return [passing(keys, slope, Path(name), JUDGED) for slope in self.slopes()]
+
+        return self.kept(column.replace(" ", "-"), passes)
+
+    @property
+    def shipped(self) -> Keys:
+        own = {"ground_strength": self.pressure, "ground_relief": self.part[1]}
+        return {
+            "impact": {"table": LIKE[self.model]}, "surface": own,
+            "boulder": {"block_shape": self.shape},
+        }  # fmt: skip
+
+    def _own(self, column: str, folder: Path) -> Keys:
+        if column.startswith("thrown"):
+            table = self.thrown(int(column.split()[1]) - 1)
+        else:
+            table = self.of_parts(column == "chosen")
+        ground = table.ground._replace(rest_angle=REST[self.model])  # the laboratory has none
+        save_table(replace(table, ground=ground), folder / "own.nc")
+        return {"impact": {"table": "own.nc", "rest_angle": REST[self.model]}}
 
 
-def around(name: str, strength: float, relief: float) -> list[Part]:
-    """The four parts of a plane around a place."""
-    strengths, reliefs, *_ = PLANES[name]
-    column, row = np.searchsorted(strengths, strength), np.searchsorted(reliefs, relief)
-    return [*product(strengths[column - 1 : column + 1], reliefs[row - 1 : row + 1])]
+def _beside(value: float, place: float, values: Sequence[float]) -> bool:
+    """Return True if a value is the place or one of the two around it."""
+    k = int(np.searchsorted(values, place))
+    return value == place or (place not in values and value in values[k - 1 : k + 1])
 
 
-def at_place(k: int, kept: Folder, n_tables: int, targets: dict[Part, float]) -> np.ndarray:
-    """Passing fractions at place k, (slope, table): tables simulated there, shipped, chosen."""
-    name, strength, relief, slopes = PLACES[k]
-    model, shape = name.split("-")
-    thrown = [
-        tables.table_of([contacts_of(case, kept.path / f"{name}-place-{seed}.nc")], ALL)
-        for seed in (FIRST + k + NEXT * m for m in range(n_tables))
-        for case in [place_case(name, strength, relief, seed)]
-    ]
-    parts = [kept.chosen(name, part, targets[part]) for part in around(name, strength, relief)]
-    chosen = tables.table_of(parts, KEPT * len(parts))
-    pressure = strength * USUAL_WEIGHT * RADIUS
-    ground = chosen.ground._replace(
-        strength=pressure, relief=relief, relief_radius=1.0, hurst=1.0
-    )  # the same relief for all sizes
-    own = {"ground_strength": pressure, "ground_relief": relief}
-    shipped = {
-        "impact": {"table": LIKE[model]}, "surface": own, "boulder": {"block_shape": shape}
-    }  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
-        keys = []
-        for m, table in enumerate((*thrown, replace(chosen, ground=ground))):
-            ground = table.ground._replace(rest_angle=REST[model])  # the laboratory has none
-            save_table(replace(table, ground=ground), Path(folder) / f"{m}.nc")
-            keys.append({"impact": {"table": f"{m}.nc", "rest_angle": REST[model]}})
-        keys.insert(n_tables, shipped)
-        return np.array([[passing(one, slope, Path(folder)) for one in keys] for slope in slopes])
+def half_way(passes: Sequence[float], slopes: Sequence[float]) -> float:
+    """The slope [degree] on which half pass, from the logarithm of the odds on two slopes."""
+    part = np.clip(passes, 0.5 / BOULDERS, 1 - 0.5 / BOULDERS)
+    low, high = np.log(part / (1 - part))
+    return slopes[0] - low * (slopes[1] - slopes[0]) / (high - low)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("contacts", type=Path)
-    parser.add_argument("--tables", type=int, default=2, help="thrown at each place")
+    parser.add_argument("--tables", type=int, default=3, help="thrown at each place")
+    parser.add_argument("--write", action="store_true", help="record errors as evidence")
     given = parser.parse_args()
     print(machine())
-    kept = Folder(given.contacts)
-    targets = {name: kept.targets(name) for name in dict.fromkeys(place[0] for place in PLACES)}
-    heads = *(f"thrown {m + 1}" for m in range(given.tables)), "mean", "shipped", "chosen"
-    print(f"| plane, N, relief, slope | {' | '.join(heads)} |\n|---{'|--:' * len(heads)}|")
-    found = []
-    for k, (name, strength, relief, slopes) in enumerate(PLACES):
-        found.append(at_place(k, kept, given.tables, targets[name]))
-        for slope, one in zip(slopes, found[-1], strict=True):
-            values = *one[:-2], one[:-2].mean(), *one[-2:]
-            cells = " | ".join(f"{value:.2f}" for value in values)
-            print(f"| {name} {strength:g}, {relief:g}, {slope:g} | {cells} |", flush=True)
-    judge(np.array(found))
+    places = [Place(k, Folder(given.contacts)) for k in range(len(PLACES))]
+    compact = [place for place in places if place.shape == "compact"]
+    others = [place for place in places if place not in compact]
+    thrown = [f"thrown {m + 1}" for m in range(given.tables)]
+    rows = judge("compact blocks", compact, thrown, ["shipped", "even", "chosen"])
+    rows += judge("elongated and platy blocks", others, thrown, ["shipped"])
+    if given.write:
+        record(rows)
 
 
-def judge(found: np.ndarray) -> None:
-    """Print errors of the passing fractions, (place, slope, table), as shipped and as chosen."""
-    thrown, reference = found[..., :-2], found[..., :-2].mean(axis=-1)
-    error = np.sqrt(thrown.var(axis=-1, ddof=1).mean() / thrown.shape[-1])
-    counts = (reference >= LOW) & (reference <= HIGH)
-    off = np.where(counts[..., None], found[..., -2:] - reference[..., None], np.nan)
-    by_place = np.nanmean(np.abs(off), axis=1)
-    by_place = by_place[counts.any(axis=1)]
-    gain = by_place[:, 0] - by_place[:, 1]
+def judge(title: str, places: list[Place], thrown: list[str], columns: list[str]) -> list[Evidence]:
+    """Print what passes at places, and errors of the columns. Returns evidence on the first."""
+    heads = *thrown, "mean", *columns
+    print(f"\n| {title}: plane, N, relief, slope | {' | '.join(heads)} |")
+    print(f"|---{'|--:' * len(heads)}|")
+    found, half = [], []
+    for place in places:
+        own = np.array([place.passing(column) for column in (*thrown, *columns)])  # (column, slope)
+        slopes = place.slopes()
+        found.append(own.T)
+        half.append([half_way(values, slopes) for values in own])
+        for slope, values in zip(slopes, own.T, strict=True):
+            of_thrown, rest = values[: len(thrown)], values[len(thrown) :]
+            cells = " | ".join(f"{value:.2f}" for value in (*of_thrown, of_thrown.mean(), *rest))
+            where = f"{place.name} {place.part[0]:g}, {place.part[1]:g}, {slope:g}"
+            print(f"| {where} | {cells} |", flush=True)
+    of_thrown, rest = np.split(np.array(found), [len(thrown)], axis=-1)  # (place, slope, column)
+    off = rest - of_thrown.mean(axis=-1, keepdims=True)
+    error = np.sqrt(of_thrown.var(axis=-1, ddof=1).mean() / len(thrown))
     low = off < -(WRONG + 2 * error)
-    print(f"standard error of a reference {error:.3f}; {counts.sum()} slopes count")
-    print("mean error {:.3f} as shipped, {:.3f} as chosen".format(*by_place.mean(axis=0)))
-    print(f"nearer by {gain.mean():.3f} ± {gain.std(ddof=1) / len(gain) ** 0.5:.3f}")
-    print("mean, with sign {:+.3f}, {:+.3f}".format(*np.nanmean(off, axis=(0, 1))))
-    print("too low: {} as shipped, {} as chosen".format(*low.sum(axis=(0, 1))))
-    print(f"too low as chosen, not as shipped: {int((low[..., 1] & ~low[..., 0]).sum())}")
+    by_place = np.abs(off).mean(axis=1)
+    steeper = np.array(half)[:, len(thrown) :] - np.array(half)[:, : len(thrown)].mean(1)[:, None]
+    print(f"standard error of a reference {error:.3f}")
+    for k, column in enumerate(columns):
+        deviation = steeper[:, k].std(ddof=1)
+        print(
+            f"{column}: mean error {_mean(by_place[:, k])}, with sign "
+            f"{_mean(off[..., k].mean(axis=1))}, from {off[..., k].min():+.2f} to "
+            f"{off[..., k].max():+.2f}, too low {low[..., k].sum()}; half pass on slopes steeper "
+            f"by {_mean(steeper[:, k])} degrees, deviation {deviation:.2f}"
+        )
+    if "chosen" in columns:
+        apart = np.abs(rest[..., 1] - rest[..., 0]).mean()
+        print(f"evenly spaced and shipped differ by {apart:.3f} (bound {ALIKE:g})")
+        print(f"chosen nearer by {_mean(by_place[:, 0] - by_place[:, 2])}")
+        print(f"too low as chosen, not as shipped: {int((low[..., 2] & ~low[..., 0]).sum())}")
+    steep = steeper[:, 0]
+    return [
+        with_origin(("between-parts", title, quantity, "shipped"), unit, nan, *numbers)
+        for quantity, unit, numbers in (
+            ("passing_error", "", _mean_of(by_place[:, 0])),
+            ("passing_too_low", "", (-off[..., 0].min(), error)),
+            ("half_slope_error", "degree", _mean_of(steep)),
+            ("half_slope_too_steep", "degree", (steep.max(), nan)),
+        )
+    ]
+
+
+def _mean_of(values: np.ndarray) -> tuple[float, float]:
+    """Mean and its standard error."""
+    return float(values.mean()), float(values.std(ddof=1) / len(values) ** 0.5)
+
+
+def _mean(values: np.ndarray) -> str:
+    return "{:+.3f} ± {:.3f}".format(*_mean_of(values))
 
 
 if __name__ == "__main__":
