@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rows of the table of evidence, python/rockfall/data/field_evidence.csv, that scripts record."""
+"""Rows of the table of evidence, python/rockfall/data/field_evidence.csv, recorded by scripts."""
 
 import datetime
 import shlex
@@ -18,14 +18,14 @@ from benchmarks.machine import ROOT
 from rockfall.evidence import TABLE, Evidence, table
 from rockfall.io.tables import write_csv
 
-DIGITS = 4  # of errors, significant
+DIGITS = 4  # significant digits of errors
 
 
 def row(
     key: tuple[str, str, str, str], unit: str, observed: float, values: Iterable[float]
 ) -> Evidence:
-    """Row of site, place, quantity and model from numbers of independent runs of this script; or
-    from one printed number, which has no standard error."""
+    """Row for a site, place, quantity and model, from values of independent runs of this script, or
+    from one published value without standard error."""
     values = np.asarray([*values], float)
     errors = values if np.isnan(observed) else 100 * (values / observed - 1)
     spread = errors.std(ddof=1) / np.sqrt(errors.size) if errors.size > 1 else nan
@@ -35,7 +35,7 @@ def row(
 def with_origin(
     key: tuple[str, str, str, str], unit: str, observed: float, error: float, spread: float
 ) -> Evidence:
-    """Row of an error and its standard error, made by the command that runs, today."""
+    """Row with an error, its standard error, today's date and the current command."""
     head = ["git", "rev-parse", "--short=8", "HEAD"]
     commit = subprocess.run(head, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     script = Path(sys.argv[0]).resolve().relative_to(ROOT)

@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 from rockfall.errors import RockfallError, need
 
-FOLDER = "ROCKFALL_FIELD_DATA"  # environment variable: a folder used in place of downloads
+FOLDER = "ROCKFALL_FIELD_DATA"  # environment variable with a folder to use instead of downloads
 CACHE = "rockfall"  # name of the download folder in the user's cache
-#: Repository with tables derived from EnviDat data, at the commit of the checksums below.
+#: Repository of tables derived from EnviDat data, at the commit of the checksums below.
 DERIVED = "https://github.com/ofuhrer/rust_rockfall/raw/722f7c7"
 
 
 class RemoteFile(NamedTuple):
-    """A file: its local name, its address, and its checksum as `algorithm:digest`."""
+    """Remote file: local name, address, and checksum as `algorithm:digest`."""
 
     name: str
     url: str
@@ -26,8 +26,8 @@ class RemoteFile(NamedTuple):
 
 @dataclass(frozen=True)
 class Archive:
-    """Files used from a published data set. `doi` is that of the data; `origin` is the source of
-    the files; `tried` is True if this program has ever read the real ones."""
+    """Files used from a published data set. `doi` identifies the data, `origin` is the source of
+    the files, and `tried` is True if this program has ever read the real files."""
 
     title: str
     doi: str
@@ -111,10 +111,10 @@ ARCHIVES = {
 def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
     """Return the files of an archive by their local names.
 
-    They are taken from `folder`, or that of the environment variable ROCKFALL_FIELD_DATA, directly
-    or in its subfolder of the archive's name; without either they are downloaded into the user's
-    cache, once. Every file is checked against its checksum. A RockfallError names missing or
-    different files.
+    They are taken from `folder`, or from the folder in the environment variable
+    ROCKFALL_FIELD_DATA, or from a subfolder with the archive's name. Without a folder they are
+    downloaded once into the user's cache. Every file is checked against its checksum. Raises
+    RockfallError for missing or different files.
     """
     if name not in ARCHIVES:
         raise RockfallError(f"no archive {name!r}, known: {', '.join(ARCHIVES)}")
@@ -127,7 +127,7 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
 
 
 def _local(file: RemoteFile, folder: Path, name: str) -> Path:
-    """File in a folder, unchanged from its publication."""
+    """File in a folder, checked to be unchanged."""
     if not folder.is_dir():
         raise RockfallError(f"{folder}: no such folder of field data")
     for path in (folder / name / file.name, folder / file.name):
@@ -157,9 +157,9 @@ def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
         path = pooch.retrieve(
             file.url, file.checksum, fname=file.name, path=pooch.os_cache(CACHE) / name
         )
-    except ValueError as error:  # from pooch: another checksum
+    except ValueError as error:  # pooch found another checksum
         raise RockfallError(f"{text}: {error}") from None
-    except OSError as error:  # no network, no such file, no space
+    except OSError as error:  # no network, no such file, or no disk space
         advice = f"or give a folder with {', '.join(archive.names)} ({FOLDER}, --data)"
         raise RockfallError(f"{text}: cannot be downloaded: {error}; {advice}") from None
     return Path(path)

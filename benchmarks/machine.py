@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The machine of a benchmark, which every claim needs, and code shared by benchmarks."""
+"""Description of the machine, needed for every result, and code shared by benchmarks."""
 
 import os
 import platform
@@ -9,15 +9,15 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]  # of the repository
+ROOT = Path(__file__).parents[1]  # folder of the repository
 VAUJANY = ROOT / "cases/vaujany/case.nml"
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # &output
-# By the lanes of rockfall_scene_type:
+NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # keys of &output for minimal output
+# Execution modes, as in rockfall_scene_type:
 LANES = {"one by one": 0, "any processor": 1, "with AVX2": 2, "with AVX-512": 3}
 
 
 def machine() -> str:
-    """One line: processor, cores, load, system, program version."""
+    """One line with processor, cores, load, system and program version."""
     cpu = platform.processor() or "unknown processor"
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -29,8 +29,8 @@ def machine() -> str:
 
 
 def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int) -> list[tuple]:
-    """Wall and CPU seconds and peak memory [bytes] of a command of rockfall with several Pythons in
-    turn, each in its folder: minima."""
+    """Minimum wall and CPU seconds and peak memory [bytes] of a rockfall command, run in turn by
+    several Pythons, each in its folder."""
     best = [(float("inf"),) * 3] * len(pythons)
     for _ in range(repeat):
         for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):

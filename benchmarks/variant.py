@@ -11,7 +11,7 @@ from benchmarks.machine import ROOT
 
 
 def copy_sources(folder: Path) -> None:
-    """Copy all files of a build, to be changed."""
+    """Copy all files of a build, in order to change them."""
     for name in ("fortran", "python", "tools", "benchmarks"):
         shutil.copytree(ROOT / name, folder / name)
     for name in ("meson.build", "meson.options", "LICENSE"):
@@ -19,7 +19,7 @@ def copy_sources(folder: Path) -> None:
 
 
 def replace(file: Path, old: str, new: str, times: int = 1) -> None:
-    """Change the sources; stops if they no longer contain the expected text."""
+    """Change the sources; stop if they do not contain the expected text."""
     text = file.read_text()
     if text.count(old) != times:
         sys.exit(f"{file.name}: '{old}' should be there {times} times; mend the benchmark")
@@ -27,14 +27,14 @@ def replace(file: Path, old: str, new: str, times: int = 1) -> None:
 
 
 def go_one_by_one(folder: Path) -> None:
-    """Switch lanes off, because their flights do not use the procedure `fly`."""
+    """Switch lanes off, because their flights do not call `fly`."""
     lanes = "integer :: lanes = "
     scene = folder / "fortran/src/trace/scene_type.f90"
     replace(scene, f"{lanes}masked_lanes", f"{lanes}one_by_one")
 
 
 def build(folder: Path, *targets: str) -> list[Path]:
-    """Build the changed sources with the product's flags; returns the programs."""
+    """Build the changed sources with the product's flags; return the programs."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     setup = ["meson", "setup", "-Dpython=false", "-Dbuildtype=release", "build"]
     for command in (setup, ["ninja", "-C", "build", "--quiet", *targets]):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tests on an emulated arm64: in Fortran, and of cases that must have the bits of this processor.
+"""Tests on an emulated arm64: Fortran tests, and cases that must give identical bits.
 
 usage: arm64_test.py   needs gfortran-aarch64-linux-gnu and qemu-user
 
-Libraries come from Debian's packages for arm64, unpacked into a folder of the build.
+Libraries come from Debian's arm64 packages, unpacked into a folder of the build.
 """
 
 import os
@@ -22,14 +22,14 @@ QEMU = "qemu-aarch64", "-L", str(SYSTEM)
 
 
 def main() -> str | None:
-    """Build and run the tests; returns the fault, if any."""
-    os.environ["OMP_WAIT_POLICY"] = "passive"  # an emulated thread that waits takes a core
+    """Build and run the tests; return the fault, if any."""
+    os.environ["OMP_WAIT_POLICY"] = "passive"  # a waiting thread in emulation would occupy a core
     if not SYSTEM.exists():
         unpack_system()
     if not (BUILD / "kernel/build.ninja").exists():
         configure()
     subprocess.run(["ninja", "-C", BUILD / "kernel", "--quiet"], check=True)
-    # each has 100 minutes, since emulation on a busy machine is slow
+    # 100 minutes per test, since emulation on a busy machine is slow
     tests = ["meson", "test", "-C", BUILD / "kernel", "--print-errorlogs", "-t", "20"]
     if subprocess.run(tests).returncode:
         return "the Fortran tests fail"
@@ -50,7 +50,7 @@ def main() -> str | None:
 
 
 def unpack_system() -> None:
-    """Fetch Debian's packages for arm64, with all that they need, and unpack them."""
+    """Fetch Debian's arm64 packages with all their dependencies, and unpack them."""
     apt = BUILD / "apt"
     for part in ("lists/partial", "archives/partial"):
         (apt / part).mkdir(parents=True, exist_ok=True)
@@ -65,12 +65,12 @@ def unpack_system() -> None:
     subprocess.run(["apt-get", "-qq", *options, *install], check=True)
     for package in sorted((apt / "archives").glob("*.deb")):
         subprocess.run(["dpkg-deb", "-x", package, SYSTEM], check=True)
-    for name in ("libc.so", "libm.so", "libc.a", "libm.a"):  # the compiler has its own
+    for name in ("libc.so", "libm.so", "libc.a", "libm.a"):  # the compiler has its own versions
         (LIBRARIES / name).unlink(missing_ok=True)
     for path in LIBRARIES.glob("pkgconfig/*.pc"):
         if not path.is_symlink():
             path.write_text(path.read_text().replace("/usr", f"{SYSTEM}/usr"))
-            if "-netlib" in path.name:  # which update-alternatives would choose
+            if "-netlib" in path.name:  # update-alternatives would choose this
                 shutil.copy(path, path.with_name(path.name.replace("-netlib", "")))
 
 

@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# The two commands of the README as a newcomer types them, `./run demo` and then `./run test`, in bare systems without
-# Node.js, compilers and Python. As root; some 15 minutes and 4 GB for each system.
-# usage: bare.sh [SUITE...]   default: bookworm trixie noble, of which those that the network does not offer are named
+# Run `./run demo` and `./run test` from the README on bare systems without Node.js, compilers and Python. As root;
+# takes 15 minutes and 4 GB per system.
+#
+# usage: bare.sh [SUITE...] default: bookworm trixie noble, if offered
 set -eu
 cd -P "$(dirname "$0")/.."
 PATH=$PATH:/usr/sbin:/sbin
@@ -14,7 +15,7 @@ command -v debootstrap >/dev/null || { say "debootstrap is missing: apt-get inst
 failed=
 for suite in ${*:-bookworm trixie noble}; do
    root=$PWD/build/bare/source-$suite
-   rm -rf --one-file-system "$root"  # what an earlier try installed would hide what is missing
+   rm -rf --one-file-system "$root"  # leftovers would hide what is missing
    mkdir -p "$root"
    if ! debootstrap --variant=minbase --include=ca-certificates "$suite" "$root" >"$root.log" 2>&1; then
       say "$suite could not be made: $root.log"
@@ -22,7 +23,7 @@ for suite in ${*:-bookworm trixie noble}; do
       continue
    fi
    cp /etc/resolv.conf /etc/hosts "$root/etc/"
-   cp /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"  # of networks with a certificate of their own
+   cp /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"  # for networks with own certificates
    git clone --quiet . "$root/srv/rockfall"
    mkdir -p "$root/dev/shm"
    mount -t proc proc "$root/proc"

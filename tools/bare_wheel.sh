@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# The wheel of dist/ in a bare Debian that has Python and no compiler, as root: installed with pip, and the first
-# steps of the tutorial run.
-# usage: bare_wheel.sh [SUITE]   bookworm (Python 3.11), trixie (3.13), sid (3.14)
-# The system stays in build/bare/SUITE for the next time. MOST: seconds that installation and run may take.
+# Install the wheel of dist/ with pip in a bare Debian with Python but no compiler, as root, and run the first steps of
+# the tutorial. The system stays in build/bare/SUITE. MOST: maximum seconds of installation and run.
+#
+# usage: bare_wheel.sh [SUITE] bookworm (Python 3.11), trixie (3.13), sid (3.14)
 set -eu
 cd -P "$(dirname "$0")/.."
 PATH=$PATH:/usr/sbin:/sbin
@@ -27,7 +27,7 @@ if [ ! -e "$root/srv/made" ]; then
    touch "$root/srv/made"
 fi
 
-# Nothing there that compiles, and nothing that the wheel must bring.
+# Check that the system has no compiler, and nothing that the wheel must provide.
 within true
 for program in cc gcc gfortran meson; do
    ! within sh -c "command -v $program" || fail "$root is not bare: it has $program"
@@ -53,7 +53,7 @@ steps="python make_layers.py
    rockfall lines result.nc
    rockfall prepare case.nml ready
    rockfall-batch ready/case.nml --shard 1/20"
-mount -t proc proc "$root/proc"  # from which a program knows its own place, and so that of its libraries
+mount -t proc proc "$root/proc"  # needed by a program to find itself and its libraries
 trap 'umount "$root/proc"' EXIT
 start=$(date +%s)
 within sh -euc "
@@ -68,7 +68,7 @@ seconds=$(($(date +%s) - start))
 say "$wheel in $suite: installed and run in $seconds s, $(du -sm "$root/srv/python" | cut -f1) MB"
 [ "$seconds" -le "${MOST-120}" ] || fail "that is more than ${MOST-120} s"
 
-# The same bits as those of the build from source, where there is one.
+# Results must be bit-identical to those of the build from source, if it exists.
 if [ -x .venv/bin/rockfall ]; then
    rm -rf build/bare/case
    mkdir build/bare/case

@@ -3,9 +3,9 @@
 
 usage: bundled_licences.py [FOLDER]   FOLDER of static_netcdf.py, if rockfall-batch is in the wheel
 
-A wheel contains libgfortran, libgomp and libquadmath of GCC and, linked into its extensions, LAPACK
-and BLAS; in rockfall-batch netCDF, HDF5 and zlib. Their licences must be included. They are taken
-from the building machine.
+A wheel contains libgfortran, libgomp and libquadmath of GCC; LAPACK and BLAS, linked into its
+extensions; and netCDF, HDF5 and zlib in rockfall-batch. Their licences must be included, and are
+taken from the building machine.
 """
 
 import os
@@ -16,7 +16,7 @@ from pathlib import Path
 
 BREW = "/opt/homebrew/opt", "/usr/local/opt"
 MSYS2 = f"{os.environ.get('RUNNER_TEMP', '')}/msys64/ucrt64/share/licenses"
-PLACES = {  # of each: where Debian, Fedora, Homebrew and MSYS2 keep its licence
+PLACES = {  # locations of each licence in Debian, Fedora, Homebrew and MSYS2
     "gcc": [
         "/usr/share/doc/libgfortran5/copyright",
         "/usr/share/common-licenses/GPL-3",
@@ -32,7 +32,7 @@ PLACES = {  # of each: where Debian, Fedora, Homebrew and MSYS2 keep its licence
         f"{MSYS2}/lapack/*",
     ],
 }
-OF_NETCDF = {  # in the folder of static_netcdf.py
+OF_NETCDF = {  # licences in the folder of static_netcdf.py
     "netcdf": ["netcdf-c-*/COPYRIGHT"],
     "netcdf-fortran": ["netcdf-fortran-*/COPYRIGHT"],
     "hdf5": ["hdf5-*/COPYING"],
@@ -42,7 +42,7 @@ OWN = 'license-files = ["LICENSE"]'
 
 
 def main(folders: list[str]) -> str | None:
-    """Copy licences to `licences`, and list them in pyproject.toml; returns the fault, if any."""
+    """Copy licences to `licences` and list them in pyproject.toml; return the fault, if any."""
     project = Path("pyproject.toml")
     text = project.read_text("utf-8")
     if OWN not in text:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of Debian's packages."""
+"""Sources of Debian packages."""
 
 import subprocess
 from pathlib import Path
 
 
 def fetch(place: Path, *packages: str) -> None:
-    """Download the sources of Debian's packages, from the places of the binary ones."""
+    """Download Debian source packages from the repositories configured for binary packages."""
     folder = place / "apt"
     for part in ("lists/partial", "sources"):
         (folder / part).mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Docstrings of rockfall on the page of the Python interface (an extension of griffe).
+"""Docstrings on the page of the Python interface (an extension of griffe).
 
-In `help()` they are plain text: examples without a heading, pages by their path, names in angle
-brackets. For the site the examples become a section, the paths links, the brackets text.
+In `help()`, docstrings are plain text: examples have no heading, pages are given by path, and names
+are in angle brackets. For the site, examples become a section, paths become links, and brackets
+become text.
 """
 
 import re

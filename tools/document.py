@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write pages of reference from the program's own tables and parsers, so that they cannot differ:
+"""Write reference pages from the program's tables and parsers, so that they cannot differ:
 docs/case.md, result.md, cli.md, api.md, ground_table.md and glossary.md; and the blocks of pages
 that contain evidence.
 
@@ -269,7 +269,7 @@ the messages and reports use.
 
 
 def glossary_page() -> str:
-    """Page of the terms in four languages."""
+    """Page of terms in four languages."""
     rows = csv.DictReader(TERMS.read_text(encoding="utf-8").splitlines())
     names = {"en": "term", "de": "Deutsch", "fr": "français", "it": "italiano"}
     names |= {"meaning": "meaning", "used_in": "used in"}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blocks of pages that are filled from the table of evidence, for tools/document.py. A block is
-between `<!-- evidence: NAME -->` and `<!-- end of evidence -->`."""
+"""Blocks of pages filled from the table of evidence, for tools/document.py. A block is between
+`<!-- evidence: NAME -->` and `<!-- end of evidence -->`."""
 
 import re
 import textwrap
@@ -17,7 +17,7 @@ QUANTITIES = {
     "energy_translational": "energy of translation [kJ]",
 }
 STATISTICS = {"mean": "mean", "std": "deviation", "max": "largest of 100"}
-MODELS = {  # at Vaujany, as pages name them
+MODELS = {  # names of models at Vaujany on pages
     "talus": "impact table `talus`",
     "rocky-slope": "impact table `rocky-slope`",
     "vaujany-observed": "set `vaujany-observed`, the default",
@@ -27,15 +27,15 @@ MODELS = {  # at Vaujany, as pages name them
     "paper, B": "the paper's own simulation, B",
     "paper, A": "the paper's own simulation, A",
 }
-TRIED = "compact", "meadow", "vegetated-soil", "soft-soil", "talus"  # plains below talus
-SIZES = "0.2", "0.5", "1"  # R_b there [m]
-SLOPES = 20, 26, 30, 34, 38  # planes [degree]
-SOILS = "vegetated-soil", "soft-soil"  # onto which blocks fall
-SMALL = "talus", "soft-soil", "vegetated-soil", "meadow", "compact", "rock"  # of R_b = 0.4 m
+TRIED = "compact", "meadow", "vegetated-soil", "soft-soil", "talus"  # grounds of plains below talus
+SIZES = "0.2", "0.5", "1"  # R_b on these plains [m]
+SLOPES = 20, 26, 30, 34, 38  # slopes of planes [degree]
+SOILS = "vegetated-soil", "soft-soil"  # grounds onto which blocks fall
+SMALL = "talus", "soft-soil", "vegetated-soil", "meadow", "compact", "rock"  # with R_b = 0.4 m
 
 
 def filled(page: str) -> str:
-    """Page with its blocks updated."""
+    """Page with updated blocks."""
     return BLOCK.sub(lambda block: f"{block[1]}{BLOCKS[block[2]]()}\n{block[3]}", page)
 
 
@@ -55,7 +55,7 @@ def signed(*rows: Evidence) -> str:
 
 
 def with_error(row: Evidence, decimals: int) -> str:
-    """Number of the model and its standard error."""
+    """Value of the model with its standard error."""
     number = f"{row.simulated:.{decimals}f}"
     return number if isnan(row.standard_error) else f"{number} ± {row.simulated_error:.1g}"
 
@@ -67,7 +67,7 @@ def vaujany(model: str, statistic: str) -> str:
 
 
 def high_height(line: str, model: str) -> float:
-    """Error of the mean passing height plus one deviation at a line [%]."""
+    """Error of the mean passing height plus one standard deviation at a line [%]."""
     mean, deviation = (
         only("vaujany", line, f"passing_height_{statistic}", model) for statistic in ("mean", "std")
     )
@@ -97,7 +97,7 @@ def shadow(radius: str, quantity: str, model: str, slopes: str = "38 on 10") -> 
 
 
 def fallen(model: str) -> float:
-    """Fraction that passes 60 m down a slope after a fall onto it."""
+    """Fraction of boulders that pass 60 m down a slope after a fall onto it."""
     return only("fall", "20 m onto 20 degrees, R_b 0.6 m", "passing_60_m", model).error
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pages of the command line and of the Python interface, for tools/document.py."""
+"""Pages of the command line and of the Python interface, for tools/document.py."""
 
 import argparse
 import ast
@@ -49,7 +49,7 @@ def rows(parser: argparse.ArgumentParser) -> Iterator[list[str]]:
 
 
 def commands(parser: Any) -> Iterator[argparse.ArgumentParser]:
-    """Commands that do something, in the order of `--help`."""
+    """Commands without subcommands, in the order of `--help`."""
     parser.complete()
     inner = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
     if not inner:
@@ -77,7 +77,7 @@ def spaced(arguments: str) -> str:
 
 
 def signature(name: str) -> str:
-    """Signature as in the source, with an argument per line if it is long."""
+    """Signature as in the source; a long signature has one argument per line."""
     found = getattr(rockfall, name)
     made = found.__init__ if inspect.isclass(found) else found
     [node] = ast.parse(textwrap.dedent(inspect.getsource(made))).body
@@ -86,7 +86,7 @@ def signature(name: str) -> str:
     if inspect.isclass(found):
         node.returns = None
     for default in [*node.args.defaults, *filter(None, node.args.kw_defaults)]:
-        if isinstance(default, ast.Name):  # a constant of its module, here as its number
+        if isinstance(default, ast.Name):  # a constant of the module, replaced by its value
             default.id = repr(getattr(sys.modules[found.__module__], default.id))
     text = spaced(ast.unparse(node).removeprefix("def ").partition(":\n")[0])
     if len(text) <= 90:
@@ -96,7 +96,7 @@ def signature(name: str) -> str:
     return text.replace(f"({arguments})", "(\n" + "".join(f"    {one},\n" for one in every) + ")")
 
 
-WITH_MEMBERS = {"Batch", "Session"}  # classes that others make, whose methods are listed
+WITH_MEMBERS = {"Batch", "Session"}  # classes created by functions, whose methods are listed
 
 
 def api_page() -> str:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run f2py for meson, and fail where f2py only prints a warning: a guessed type is a wrong
-number."""
+"""Run f2py for meson, and fail if f2py only prints a warning: a guessed type would give wrong
+numbers."""
 
 import re
 import subprocess

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the figures of the pages in docs, from their cases.
+"""Make the figures of the pages in docs from their cases.
 
-`python tools/figures.py FOLDER` writes them below FOLDER; it follows the tutorial, and fails if a
-page differs from the program's output. A minute.
+`python tools/figures.py FOLDER` writes them to subfolders of FOLDER. It follows the tutorial, and
+fails if a page differs from the program's output. Takes a minute.
 """
 
 import shutil
@@ -44,7 +44,7 @@ def tutorial(out: Path) -> None:
 
 
 def site(folder: Path, out: Path) -> None:
-    """The layers of the tutorial over the relief."""
+    """Draw the layers of the tutorial over the relief."""
     with rasterio.open(folder / "dem.tif") as file:
         z, box = file.read(1), file.bounds
     figure, axes = plt.subplots(figsize=(6, 7.4), layout="constrained")

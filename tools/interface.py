@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write tests/interface.txt: the names that docs/stability_policy.md promises, one a line. A test
-compares the list with the program; it is updated deliberately, and reviewed as a change.
+"""Write tests/interface.txt: the names promised in docs/stability_policy.md, one per line. A test
+compares the list with the program; it is updated deliberately and reviewed like any change.
 
 python tools/interface.py           writes it
 python tools/interface.py --check   prints the differences (exit status 0 or 1)
@@ -31,12 +31,12 @@ from rockfall.result.validate import ALWAYS, known_variables
 from rockfall.scene.prepare import LAYOUT as SCENE_LAYOUT
 from rockfall.simulation.parts.part_file import LAYOUT as PART_LAYOUT
 
-MADE = rockfall.Batch, rockfall.Session  # by functions and methods: nobody else makes one
+MADE = rockfall.Batch, rockfall.Session  # classes created only by functions and methods
 LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"
 
 
 def listed() -> str:
-    """The list of this program."""
+    """List of names in this program."""
     parts = {
         "keys of a case: type, number of values, default, what is allowed, unit": _keys(),
         "commands of rockfall, their arguments: number, default, choices": _commands(),
@@ -62,7 +62,7 @@ def listed() -> str:
 
 def _keys() -> Iterator[str]:
     for key in key_table():
-        if key.is_varied:  # GROUP_KEY of &variant: as that key of the group
+        if key.is_varied:  # GROUP_KEY of &variant: same properties as the key in its group
             continue
         several = "" if key.most == 1 else f"({key.most})" if key.most == 3 else "(:)"
         again = " repeatable" if key.group in REPEATABLE else ""
@@ -98,7 +98,7 @@ def _program() -> Iterator[str]:
     done = subprocess.run([program, "--help"], capture_output=True, text=True, check=True)
     for line in done.stdout.splitlines():
         if line.startswith("  -"):
-            yield line[:23].strip()  # what it does stands beside it
+            yield line[:23].strip()  # the description follows in the next column
 
 
 def _variables() -> Iterator[str]:
@@ -108,7 +108,7 @@ def _variables() -> Iterator[str]:
 
 
 def _units() -> dict[str, str]:
-    """Units of the variables of a result, if the tables have them."""
+    """Units of the result variables, if the tables have them."""
     tables = {
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
              variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.SHADOW,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hooks of mkdocs.yml for the site.
 
-- Links of pages to files outside docs/ (cases, benchmarks, CHANGELOG.md, ...) work in a browser of
-  the repository and here: Markdown becomes a page of the site, any other file comes with it.
+- Links from pages to files outside docs/ (cases, benchmarks, CHANGELOG.md, ...) work in a browser
+  of the repository and here: Markdown becomes a page of the site, any other file is copied.
 - Equations, `$...$` and `$$...$$` with `\\tag{n}`, become MathML, which browsers draw.
 - The pages that FORD makes of the kernel, in out/fortran, are put under fortran/.
 - Archived pages can be linked to, but are neither in the navigation nor in the search.
@@ -26,13 +26,13 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 FORTRAN = ROOT / "out/fortran"
-SHIPPED: dict[str, str] = {}  # of files from elsewhere in the repository: where they stand there
-FRONT = {"README.md": "docs/index.md"}  # of the repository, and of the site
+SHIPPED: dict[str, str] = {}  # location in the repository of files from outside docs/
+FRONT = {"README.md": "docs/index.md"}  # pages: in the repository, on the site
 CODE = re.compile(r"^(```|~~~).*?^\1|`+[^`]+`+", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()([^)\s#]+)(?=[)#])")
 MATH = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 TAG = re.compile(r"\\tag\{([^}]*)\}")
-#: What a browser fetches by itself when it shows a page; links that a reader may follow are not.
+#: Attributes that a browser fetches when it shows a page, unlike links that a reader may follow.
 FETCHED = re.compile(
     r"""<(?:script|img|iframe|source|video|audio|embed|object)\b[^>]*\s(?:src|srcset|data)=["']?(?:https?:)?//
     |<link\b(?![^>]*\brel=["']?canonical)[^>]*\shref=["']?(?:https?:)?//
@@ -67,19 +67,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def in_repository(uri: str) -> str:
-    """Path in the repository of a file of the site."""
+    """Path in the repository for a file of the site."""
     return SHIPPED.get(uri, f"docs/{uri}")
 
 
 def target(page: str, link: str) -> str | None:
-    """Path in the repository of a link of a page; None for an address."""
+    """Path in the repository for a link of a page; None for an address."""
     if ":" in link or link.startswith("/"):
         return None
     return posixpath.normpath(posixpath.join(posixpath.dirname(in_repository(page)), link))
 
 
 def site_path(path: str) -> str:
-    """Path in the site of a file of the repository; a site has no hidden folders."""
+    """Path on the site for a file of the repository; a site has no hidden folders."""
     return FRONT.get(path, path).removeprefix("docs/").lstrip(".")
 
 
@@ -143,7 +143,7 @@ def on_post_build(config: MkDocsConfig) -> None:
             if url.scheme or url.netloc or path.name == "404.html":
                 continue
             aim = (path.parent / unquote(url.path)).resolve() if url.path else path
-            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD: invalid
+            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD: wrong
             if not aim.exists() or (aim in anchors and fragment not in {"", *anchors[aim]}):
                 wrong.append(f"{path.relative_to(site)}: leads nowhere: {target}")
     if wrong:
@@ -151,8 +151,8 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 
 def bundle_bootstrap(folder: Path) -> None:
-    """Bundle Bootstrap, which FORD would load from the network, and remove MathJax, which no
-    comment needs."""
+    """Bundle Bootstrap, which FORD would load from the network, and remove MathJax, which is not
+    needed."""
     theme = Path(mkdocs.__file__).parent / "themes/mkdocs"
     for name in ("css/bootstrap.min.css", "js/bootstrap.bundle.min.js"):
         shutil.copy(theme / name, folder / name)

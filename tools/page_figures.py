@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Draws the figures of the README and of the pages of concepts, by the program's own functions.
+"""Draw the figures of the README and of the concept pages, with the program's own functions.
 
     python tools/page_figures.py [-o docs/figures] [--boulders 10000]
 
 Writes vaujany.png (the README's slope by the default impact set), impact.png, table_bins.png,
-strength.png and return_periods.png: less than 100 kB each, legible in grey. Half a minute.
+strength.png and return_periods.png: less than 100 kB each, legible in grey. Takes half a minute.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from rockfall.scene.rebounds.sets import read_sets
 ROOT = Path(__file__).resolve().parents[1]
 VAUJANY = ROOT / "cases/vaujany/case.nml"
 GROUNDS = ROOT / "python/rockfall/data/grounds.csv"
-COLOURS = 64  # of a stored picture
-TALL = 800  # the README's picture [pixels]
+COLOURS = 64  # number of colours of a stored picture
+TALL = 800  # height of the README's picture [pixels]
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 9}
-#: Sizes of blocks by scenario, for the curve of return periods.
+#: Block sizes by scenario, for the return-period curve.
 SCENARIOS = [
     {"name": "blocks", "return_period": 5.0, "volume": "lognormal", "volume_mean": 0.3,
      "volume_std": 0.2},
@@ -47,12 +47,12 @@ SCENARIOS = [
 
 
 def slope(boulders: int, **groups: Any) -> rockfall.Case:
-    """The slope of cases/vaujany with one group of the case replaced by others."""
+    """Slope of cases/vaujany with a group of the case replaced by other groups."""
     return rockfall.read_case(VAUJANY).replace(case={"boulders": boulders}, **groups)
 
 
 def overview(boulders: int) -> Image.Image:
-    """Map and profile of the slope by the default impact set, side by side."""
+    """Draw map and profile of the slope by the default impact set, side by side."""
     result = rockfall.run(slope(boulders, impact={"sets": "vaujany-observed", "ratio": "between"}))
     drawn = {one.name: one for one in figures(result, read_dem(VAUJANY.parent / "dem.tif"))}
     parts = []
@@ -69,14 +69,14 @@ def overview(boulders: int) -> Image.Image:
 
 
 def without_scale(sheet: Image.Image) -> Image.Image:
-    """The map and its key, without the scale and the blank sides of the sheet: the axis remains."""
+    """Map and its key, without the scale and the blank margins: the axis remains."""
     sheet.paste("white", (0, round(0.825 * TALL), sheet.width, round(0.91 * TALL)))
     return sheet.crop((round(0.29 * sheet.width), 0, round(0.75 * sheet.width), TALL))
 
 
 @styled
 def impact(boulders: int):
-    """Velocities in the local frame: one impact, and the rebounds that the set draws for it."""
+    """Draw velocities in the local frame: one impact, and rebounds drawn from its set."""
     sets = read_sets("vaujany-observed")[0]
     v_in = np.array([12.0, -6.0, 8.0])
     rebound = set_rebound(sets.mean[2], sets.covariance[2])
@@ -108,7 +108,7 @@ def impact(boulders: int):
 
 @styled
 def table_bins(boulders: int):
-    """Flight contacts of one part of a table, and the bins of its first two keys."""
+    """Draw flight contacts from one part of a table, and the bins of their first two keys."""
     table = open_table(plane_files("ploughed", "compact")[11.5])
     part = len(table.size) // 2
     counts = table.bins["flight"]
@@ -117,7 +117,7 @@ def table_bins(boulders: int):
     v_t, v_n, w = (record[:, FIELDS.index(name)] for name in ("vt_in", "vn_in", "w_in"))
     speed = np.hypot(v_t, v_n)
     first, second = (table.edges[f"flight_edge_{key}"][part] for key in (1, 2))
-    borders = [0.0, *np.sqrt(first), 1.0]  # the key is the square
+    borders = [0.0, *np.sqrt(first), 1.0]  # the key is the squared value
     low, high = 0.4, 1.1
     figure = new_figure(6.0, 3.0)
     axes = figure.subplots()
@@ -134,7 +134,7 @@ def table_bins(boulders: int):
 
 @styled
 def strength(boulders: int):
-    """Strengths of the ground under boulders on talus, and the run-out of these boulders."""
+    """Draw strengths of the ground under boulders on talus, and the run-out of these boulders."""
     by_table = {"sets": None, "ratio": None, "table": "talus"}
     case = slope(min(boulders, 4000), impact=by_table, ensemble={"sets": None})
     result = rockfall.run(case)
@@ -163,7 +163,7 @@ def strength(boulders: int):
 
 @styled
 def return_periods(boulders: int):
-    """Energy by return period at a line, over two scenarios, with its 95 % interval."""
+    """Draw energy by return period at a line, over two scenarios, with its 95 % interval."""
     case = slope(min(boulders, 4000), impact={"sets": "vaujany-observed"}, scenario=SCENARIOS)
     curve = rockfall.exceedance(rockfall.hazard(case), "EL1").query("frequency > 0")
     energy = 1e-3 * curve["energy"].values[1:]

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/rockfall_qgis.zip: the plugin, in the form that QGIS installs, with the version of
-meson.build."""
+"""Make dist/rockfall_qgis.zip: the plugin as QGIS installs it, with the version of meson.build."""
 
 import re
 import sys
@@ -12,7 +11,7 @@ PLUGIN = ROOT / "python/rockfall_qgis"
 
 
 def write_zip(path):
-    """Write the plugin's files, and the licence; returns the path."""
+    """Write the plugin's files and the licence; return the path."""
     version = re.search(r"version: '([^']+)'", (ROOT / "meson.build").read_text("utf-8"))[1]
     path.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make the impact tables that are shipped with the program, from its laboratory of blocks and,
-`rocky-slope`, from that of rocks:
+"""Make the shipped impact tables with the block laboratory (`rocky-slope`: with the rock
+laboratory):
 
     python tools/ship_tables.py [--contacts FOLDER] [ploughed-compact ... | rocky-slope]
 
-A plane has a file for each shape and slope of the relief, with a part for each strength of the
-ground over rho_b g R_b: so one plane serves all sizes of boulders and all soils (theory, chapter
-5). A plane takes up to half an hour on one core, `rocky-slope` two hours; `rockfall lab remake`
-makes a file again from its provenance. Contacts are kept in FOLDER, and not simulated again.
+A plane has one file per block shape and relief slope, with one part per dimensionless ground
+strength, strength/(rho_b g R_b). One plane therefore covers all boulder sizes and all soils
+(theory, chapter 5). A plane takes up to half an hour on one core, `rocky-slope` two hours;
+`rockfall lab remake` reproduces a file from its provenance. Contacts stored in FOLDER are not
+simulated again.
 """
 
 import argparse
@@ -29,19 +30,19 @@ from rockfall_lab.tables import table_of
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"
 ROCKS = "rocky-slope"
-GROUNDS = {"ploughed": "meadow", "hard": "rock"}  # whose other values the laboratory takes
+GROUNDS = {"ploughed": "meadow", "hard": "rock"}  # shipped grounds that provide all other values
 RADIUS = 0.4  # R_b of the blocks: restitution at 5 m/s is that at 2.5 sqrt(g R_b) [m]
-SPEED = 0.6, 10.0, 42.0  # of throws: 0.3 to 21 sqrt(g R_b) [m/s]
-KEPT = 3_000  # contacts of each part that become records
+SPEED = 0.6, 10.0, 42.0  # speeds of throws: 0.3 to 21 sqrt(g R_b) [m/s]
+KEPT = 3_000  # number of contacts in each part that become records
 
 
 class Plane(NamedTuple):
-    """Parts of a plane: strengths of the ground over rho_b g R_b, and slopes of the relief."""
+    """Parts of a plane: dimensionless ground strengths, and slopes of the relief."""
 
     strengths: tuple[float, ...]
-    reliefs: tuple[float, ...]  # [degree]
-    throws: int  # of each part
-    seed: int  # of the first part
+    reliefs: tuple[float, ...]  # slopes of the relief [degree]
+    throws: int  # throws per part
+    seed: int  # seed of the first part
 
 
 PLOUGHED = tuple(1.5 * 2.0**k for k in range(10))
@@ -54,11 +55,11 @@ PLANES = {
     "ploughed-platy": Plane(PLOUGHED, (7.0, 10.0, 13.0, 16.0, 19.0, 22.0), 400, 3000),
     "hard-platy": Plane(HARD, (11.0, 16.0), 400, 3500),
 }
-SEEDS_OF_STRENGTH = 20  # from one strength to the next
+SEEDS_OF_STRENGTH = 20  # increment of the seed from one strength to the next
 
 
 def part_case(name: str, column: int, row: int) -> BlockCase:
-    """Case of the laboratory of one part of a plane."""
+    """Laboratory case for one part of a plane."""
     model, shape = name.split("-")
     plane = PLANES[name]
     pressure = float(f"{plane.strengths[column] * USUAL_WEIGHT * RADIUS:.6g}")
@@ -76,7 +77,7 @@ def part_case(name: str, column: int, row: int) -> BlockCase:
 
 
 def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
-    """Contacts of a case, kept in a file, if any."""
+    """Contacts of a case, stored in a file if a folder is given."""
     if path and path.exists():
         found = load_dataset(path)
         if found.attrs["lab_case"] != case.text():
@@ -90,7 +91,7 @@ def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
 
 
 def make(name: str, folder: Path | None) -> None:
-    """Make the files of a plane, or of the table of rocks."""
+    """Make the files of a plane, or of the rock table."""
     if name == ROCKS:
         case = read_lab_case(ROOT / "lab/cases" / ROCKS / "throws.nml")
         save_table(table_of([run_sequences(case)]), FOLDER / f"{ROCKS}.nc")

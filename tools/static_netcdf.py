@@ -4,8 +4,8 @@
 usage: static_netcdf.py FOLDER [--windows]   FOLDER/netcdf-fortran.pc; needs CMake, a static zlib,
                                              and for Windows Wine
 
-Without remote access, which the program does not use: no DAP or HTTP, hence no curl and no XML. And
-without folder, host and time of the build, for equal bytes everywhere.
+The libraries have no remote access, which the program does not use: no DAP or HTTP, hence no curl
+and no XML. They omit folder, host and time of the build, so they are identical everywhere.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ NETCDF = [
     f"-DENABLE_{one}=OFF"
     for one in ("DAP", "BYTERANGE", "NCZARR", "HDF4", "TESTS", "LIBXML2", "PLUGINS", "EXAMPLES")
 ] + ["-DENABLE_FILTER_TESTING=OFF", "-DBUILD_UTILITIES=OFF"]
-#: Files of netCDF-Fortran, each after those that it uses.
+#: Files of netCDF-Fortran, each after the files that it uses.
 FORTRAN = """
 typeSizes.f90 module_netcdf_nc_data.F90 module_netcdf_nc_interfaces.f90 module_netcdf_nf_data.F90
 module_netcdf_nf_interfaces.F90 module_netcdf_f03.f90 nf_attio.F90 nf_control.F90 nf_dim.f90
@@ -54,7 +54,7 @@ nf_misc.f90 nf_genatt.f90 nf_geninq.f90 nf_genvar.f90 nf_vario.F90 nf_var1io.F90
 nf_varmio.F90 nf_varsio.F90 nf_nc_noparallel.f90 module_netcdf4_nc_interfaces.f90
 module_netcdf4_nf_interfaces.F90 module_netcdf4_f03.f90 nf_nc4.f90 netcdf4.f90
 """.split()
-#: What configure finds of this compiler.
+#: Results of configure for this compiler.
 KINDS = [
     f"-D{name}"
     for name in (
@@ -67,12 +67,12 @@ KINDS = [
 
 
 class Target(NamedTuple):
-    """Target system of the libraries: build programs, and existing libraries."""
+    """Target system of the libraries: its build programs and existing libraries."""
 
     windows: bool
-    compiler: str  # those before its names
+    compiler: str  # prefix of the compiler's names
     zlib: Path
-    include: Path  # of zlib
+    include: Path  # headers of zlib
     others: str  # libraries of the system
 
     @classmethod
@@ -103,9 +103,9 @@ def install_hdf5(place: Path, target: Target) -> None:
     build = place / "build-hdf5"
     build.mkdir(exist_ok=True)
     if target.windows:
-        # MinGW has unistd.h, and not what HDF5 takes to come with it
+        # MinGW has unistd.h, but not the functions that HDF5 expects in it
         edit(tree / "src/H5private.h", r"^#include <sys/wait.h>", "")
-    # digits of long double and of __float128, which a program writes to where it runs
+    # digits of long double and __float128, which configure would find by running a program
     (build / "pac_Cconftest.out").write_text("21;0;")
     cmake(place, target, tree, build, HDF5)
 
@@ -129,7 +129,7 @@ def install_netcdf_fortran(place: Path, target: Target) -> None:
     for name in FORTRAN:
         objects.append(place / f"{Path(name).stem}.o")
         flags = "-O2", "-w", "-cpp", "-fallow-argument-mismatch", "-J", "include"
-        source = (tree / name).relative_to(place)  # which messages show
+        source = (tree / name).relative_to(place)  # paths shown in messages
         words = *flags, *KINDS, f"-I{source.parent}", "-c", source, "-o", objects[-1]
         run(f"{target.compiler}gfortran", *words, folder=place)
     objects.append(place / "nf_lib.o")
@@ -152,18 +152,18 @@ def cmake(place: Path, target: Target, tree: Path, build: Path, options: list[st
         where.append(f"-DCMAKE_TOOLCHAIN_FILE={place}/windows.cmake")
     zlib = f"-DZLIB_LIBRARY={target.zlib}", f"-DZLIB_INCLUDE_DIR={target.include}"
     flags = f"-DCMAKE_C_FLAGS={hidden(place)}"
-    # in `place`: a program of HDF5's configuration leaves a file where it runs
+    # run in `place`: a program in HDF5's configuration leaves a file in its folder
     run("cmake", "-S", tree, "-B", build, *where, flags, *zlib, *COMMON, *options, folder=place)
     run("cmake", "--build", build, "--target", "install", "--parallel", os.cpu_count())
 
 
 def hidden(place: Path) -> str:
-    """Option that replaces the folder in paths written by the C compiler."""
+    """Compiler option that replaces a folder in the paths written by the C compiler."""
     return f"-ffile-prefix-map={place}=."
 
 
 def run(*command: object, folder: Path | None = None) -> None:
-    env = os.environ | {"WINEDEBUG": "-all", "SOURCE_DATE_EPOCH": "0"}  # netCDF shows the latter
+    env = os.environ | {"WINEDEBUG": "-all", "SOURCE_DATE_EPOCH": "0"}  # for netCDF's build time
     subprocess.run([str(word) for word in command], check=True, cwd=folder, env=env)
 
 

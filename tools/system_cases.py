@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Small cases of every kind, which must have the same bits on every system.
+"""Small cases of every kind, whose results must be bit-identical on every system.
 
-usage: system_cases.py make FOLDER      FOLDER/*/trial of NAME.nml, of the shipped cases
-       system_cases.py run FOLDER OUT   OUT/NAME.nc for each, by the rockfall of this Python
-       system_cases.py prepare FOLDER READY        READY/NAME/case.nml for rockfall-batch
-       system_cases.py batch READY OUT PROGRAM...  OUT/NAME.nc for each, by this rockfall-batch
-       system_cases.py compare OUT OUT  what differs between two of these, variable by variable
+usage: system_cases.py make FOLDER FOLDER/*/trial of NAME.nml, of the shipped cases system_cases.py
+run FOLDER OUT OUT/NAME.nc for each, by the rockfall of this Python system_cases.py prepare FOLDER
+READY READY/NAME/case.nml for rockfall-batch system_cases.py batch READY OUT PROGRAM... OUT/NAME.nc
+for each, by this rockfall-batch system_cases.py compare OUT OUT differences between two such
+folders, by variable
 """
 
 import os
@@ -27,12 +27,12 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 ROOT = Path(__file__).parents[1]
-#: Folders of cases whose inputs are all shipped or made.
+#: Case folders whose inputs are all shipped or made.
 FOLDERS = "vaujany", "vaujany-forest", "forested-slope", "protected-road", "settlement", "plane"
 
 
 class Trial(NamedTuple):
-    """A case: a file of `cases`, its changes, and arguments of `rockfall run`."""
+    """Trial: a file in `cases`, its changes, and arguments of `rockfall run`."""
 
     case: str
     groups: dict[str, Any] = {}
@@ -98,14 +98,14 @@ TRIALS = {
     "layers": Trial(DECISION, {"case": {"boulders_total": 800}}, ("--variant", "both"), None),
 }
 SHARDED, RESUMED, CARRIED = "in shards", "stopped and resumed", "lanes"
-LANES = {"one by one": 0, "narrow": 1, "wide": 2, "masked": 3}  # as in rockfall_scene_type
+LANES = {"one by one": 0, "narrow": 1, "wide": 2, "masked": 3}  # modes of rockfall_scene_type
 
 
 def make(folder: Path) -> None:
     """Copy the cases, make their layers, and write the trials next to them."""
     for name in FOLDERS:
         shutil.copytree(ROOT / "cases" / name, folder / name, dirs_exist_ok=True)
-        if name not in ("vaujany", "plane"):  # which have their terrain
+        if name not in ("vaujany", "plane"):  # these have their terrain
             script = folder / name / "make_terrain.py"
             subprocess.run([sys.executable, script, folder / name], check=True)
     (folder / "tutorial").mkdir(exist_ok=True)
@@ -127,7 +127,7 @@ def case_path(folder: Path, name: str) -> Path:
 
 
 def run(folder: Path, out: Path) -> None:
-    """Run every trial; then one case in shards, one that is killed and resumed, one in lanes."""
+    """Run every trial; then one case in shards, one case killed and resumed, one case in lanes."""
     out.mkdir(parents=True, exist_ok=True)
     for name, trial in TRIALS.items():
         simulate(case_path(folder, name), out / f"{name}.nc", *trial.words)
@@ -174,7 +174,7 @@ def killed_and_resumed(case: Path, target: Path) -> None:
 
 
 def prepare(folder: Path, ready: Path) -> None:
-    """Prepare every trial for rockfall-batch; options that it lacks change no bits."""
+    """Prepare every trial for rockfall-batch; options that it lacks do not change results."""
     for name, trial in TRIALS.items():
         words = trial.words if "--variant" in trial.words else ()
         command = ["prepare", str(case_path(folder, name)), str(ready / name), *words]
@@ -186,7 +186,7 @@ def batch(ready: Path, out: Path, program: tuple[str, ...]) -> None:
     """Run every prepared trial on two threads."""
     out.mkdir(parents=True, exist_ok=True)
     command = [*program, "--quiet", "--threads", "2", "--overwrite"]
-    for case in sorted(ready.glob("*/case.nml")):  # by paths without a drive's letter
+    for case in sorted(ready.glob("*/case.nml")):  # paths without a drive letter
         paths = (
             case.relative_to(ready),
             "-o",
@@ -197,7 +197,7 @@ def batch(ready: Path, out: Path, program: tuple[str, ...]) -> None:
 
 
 def compare(one: Path, other: Path) -> dict[str, list[str]]:
-    """Variables that differ in a bit, for each result in either folder."""
+    """Variables that are not bit-identical, for each result in either folder."""
     names = {path.name for folder in (one, other) for path in folder.glob("*.nc")}
     return {
         Path(name).stem: differing(one / name, other / name)
@@ -208,7 +208,7 @@ def compare(one: Path, other: Path) -> dict[str, list[str]]:
 
 
 def differing(one: Path, other: Path) -> list[str]:
-    """Variables of two results that differ in a bit, and the maximum relative difference."""
+    """Variables of two results that are not bit-identical, and the maximum relative difference."""
     with xr.open_dataset(one, decode_cf=False) as a, xr.open_dataset(other, decode_cf=False) as b:
         names = sorted(map(str, {*a.variables} ^ {*b.variables}))
         for name in sorted({*map(str, a.variables)} & {*map(str, b.variables)}):
@@ -229,7 +229,7 @@ def distance(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def main(command: str, one: str, *more: str) -> str | None:
-    """Carry out a command; returns the fault, if any."""
+    """Run a command; return the fault, if any."""
     place, *others = (Path(folder).resolve() for folder in (one, *more[:1]))
     if command == "make":
         make(place)

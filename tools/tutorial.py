@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Follows the tutorial to the letter: its commands, its edits, and their printed output.
+"""Follow the tutorial exactly: its commands, its edits, and their printed output.
 
-`python tools/tutorial.py FOLDER` does so in an empty folder and prints differences between pages
-and the program. On a page of docs/tutorial a block of
+`python tools/tutorial.py FOLDER` does this in an empty folder and prints differences between pages
+and program. On a page of docs/tutorial, blocks have these meanings:
 
-    sh                                 is commands, run in the folder of the reader
-    text                               is what those before it print; "..." stands for anything
-    fortran title="case.nml"           is keys to set in that file, and groups to add to it
-    csv title="case_zones.csv"         is that file
+sh commands, run in the reader's folder text output of the preceding commands; "..." matches
+anything fortran title="case.nml" keys to set in this file, and groups to add csv
+title="case_zones.csv" contents of this file
 """
 
 import contextlib
@@ -24,7 +23,7 @@ from pathlib import Path
 
 from rockfall.cli import main
 
-os.environ["ROCKFALL_PROGRESS"] = "none"  # how far a command is depends on the machine
+os.environ["ROCKFALL_PROGRESS"] = "none"  # progress depends on the speed of the machine
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs/tutorial"
@@ -35,7 +34,7 @@ KEY = re.compile(r"^ *(\w+) = ([^!\n]*?) *$", re.MULTILINE)
 
 
 def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """For each block of output: the page, its text, and the output of the commands before it."""
+    """For each block of output: the page, its text, and the output of the preceding commands."""
     shutil.copy(LAYERS, folder)
     with contextlib.chdir(folder):
         for page in sorted(PAGES.glob("[0-9]*.md")):
@@ -54,7 +53,7 @@ def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def run(command: str) -> str:
-    """Output of a command, without spaces at the ends of lines."""
+    """Output of a command, without trailing spaces."""
     name, *arguments = shlex.split(command, comments=True) or [""]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
@@ -71,7 +70,7 @@ def run(command: str) -> str:
 
 
 def edited(case: str, block: str) -> str:
-    """A case with the keys of a block set in existing groups, and other groups added."""
+    """Case with the keys of a block set in existing groups, and new groups added."""
     had = set(re.findall(r"^&(\w+)", case, re.MULTILINE))
     for group in GROUP.finditer(block):
         name, keys = group.groups()
@@ -95,12 +94,12 @@ def edited(case: str, block: str) -> str:
 
 
 def agree(said: str, printed: str) -> bool:
-    """Return True if a page has the program's output."""
+    """Return True if a page agrees with the program's output."""
     return OutputChecker().check_output(said, printed, ELLIPSIS)
 
 
 def differences(folder: Path) -> Iterator[str]:
-    """Differences between pages and the program."""
+    """List differences between pages and the program."""
     for page, said, printed in follow(folder):
         if not agree(said, printed):
             yield f"docs/tutorial/{page} says\n{said}but the program prints\n{printed}"

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/: the source distribution, and from it a wheel that needs no compiler, made twice.
+"""Make dist/: the source distribution and, from it, wheels that need no compiler.
 
-usage: wheel.py [--once] [PYTHON...]   a wheel for each of these interpreters, or for this one
+usage: wheel.py [--once] [PYTHON...] one wheel per interpreter; default: this Python
 
-The second build is in another folder and another time zone; it must give the same bytes.
+Each wheel is built twice. The second build, in another folder and time zone, must give identical
+bytes.
 """
 
 import hashlib
@@ -20,14 +21,14 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
 TOOLS = ROOT / "requirements/wheel.txt"
-#: netCDF without what nobody needs to read and write local files, for rockfall-batch.
+#: netCDF for rockfall-batch, limited to reading and writing local files.
 NETCDF = ROOT / "build-wheel/netcdf"
-#: What auditwheel may copy into the wheel.
+#: Libraries that auditwheel may copy into the wheel.
 BUNDLED = {"libgfortran", "libgomp", "libquadmath"}
 
 
 def main(words: list[str]) -> str | None:
-    """Make the distributions; returns the fault, if any."""
+    """Make the distributions; return the fault, if any."""
     once = "--once" in words
     pythons = [word for word in words if word != "--once"] or [sys.executable]
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
@@ -36,7 +37,7 @@ def main(words: list[str]) -> str | None:
     if not (NETCDF / "netcdf-fortran.pc").exists():
         subprocess.run([sys.executable, ROOT / "tools/static_netcdf.py", NETCDF], check=True)
     os.environ["SOURCE_DATE_EPOCH"] = output("git", "log", "-1", "--format=%ct")
-    os.umask(0o022)  # a wheel keeps the modes of its files
+    os.umask(0o022)  # a wheel stores the modes of its files
     DIST.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="rockfall-") as folder:
         for number, python in enumerate(pythons):
@@ -67,7 +68,7 @@ def digest(path: Path) -> str:
 
 
 def make_tools(folder: Path, python: str) -> Path:
-    """Folder of programs of a new environment with the tools to build a wheel."""
+    """Folder with the programs of a new environment that has the tools to build a wheel."""
     subprocess.run([python, "-m", "venv", folder], check=True)
     install = ["-m", "pip", "install", "--quiet", "--only-binary", ":all:", "--require-hashes"]
     subprocess.run([folder / "bin/python", *install, "--requirement", TOOLS], check=True)
@@ -75,7 +76,7 @@ def make_tools(folder: Path, python: str) -> Path:
 
 
 def make_source(tools: Path) -> Path:
-    """The source distribution of the last commit, in dist."""
+    """Make the source distribution of the last commit, in dist."""
     code = "import mesonpy, sys; print(mesonpy.build_sdist(sys.argv[1]))"
     done = subprocess.run(
         [tools / "python", "-c", code, DIST],
@@ -85,7 +86,7 @@ def make_source(tools: Path) -> Path:
 
 
 def make_wheel(tools: Path, source: Path, folder: Path, zone: str) -> Path:
-    """A wheel from the source distribution, repaired, in a folder of its own."""
+    """Make a wheel from the source distribution in a separate folder, and repair it."""
     folder.mkdir(parents=True)
     with tarfile.open(source) as archive:
         archive.extractall(folder, filter="data")
@@ -109,7 +110,7 @@ def make_wheel(tools: Path, source: Path, folder: Path, zone: str) -> Path:
 
 
 def surroundings(tools: Path) -> dict[str, str]:
-    """The environment of a build: no flags of the user's, which would change its bits."""
+    """Environment of a build, without the user's flags, which would change results."""
     flags = "CFLAGS", "CPPFLAGS", "FFLAGS", "FCFLAGS", "LDFLAGS", "PYTHONPATH"
     kept = {name: value for name, value in os.environ.items() if name not in flags}
     path = f"{tools}:{os.environ['PATH']}"
@@ -117,7 +118,7 @@ def surroundings(tools: Path) -> dict[str, str]:
 
 
 def check(wheel: Path, folder: str) -> str | None:
-    """Faults of a wheel: its libraries, exported symbols, paths of this machine."""
+    """Faults of a wheel: libraries, exported symbols, paths of this machine."""
     inside = Path(tempfile.mkdtemp(dir=folder))
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(inside)

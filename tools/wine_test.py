@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tests under Wine: in Fortran, and of cases that must have the bits of this system; or in Python.
+"""Tests under Wine: Fortran tests, and cases that must be bit-identical to this system; or Python
+tests.
 
-usage: wine_test.py             after `./run wheel-windows`; packages for Windows come from PyPI
-       wine_test.py ARGS        pytest alone
-       wine_test.py --python [FILE...]   each file of Python tests that has not run, or these; hours
+usage: wine_test.py after `./run wheel-windows`; packages for Windows come from PyPI wine_test.py
+ARGS pytest alone wine_test.py --python [FILE...] given or not yet run files of Python tests; hours
 
-`--python` keeps the outcome of each file in build-windows/python-tests.json, and the output next to
-it. After a stop it continues with the next file; without that table it begins again.
+`--python` stores the outcome of each file in build-windows/python-tests.json, and the output next
+to it. After a stop it continues with the next file, or starts again if the table was removed.
 """
 
 import json
@@ -30,17 +30,17 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build-windows"
 PYTHON = BUILD / "python/org/bytedeco/cpython/windows-x86_64"
 WINE, WINESERVER = "/usr/lib/wine/wine64", "/usr/lib/wine/wineserver64"
-#: netCDF4 1.6.5 warns of NumPy's size at its import: before tests for which that is an error.
+#: netCDF4 1.6.5 warns about NumPy's size: import it before tests for which this is an error.
 PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "--all", "-p", "no:cacheprovider"]
 PYTEST += ["-p", "netCDF4"]
-#: The newest that Wine 8 can load, with what they need; then the newest of what tests use.
+#: Newest versions that Wine 8 can load, with dependencies; then newest packages for tests.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0
 pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 rich colorama tzdata
 pytest hypothesis psutil matplotlib pillow jinja2 threadpoolctl openpyxl python-docx ezdxf laspy
 pooch lazrs==0.6.0 starlette uvicorn websockets babel
 """.split()
-#: Files of tests that cannot run there, and why.
+#: Test files that cannot run there, with reasons.
 LEFT_OUT = {
     "app/test_page.py": "needs Chromium",
     "cluster/test_slurm.py": "needs Slurm",
@@ -56,7 +56,7 @@ LEFT_OUT = {
     "test_release.py": "looks at sources",
     "test_theory.py": "looks at sources",
 }
-#: Tests that Wine alone cannot run, and why.
+#: Tests that only fail under Wine, with reasons.
 DESELECTED = dict.fromkeys(
     [
         "cli/test_hazard_command.py::test_gdal_opens_every_map_where_the_terrain_lies",
@@ -72,21 +72,21 @@ DESELECTED = dict.fromkeys(
     ],
     "GDAL's netCDF driver ends the process",
 )
-#: What one file may take there [s].
+#: Maximum time of a file there [s].
 LIMIT = 2400
-#: Boulders of the run that Ctrl-C stops: so many that it never ends before.
+#: Number of boulders of the run stopped by Ctrl-C: enough that it never ends earlier.
 TYPED = 3_000_000
 
 
 def main(words: list[str]) -> str | None:
-    """Run the tests; returns the fault, if any."""
+    """Run the tests; return the fault, if any."""
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
-    env["PYTHONUTF8"] = "1"  # files that tests write have no code page
-    env.pop("PYTHONPATH", None)  # of this system's Python
-    env.pop("PYTHONDONTWRITEBYTECODE", None)  # each file would compile all packages again
-    env["WINEPATH"] = str(ROOT / "dist")  # rockfall-batch.exe, for tests
+    env["PYTHONUTF8"] = "1"  # files written by tests have no code page
+    env.pop("PYTHONPATH", None)  # path of this system's Python
+    env.pop("PYTHONDONTWRITEBYTECODE", None)  # otherwise each file would compile all packages again
+    env["WINEPATH"] = str(ROOT / "dist")  # tests need rockfall-batch.exe
     install()
-    start_wine(env)  # alone: tests run two at a time
+    start_wine(env)  # not in parallel: tests run two at a time
     if words[:1] == ["--python"]:
         return run_files(words[1:], env)
     if words:
@@ -98,12 +98,12 @@ def main(words: list[str]) -> str | None:
 
 
 def start_wine(env: dict[str, str]) -> None:
-    """Make the folder that is Wine's Windows, or bring it up to date."""
+    """Create or update the folder that is Wine's Windows."""
     subprocess.run([WINE, "wineboot", "--init"], env=env, check=True)
 
 
 def compare_cases(env: dict[str, str]) -> str | None:
-    """Run cases by both systems; returns the fault, if any."""
+    """Run cases on both systems; return the fault, if any."""
     script = Path(__file__).with_name("system_cases.py")
     program = [WINE, BUILD / "kernel/fortran/rockfall-batch.exe"]
     inputs, here, there, ready, batch_here, batch_there = (
@@ -127,16 +127,16 @@ def compare_cases(env: dict[str, str]) -> str | None:
 
 
 def press_ctrl_c(env: dict[str, str]) -> str | None:
-    """Type Ctrl-C in the console of a run that has saved something; returns the fault, if any."""
+    """Type Ctrl-C in the console of a run that has saved results; return the fault, if any."""
     folder = BUILD / "cases/Übung in/vaujany"
     result, state = folder / "typed.nc", folder / "typed.nc.checkpoint"
     for path in (result, state):
         path.unlink(missing_ok=True)
     words = ["run", "many.nml", "--boulders", str(TYPED), "--checkpoint", "0.1"]
-    here, there = pty.openpty()  # which Wine makes a console of
+    here, there = pty.openpty()  # Wine turns this into a console
 
     def take_terminal() -> None:
-        os.login_tty(there)  # only a terminal that controls a process sends it Ctrl-C
+        os.login_tty(there)  # only the controlling terminal of a process can send Ctrl-C
 
     command = [WINE, PYTHON / "python.exe", "-m", "rockfall", *words, "-o", result.name]
     with subprocess.Popen(command, cwd=folder, env=env, preexec_fn=take_terminal) as process:
@@ -148,7 +148,7 @@ def press_ctrl_c(env: dict[str, str]) -> str | None:
             os.write(here, b"\x03")
 
         threading.Thread(target=press).start()
-        with suppress(OSError):  # the console is closed
+        with suppress(OSError):  # raised when the console is closed
             while os.read(here, 4096):
                 pass
     kept = rockfall.read_result(result).sizes["boulder"] if result.exists() else 0
@@ -158,9 +158,9 @@ def press_ctrl_c(env: dict[str, str]) -> str | None:
 
 
 def run_files(words: list[str], env: dict[str, str]) -> str | None:
-    """Run files of Python tests, each in a process since Wine ends some, and show a table; returns
-    the fault, if any. Each core has its own Windows, which is ended completely if a file takes too
-    long."""
+    """Run files of Python tests, each in a separate process, because Wine ends some; print a table
+    and return the fault, if any. Each core has its own Windows, which is ended completely if a file
+    takes too long."""
     table = BUILD / "python-tests.json"
     done = json.loads(table.read_text("utf-8")) if table.exists() else {}
     idle: SimpleQueue[dict[str, str]] = SimpleQueue()
@@ -177,7 +177,7 @@ def run_files(words: list[str], env: dict[str, str]) -> str | None:
             idle.put(place)
 
     names = words or [name for name in test_files() if name not in done]
-    with ThreadPool(idle.qsize()) as pool:  # whose threads end with the main one
+    with ThreadPool(idle.qsize()) as pool:  # its threads end with the main thread
         for name, result in pool.imap_unordered(run_idle, names):
             done[name] = result
             table.write_text(json.dumps(done, indent=1), "utf-8")
@@ -191,21 +191,21 @@ def run_files(words: list[str], env: dict[str, str]) -> str | None:
     return f"tests fail in {', '.join(wrong)}" if wrong else None
 
 
-#: What becomes of a test, as pytest says it.
+#: Outcomes of a test, as reported by pytest.
 COUNTED = "passed", "failed", "error", "skipped"
 
 
 def test_files() -> list[str]:
-    """The files of tests that can run there, without `tests/`."""
+    """Test files that can run there, without `tests/`."""
     tests = ROOT / "tests"
     names = [path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py")]
     return sorted(name for name in names if not {name, name.split("/")[0]} & {*LEFT_OUT})
 
 
 def run_file(name: str, env: dict[str, str]) -> dict[str, int | str]:
-    """Run a file of tests; returns its outcome: counts, seconds, and the kind of failure."""
+    """Run a test file; return its outcome: counts, seconds, and the kind of failure."""
     begun = time.monotonic()
-    # `-v` names the test that was running when Wine ended the process
+    # `-v` shows the test that was running when Wine ended the process
     command = [*PYTEST, "-v", "--tb=short", "--color=no", f"tests/{name}"]
     command += [f"--deselect=tests/{one}" for one in DESELECTED if one.startswith(name)]
     lines: list[str] = []
@@ -214,12 +214,12 @@ def run_file(name: str, env: dict[str, str]) -> dict[str, int | str]:
     said = BUILD / "python-tests" / name.replace("/", "-").replace(".py", ".txt")
     said.parent.mkdir(exist_ok=True)
     said.write_text("\n".join(lines), "utf-8")
-    # of each test's line: a file that is ended has no last line with the counts
+    # count the lines of tests: if a file is stopped, the final line with counts is missing
     counts = {
         key: sum(bool(re.search(rf" {key.upper()}\b.*\[ *\d+%\]$", line)) for line in lines)
         for key in COUNTED
     }
-    ends = {0: "", 1: "tests fail", 5: ""}  # 5: no test that can run
+    ends = {0: "", 1: "tests fail", 5: ""}  # 5: no test was found
     ended = "timed out" if seconds >= LIMIT else ends.get(status, f"ended by {status}")
     return {**counts, "seconds": seconds, "ended": ended}
 
@@ -236,8 +236,8 @@ def run_piped(
     lines: list[str] | None = None,
     limit: float | None = None,
 ) -> int:
-    """Run a command and show or keep what it prints, through a pipe: Windows' Python refuses to
-    start under Wine if its output is a file. After `limit` seconds all of Wine is ended."""
+    """Run a command, and show or store its output through a pipe, because Python for Windows does
+    not start under Wine if its output is a file. After `limit` seconds all of Wine is ended."""
     pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.PIPE}
     timer = threading.Timer(limit or 0, subprocess.run, [[WINESERVER, "-k"]], {"env": env})
     with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipe) as process:
@@ -265,7 +265,7 @@ def install() -> None:
         stamp = place / f"{path.stem}.installed"
         if stamp.exists() and stamp.stat().st_mtime > path.stat().st_mtime:
             continue
-        if path.name.startswith("rockfall-"):  # nothing of an earlier one
+        if path.name.startswith("rockfall-"):  # remove files of an earlier version
             shutil.rmtree(place / "rockfall", ignore_errors=True)
         with zipfile.ZipFile(path) as archive:
             archive.extractall(place)
@@ -275,7 +275,7 @@ def install() -> None:
 
 
 def add_stable_interface() -> None:
-    """Make the python3.dll that this Python lacks: a library that passes calls to python311.dll."""
+    """Make the python3.dll that this Python lacks: it forwards calls to python311.dll."""
     dump = ["x86_64-w64-mingw32-objdump", "-p", PYTHON / "python311.dll"]
     text = subprocess.check_output(dump, text=True).partition("[Ordinal/Name Pointer] Table")[2]
     names = re.findall(r"^\s*\[ *\d+\] (?:\+base\[ *\d+\] +\w+ )?(\w+)$", text, re.MULTILINE)

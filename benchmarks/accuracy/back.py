@@ -3,13 +3,13 @@
 
     python -m benchmarks.accuracy.back truths.csv [--truths 30] [--members 512] [--boulders 150]
 
-Truths (rock size, factor on the volume, shift of the source) are drawn from the prior on two
-terrains, a bumpy slope and a channel that both run out. In turn, the observations of `observed`
-boulders are stopping places and speeds at a line, speeds and heights there, their printed means and
-deviations, or fractions beyond distances. For a correct posterior the 5-95 % range contains the
-truth in 90 % of the cases, and the posterior fraction below the truth is uniform (Talts et al.
-2018). Truths in the file are not run again. With --stretch 1.6 stopping distances are multiplied:
-how often does the analysis report that the model does not explain the data?
+Truths (rock size, volume factor, shift of the source) are drawn from the prior on two terrains that
+flatten out, a bumpy slope and a channel. For each truth, the observations of `observed` boulders
+are one of: stopping places and speeds at a line; speeds and heights there; published means and
+standard deviations; fractions beyond distances. For a correct posterior the 5-95 % range contains
+the truth in 90 % of the cases, and the posterior fraction below the truth is uniform (Talts et al.
+2018). Truths in the file are not run again. --stretch 1.6 multiplies stopping distances, to count
+how often the analysis reports that the model does not explain the data.
 """
 
 import argparse
@@ -34,12 +34,12 @@ NY, NX, CELL = 80, 60, 5.0
 START = np.array([150.0, 380.0])
 PLACES = ("slope", "channel")
 KINDS = ("stops, speeds", "speeds, heights", "printed", "fractions")
-SEED = 20_000  # of the truths; their boulders, and those of the analyses, have others
+SEED = 20_000  # seed of truths; their boulders and those of analyses use other seeds
 
 
 def terrain(name: str) -> np.ndarray:
-    """Terrain that slopes down to the south: a slope of 0.8 with bumps over one of 0.2, or a cliff,
-    a talus and a flat with a channel."""
+    """Terrain that descends to the south: a bumpy slope of 0.8 above a slope of 0.2, or a cliff, a
+    talus and a flat with a channel."""
     random = np.random.default_rng(1)
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     rough = random.normal(0, 0.2, x.shape)
@@ -66,7 +66,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 def observe(
     inputs: Uncertain, k: int, stream: tuple[int, ...], stretch: float
 ) -> tuple[Observed, dict[str, float]]:
-    """Observations of the boulders of a truth, and their description."""
+    """Observations of a truth's boulders, and their description."""
     point = np.random.default_rng(stream).random(inputs.ends[-1])
     draws = [inputs.at(name, point, k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))
@@ -94,7 +94,7 @@ def observe(
 
 
 def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.DataFrame:
-    """Row for each parameter: posterior and truth."""
+    """Row with posterior and truth for each parameter."""
     how = {"dem": terrain(place), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
     scene = read_scene(case_of(folder, told.observed, SEED), **how)
     seen, made = observe(Uncertain(scene), k, (SEED, PLACES.index(place), k), told.stretch)
@@ -110,7 +110,7 @@ def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.Data
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Print the calibration; errors are between truths, because parameters of one truth are
+    """Print the calibration. Errors are between truths, because the parameters of a truth are
     dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["worth"] = pd.cut(rows["effective"], [0, 20, 100, np.inf])

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of the intervals of groups of boulders, windows along a line, and cells.
+"""Coverage of intervals for groups of boulders, windows along a line, and cells.
 
     python -m benchmarks.accuracy.coverage [--repetitions 300] [--maps 200]
 
-On the synthetic slope with cliffs of `benchmarks.accuracy.sources`: runs from one source, from many
-similar sources (neighbours) and from many different ones (anywhere above the road), and the
-fraction of intervals that contain the number over all repetitions. Then maps, for fixed sources and
-for sampled sources, drawn again for each run.
+On the synthetic slope with cliffs from `benchmarks.accuracy.sources`: runs from one source, from
+many similar sources (neighbours) and from many different sources (anywhere above the road), and the
+fraction of intervals that contain the mean over all repetitions. Then maps, for fixed sources, and
+for sampled sources that are drawn again for each run.
 """
 
 import argparse
@@ -23,21 +23,21 @@ from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
 
 ROAD, WIDTH = 500.0, 50.0  # northing of the line, windows along it [m]
-CLASSES = (0.7, 0.9)  # edges between classes of volume [m3]
-LEVELS = (0, 10, 20, 50, 200, np.inf)  # passages, on average, by which coverage is told
+CLASSES = (0.7, 0.9)  # limits between volume classes [m3]
+LEVELS = (0, 10, 20, 50, 200, np.inf)  # classes of mean passages for which coverage is printed
 NUMBERS = ("fraction", "mean", "std", "q50", "q95")
 KINDS = {"one": (1, 5000), "alike": (50, 100), "unlike": (50, 100), "singles": (5000, 1)}
 
 
 def places(kind: str, of: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Of so many sources."""
+    """Places for a number of sources."""
     if kind in ("one", "alike"):
         return 360 + 0.1 * np.arange(of), np.full(of, 640.0)
     return random.uniform(150, 1050, of), random.uniform(ROAD + 60, 900, of)
 
 
 def case_of(x: np.ndarray, y: np.ndarray, each: int, seed: int, **groups: dict) -> rockfall.Case:
-    """Case with boulders of different volumes from these places, above a road."""
+    """Case with boulders of different volumes from given places, above a road."""
     return rockfall.Case(
         case={"boulders": each, "seed": seed}, terrain={}, surface={"uniform_mean_radius": 0.2},
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15},
@@ -47,7 +47,7 @@ def case_of(x: np.ndarray, y: np.ndarray, each: int, seed: int, **groups: dict) 
 
 
 class Held:
-    """Number of intervals that contain the truth, by kind of number and by passages."""
+    """Number of intervals that contain the truth, by statistic and by passages."""
 
     def __init__(self) -> None:
         self.of: dict[tuple, list] = defaultdict(list)
@@ -63,8 +63,7 @@ class Held:
             self.of[name, k].append(((holds & given)[mine].sum(), (given & mine).sum(), mine.sum()))
 
     def show(self, about: str) -> None:
-        """Print the coverage with its standard error over repetitions, and the number of
-        intervals."""
+        """Print coverage with its standard error over repetitions, and the number of intervals."""
         for (name, k), found in sorted(self.of.items()):
             holds, given, asked = np.array(found, float).T
             if not given.sum():
@@ -79,7 +78,7 @@ class Held:
 
 
 def of_lines(kind: str, repetitions: int, terrain: dict) -> None:
-    """Intervals of groups and windows; each repetition has its own boulders of one long run."""
+    """Intervals for groups and windows; repetitions use separate boulders of one long run."""
     of, each = KINDS[kind]
     x, y = places(kind, of, np.random.default_rng(1))
     case = case_of(x, y, each * repetitions, 1, output={"rebounds": False})
@@ -116,7 +115,7 @@ def _numbers(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
 
 
 def of_maps(reading: str, of: int, each: int, repetitions: int, terrain: dict) -> None:
-    """Intervals of cells, from separate runs."""
+    """Intervals for cells, from separate runs."""
     names = ["reach_probability", "energy_q50", "energy_q95"]
     maps = ["passages", *(n + end for n in names for end in ("", "_low", "_high"))]
     groups = {"output": {"maps": maps, "map_extent": "terrain", "rebounds": False}}

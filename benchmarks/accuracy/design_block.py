@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of the intervals of design blocks, for surveys drawn from a known distribution
+"""Coverage of intervals for design blocks, with surveys drawn from a known distribution
 (docs/design_block.md).
 
 python -m benchmarks.accuracy.design_block [--surveys N] [--seed N]
@@ -13,8 +13,8 @@ import rockfall
 from rockfall.errors import RockfallError
 
 YEARS, PERIOD = 40.0, 100.0
-THRESHOLD, SCALE = 0.5, 0.6  # m3
-#: Surveyed blocks, expected dated ones, shape, whether the threshold is given.
+THRESHOLD, SCALE = 0.5, 0.6  # [m3]
+#: Number of surveyed blocks, expected number dated, shape, whether the threshold is given.
 SETTINGS = [
     (30, 8, 0.7, True), (30, 8, 0.7, False), (30, 8, 1.5, True), (100, 15, 0.8, True),
     (100, 15, 0.8, False), (60, 6, 0.3, False), (200, 40, 0.5, False), (100, 4, 1.0, True),

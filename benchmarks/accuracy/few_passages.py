@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of intervals from few passing boulders, and the side of the truth if missed.
+"""Coverage of intervals from few passing boulders, and on which side they miss the truth.
 
     python -m benchmarks.accuracy.few_passages [--repetitions 1000] [--boulders 200000]
 
-With `--boulders 0` only the known distributions.
+`--boulders 0` runs only the known distributions.
 
-Long runs of `cases/vaujany`, `cases/forested-slope` (with its forest and without) and the road of
-`cases/protected-road`, past lines that many or few boulders reach: their boulders are the truth.
-Runs are drawn from them with 4, 10, 26, 100 and 300 passages on average: equal numbers from each
-source, with random numbers of passages. Then known distributions: lognormal, exponential, values of
-which half or most are 0. The constants of the method were settled on other lines and seeds of these
-cases (northings 110, 200, 50, 73; 150, 73; 180, 80; 210, 270, 330, 402).
+Long runs of `cases/vaujany`, `cases/forested-slope` (with and without its forest) and
+`cases/protected-road`, past lines that many or few boulders reach, are the truth. Short runs with
+4, 10, 26, 100 and 300 passages on average are drawn from them, with equal numbers of boulders from
+each source. Then known distributions: lognormal, exponential, and values half or most of which are
+0. The constants of the method were fixed on other lines and seeds of these cases (northings 110,
+200, 50, 73; 150, 73; 180, 80; 210, 270, 330, 402).
 """
 
 import argparse
@@ -32,7 +32,7 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.result.crossings import line_values
 
 PASSAGES = (4, 10, 26, 100, 300)
-LINES = {  # case file -> ends of lines, and their northings [m]
+LINES = {  # case file -> ends of lines and their northings [m]
     "vaujany/case.nml": ((1.25, 198.75), (441.72, 300.0, 240.0)),
     "forested-slope/bare.nml": ((1.5, 238.5), (60.0, 40.0)),
     "forested-slope/forest.nml": ((1.5, 238.5), (110.0,)),
@@ -40,7 +40,7 @@ LINES = {  # case file -> ends of lines, and their northings [m]
 }
 QUANTITIES = ("speed", "energy_total", "passing_height")
 NUMBERS = ("mean", "std", "q50", "q95")
-LAWS = {  # of n values
+LAWS = {  # draw n values
     "exponential": lambda random, n: random.exponential(size=n),
     "lognormal, sigma 0.5": lambda random, n: np.exp(0.5 * random.normal(size=n)),
     "lognormal, sigma 1": lambda random, n: np.exp(random.normal(size=n)),
@@ -54,14 +54,14 @@ SEED = 20261123
 
 
 class Population(NamedTuple):
-    """Values of boulders, NaN if they do not pass; one row per source."""
+    """Values of boulders, one row per source; NaN if a boulder does not pass."""
 
     name: str
     values: np.ndarray
 
 
 def of_cases(boulders: int) -> Iterator[Population]:
-    """Of the long runs."""
+    """Populations of the long runs."""
     with tempfile.TemporaryDirectory() as folder:
         for file, (ends, northings) in LINES.items():
             case = rockfall.read_case(_with_terrain(ROOT / "cases" / file, Path(folder)))
@@ -75,7 +75,7 @@ def of_cases(boulders: int) -> Iterator[Population]:
 
 
 def _with_terrain(case: Path, folder: Path) -> Path:
-    """The case in a copy of its folder, with its terrain, which is made if missing."""
+    """Case in a copy of its folder; a missing terrain is made."""
     place = folder / case.parent.name
     if not place.exists():
         shutil.copytree(case.parent, place)
@@ -85,7 +85,7 @@ def _with_terrain(case: Path, folder: Path) -> Path:
 
 
 def of_laws(size: int) -> Iterator[Population]:
-    """Results for the known distributions; half of the boulders pass."""
+    """Results for the known distributions, with half of the boulders passing."""
     for name, law in LAWS.items():
         random = np.random.default_rng(SEED)
         values = law(random, size)
@@ -93,7 +93,7 @@ def of_laws(size: int) -> Iterator[Population]:
 
 
 def drawn(found: Population, passages: float, random: np.random.Generator) -> tuple:
-    """Run with as many boulders from each source as give this mean number of passages."""
+    """Run with equal numbers of boulders from each source, for a given mean number of passages."""
     of, size = found.values.shape
     each = max(2, round(passages / np.isfinite(found.values).sum(axis=1).mean() * size / of))
     chosen = random.integers(size, size=(of, each)) + size * np.arange(of)[:, None]
@@ -104,8 +104,8 @@ def drawn(found: Population, passages: float, random: np.random.Generator) -> tu
 
 
 def judged(found: Population, passages: float, repetitions: int, seed: int) -> np.ndarray:
-    """For each repetition and number: has a lower limit, an upper limit; the truth is below,
-    above."""
+    """For each repetition and statistic: whether it has a lower and an upper limit, and whether the
+    truth is below or above."""
     random = np.random.default_rng(seed)
     values = found.values[np.isfinite(found.values)]
     truth = {"mean": values.mean(), "std": values.std()}
@@ -155,7 +155,7 @@ def main() -> None:
 
 
 def _miss(rows: np.ndarray, end: int) -> float:
-    """Fraction of the repetitions with a limit whose truth is beyond it; 0 without such
+    """Fraction of the repetitions with a limit in which the truth is beyond it; 0 without such
     repetitions."""
     return rows[:, 2 + end].sum() / max(1, rows[:, end].sum())
 

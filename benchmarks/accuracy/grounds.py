@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Shipped grounds on planes: boulders that pass 200 m, their speed and jump height, and the slope
-on which half of them pass.
+on which half pass.
 
     python -m benchmarks.accuracy.grounds [--boulders 1000] [-o docs]
 
 For each ground, the stochastic impact set, and slopes of 15 to 55 degrees: the fraction of the
 boulders that pass a line 200 m below the release, in plan; their mean speed there, and the 95 %
-quantile of their jump height. Numbers are means over seeds, with standard errors between seeds.
+quantile of their jump height. Values are means over seeds, with standard errors between seeds.
 Writes the last section of archive/classical_grounds.md, and figures/grounds.png.
 """
 
@@ -36,11 +36,11 @@ from rockfall.grounds import GroundTable, other_tables, shipped_grounds
 from rockfall.io.atomic import atomic_write
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, save, styled
 
-SLOPES = range(15, 56, 5)  # [degree]
+SLOPES = range(15, 56, 5)  # slopes [degree]
 SEEDS = range(1, 6)
-FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # where half of them pass [degree]
-OBSTACLES = 0.1  # size of obstacles, which rockyfor3d minds [m]
-RATIOS = (1, 3, 5)  # R_b/R_m of the impact set
+FLATTEST, STEEPEST, NEAR = 2.0, 80.0, 0.1  # range and tolerance of the half-passing slope [degree]
+OBSTACLES = 0.1  # size of obstacles, used by rockyfor3d [m]
+RATIOS = (1, 3, 5)  # R_b/R_m for the impact set
 COLOURS = {
     "impact_sets": INK, "rockyfor3d": BLUE, "pfeiffer_bowen": VERMILION, "constant": GREEN,
     "bourrier_hungr": GREY,
@@ -54,24 +54,24 @@ def mean(values: list[float]) -> Number:
 
 
 class Kind(NamedTuple):
-    """A ground, and the mean radius of the rocks on it [m]."""
+    """Ground, with the mean radius of rocks on it [m]."""
 
     label: str
     model: str
     ground: str
     radius: float
-    table: str | None = None  # of grounds, where it is not the usual one
+    table: str | None = None  # ground table, if not the usual one
 
 
 class Measured(NamedTuple):
     kind: Kind
     half: Number  # slope on which half of the boulders pass [degree]
-    at_line: dict[int, dict[str, Number]]  # by slope
+    at_line: dict[int, dict[str, Number]]  # results by slope
 
 
 def kinds() -> Iterator[Kind]:
-    """The impact set with rocks of several sizes, the rows of the shipped table, and the rows of
-    other shipped tables where they differ."""
+    """The impact set with rocks of several sizes, the rows of the shipped ground table, and rows of
+    other shipped tables that differ."""
     for ratio in RATIOS:
         label = f"vaujany-observed, R_b/R_m = {ratio}"
         yield Kind(label, "impact_sets", "vaujany-observed", RADIUS / ratio)
@@ -88,7 +88,7 @@ def kinds() -> Iterator[Kind]:
 
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
-    """Numbers of the boulders at the line, by the names of HOW."""
+    """Statistics of boulders at the line, by the names in HOW."""
     surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
     if kind.table:
         surface["ground_table"] = kind.table
@@ -107,7 +107,7 @@ def measure(kind: Kind, slope: float, boulders: int) -> dict[str, Number]:
 
 
 def half_slope(kind: Kind, boulders: int, seed: int) -> float:
-    """The slope on which half of the boulders pass [degree], by halving."""
+    """Slope on which half of the boulders pass [degree], by bisection."""
     low, high = FLATTEST, STEEPEST
     while high - low > NEAR:
         middle = (low + high) / 2
@@ -147,7 +147,7 @@ def section(found: list[Measured], boulders: int) -> Iterator[str]:
 
 @styled
 def draw(found: list[Measured]):
-    """A panel for each number, a line for each ground in the colour of its model."""
+    """Draw a panel for each statistic, with a line for each ground in the colour of its model."""
     figure = new_figure(9.0, 3.2)
     panels = figure.subplots(1, len(HOW), squeeze=False)[0]
     for panel, (name, (label, unit, _)) in zip(panels, HOW.items(), strict=True):

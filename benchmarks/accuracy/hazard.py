@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Certainty of a hazard: cases/settlement with many seeds.
+"""Uncertainty of a hazard assessment: cases/settlement with many seeds.
 
-Prints means over seeds with their standard errors, as in its README; and, for small runs, how often
-the intervals of cells contain the frequency of all large runs together, and how often a class
-reported as certain equals theirs.
+Prints means over seeds with standard errors, as in the README of the case. For small runs it also
+prints how often the intervals of cells contain the mean frequency of all large runs, and how often
+a class reported as certain equals their class.
 
     python cases/settlement/make_terrain.py && python -m benchmarks.accuracy.hazard
 """
@@ -20,9 +20,9 @@ from rockfall.files.hazard_files import object_table
 from rockfall.io.rasters.arrays import grid_of
 
 FOLDER = Path(__file__).parents[2] / "cases/settlement"
-FEW = 20  # boulders from each source of a small run
-NEAR = 1.6  # factor from a bound of the matrix, of frequencies at the edge of a zone
-RARE = 1e-4  # [1/year] of the frequencies that are looked at, the least
+FEW = 20  # boulders per source in a small run
+NEAR = 1.6  # factor to a threshold, within which a cell is at the edge of a zone
+RARE = 1e-4  # minimum frequency of the cells examined [1/year]
 
 
 def main() -> None:
@@ -57,7 +57,7 @@ def run(case: rockfall.Case, seed: int):
 
 
 def numbers(runs: list) -> dict[str, list[float]]:
-    """Numbers of the README, for each run."""
+    """Statistics of the README, for each run."""
     found: dict[str, list[float]] = {}
     for one in runs:
         cell = grid_of(one.hazard_class)[0].cell
@@ -73,15 +73,15 @@ def numbers(runs: list) -> dict[str, list[float]]:
 
 
 def frequency_of(runs: list) -> np.ndarray:
-    """Annual frequencies of cells (3, y, x) over all runs."""
+    """Annual frequencies of cells (3, y, x), averaged over all runs."""
     parts = [one.hit_exceedance_frequency.values.astype("f8") for one in runs]
     passing = [one.hit_frequency.values.astype("f8") for one in runs]
     return np.concatenate([np.mean(passing, axis=0)[None], np.mean(parts, axis=0)])
 
 
 def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
-    """Fraction of the cells whose intervals contain the frequency, for each level; and of cells at
-    the edge of a zone."""
+    """Fraction of cells whose intervals contain the frequency, for each level and for cells at the
+    edge of a zone."""
     ends = []
     for end in ("_low", "_high"):
         hits = found[f"hit_frequency{end}"].values
@@ -94,10 +94,10 @@ def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
 
 
 def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:
-    """Number of cells with a class that are certain, and number of these that are correct."""
+    """Number of cells whose class is certain, and how many of these are correct."""
     classes = hazard_classes(truth, matrix, truth[0] > 0)
     certain = (found.hazard_class_certain.values > 0) & (classes > 0)
-    same = np.maximum(found.hazard_class.values, 1) == classes  # none and residual are one
+    same = np.maximum(found.hazard_class.values, 1) == classes  # treat none and residual as equal
     return certain.sum() / (classes > 0).sum(), float(same[certain].mean())
 
 

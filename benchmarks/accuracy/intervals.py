@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of intervals, and lengths of runs with `--until`.
+"""Coverage of intervals, and number of boulders in runs with `--until`.
 
     python -m benchmarks.accuracy.intervals [--parts 100] [--repetitions 2000]
 
-First `cases/vaujany`: samples of 10,000 boulders, and how often the 95 % intervals of their numbers
-at the lines, including return levels, contain the number of all samples together. Then runs with
+First `cases/vaujany`: samples of 10,000 boulders, and how often the 95 % intervals of statistics at
+the lines, including return levels, contain the value for all samples together. Then runs with
 `--until` on a known distribution (60 % of the boulders cross, with lognormal speeds): boulders at
 the end relative to theory, and how often the last interval contains the truth.
 """
@@ -23,13 +23,13 @@ from rockfall.analysis.precision.intervals import sources
 from rockfall.result.crossings import line_names, line_values
 from rockfall.studies.run_until import read_rules
 
-SIZE = 10_000  # boulders of a sample
+SIZE = 10_000  # boulders per sample
 SHOWN = ("fraction", "mean", "std", "q50", "q90", "q95", "q98", "q99")
 RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", "speed.q95@L<2%")
 
 
 def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Fraction of the intervals of `line_statistics` that contain the long run's number."""
+    """Fraction of the intervals of `line_statistics` that contain the value of the long run."""
     print(f"{'':30}" + "".join(f"{name:>7}" for name in SHOWN))
     source, all_sources = sources(parts[0]), sources(truth)
     for k, line in enumerate(line_names(truth)):
@@ -44,8 +44,8 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
 
 
 def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Fraction of the intervals of return levels that contain it, over all lines and quantities."""
-    counts = {N: [0, 0, 0] for N in tails.LEVELS}  # held, given, asked
+    """Fraction of return-level intervals that contain the value, over lines and quantities."""
+    counts = {N: [0, 0, 0] for N in tails.LEVELS}  # intervals: right, existing, requested
     for k in range(truth.sizes["line"]):
         for quantity in tails.QUANTITIES:
             known = _known(truth, quantity, k)
@@ -67,7 +67,7 @@ def _known(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
 
 
 def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
-    """Numbers of boulders at which runs of the known distribution end by a rule."""
+    """Numbers of boulders at which a rule stops runs of the known distribution."""
     asked = read_rules(rule, ["L"])
     statistic = asked[0].statistic
     truth, need = theory(statistic, asked[0].limit)

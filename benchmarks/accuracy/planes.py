@@ -4,11 +4,11 @@ height.
 
     python -m benchmarks.accuracy.planes [--boulders 10000] [-o docs]
 
-For each set and each R_b/R_m of 1 to 5 the neutral slope, on which a bounce straight down loses
-what the next flight gains. For the sets of `FULL` and each shipped table of impacts (compact
-blocks), on slopes of 24 to 46 degrees: the fraction of the boulders that pass a line 200 m below
-the release, in plan; their mean speed there, and the 95 % quantile of their jump height. Writes
-validation/planes.md, with standard errors, and figures/planes.png.
+For each set and each R_b/R_m from 1 to 5: the neutral slope, on which a bounce down the fall line
+loses the speed that the next flight gains. For the sets in `FULL` and each shipped impact table
+(compact blocks), on slopes of 24 to 46 degrees: the fraction of the boulders that pass a line 200 m
+below the release, in plan; their mean speed there, and the 95 % quantile of their jump height.
+Writes validation/planes.md, with standard errors, and figures/planes.png.
 """
 
 from __future__ import annotations
@@ -35,36 +35,36 @@ from rockfall.kernel_rules import Z
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, plain, save, styled
 from rockfall.scene.rebounds.sets import Sets, read_sets
 
-SLOPES = range(24, 47, 2)  # [degree]
-PRINTED = range(26, 47, 4)  # of these on the page; the figure has all
+SLOPES = range(24, 47, 2)  # slopes [degree]
+PRINTED = range(26, 47, 4)  # slopes on the page; the figure has all
 RATIOS = range(1, 6)
-FULL = ("vaujany-observed",)  # sets with numbers at the line
-DISTANCE = 200.0  # from the release to the line [m]
-CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] the plane, about release and line
-VOLUME = 1.0  # [m3]
-RADIUS = float(np.cbrt(0.75 / np.pi * VOLUME))  # [m]
-DROP = 5.0  # [m]
-SEEDS = range(1, 6)  # of neutral slopes, for their errors
-FLOWN = 1000  # boulders, straight down for their neutral slope
-FIRST, LAST = 20, 60  # contacts between which they count: the start is forgotten
-COMPLETE = 0.99  # of those, that must have all contacts before the plane ends
-FEW = 20  # boulders at the line, below which no mean is reported
-RATIO_OF_TABLES = 2  # R_b/R_m of those that need it
-COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # of each ratio
+FULL = ("vaujany-observed",)  # sets with results at the line
+DISTANCE = 200.0  # distance from the release to the line [m]
+CELL, WIDE, ABOVE, BELOW = 8.0, 1200.0, 120.0, 40.0  # [m] cell, width, lengths above and below
+VOLUME = 1.0  # volume [m3]
+RADIUS = float(np.cbrt(0.75 / np.pi * VOLUME))  # radius [m]
+DROP = 5.0  # drop height [m]
+SEEDS = range(1, 6)  # seeds for the errors of neutral slopes
+FLOWN = 1000  # number of boulders for a neutral slope
+FIRST, LAST = 20, 60  # contacts that count: the start is forgotten
+COMPLETE = 0.99  # fraction of boulders that must have all contacts before the plane ends
+FEW = 20  # minimum number of boulders at the line for a mean
+RATIO_OF_TABLES = 2  # R_b/R_m for tables that need it
+COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # one colour per ratio
 HOW = {"fraction": ("fraction passing", "%", 1), "speed": ("mean speed", "m/s", 1),
        "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
 
 
 class Number(NamedTuple):
-    """A number with its standard error; NaN if unknown."""
+    """Value with its standard error; NaN if unknown."""
 
     value: float
     error: float = np.nan
 
 
 def plane(slope: float) -> tuple[np.ndarray, Grid]:
-    """Elevations of a plane that slopes down to the south [degree]. Its tangent is rounded to a
-    multiple of 2^-40, so that each patch is a plane to the last bit."""
+    """Elevations of a plane that descends to the south [degree]. The tangent is rounded to a
+    multiple of 2^-40, so that each patch is exactly plane."""
     tangent = round(np.tan(np.radians(slope)) * 2**40) / 2**40
     nx, ny = int(WIDE / CELL), int((ABOVE + DISTANCE + BELOW) / CELL)
     z = np.repeat(tangent * CELL * np.arange(ny, 0.0, -1)[:, None], nx, axis=1)
@@ -74,7 +74,7 @@ def plane(slope: float) -> tuple[np.ndarray, Grid]:
 def at_line(
     slope: float, boulders: int, seed: int, **groups: dict[str, Any]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Numbers of the speed and of the jump height of boulders at the line."""
+    """Statistics of speed and jump height of boulders at the line."""
     z, grid = plane(slope)
     top = grid.north - ABOVE
     case = rockfall.Case(
@@ -90,16 +90,15 @@ def at_line(
 
 
 def measure(path: Path, slope: float, ratio: float, boulders: int) -> dict[str, Number]:
-    """Numbers of the boulders at the line by an impact set, with standard errors, by the names of
+    """Statistics of boulders at the line by an impact set, with standard errors, by the names in
     HOW."""
     rocks = {"uniform_mean_radius": RADIUS / ratio}
-    impact = {"sets": str(path), "rest_angle": 90.0}  # the set alone: who is slow rests
+    impact = {"sets": str(path), "rest_angle": 90.0}  # only the set: slow boulders rest
     return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
 
 
 def measure_table(name: str, slope: float, boulders: int) -> dict[str, Number]:
-    """Numbers of the boulders at the line by a table of impacts; it may need the size of the
-    rocks."""
+    """Statistics of boulders at the line by an impact table, which may need a rock size."""
     rocks = {"uniform_mean_radius": RADIUS / RATIO_OF_TABLES}
     impact = {"form": "table", "table": name}
     return numbers(*at_line(slope, boulders, 1, surface=rocks, impact=impact), boulders)
@@ -118,15 +117,15 @@ def numbers(speed: dict[str, float], height: dict[str, float], boulders: int) ->
 
 
 def neutral(sets: Sets, ratio: int) -> Number:
-    """The neutral slope of one of the five sets [degree]."""
+    """Neutral slope of one of the five sets [degree]."""
     rebound = set_rebound(sets.mean[ratio - 1], sets.covariance[ratio - 1])
     found = [neutral_slope(rebound, seed=seed) for seed in SEEDS]
     return Number(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found))))
 
 
 def growth_flown(path: Path, ratio: int, slope: float) -> float:
-    """Mean logarithm of the growth of the speed in a bounce, for boulders that the program flies
-    straight down a plane ('to_aspect'), slowly, because speed does not matter and planes end."""
+    """Mean logarithm of the growth of speed in a bounce, for boulders simulated down the fall line
+    of a plane ('to_aspect'). They are slow, because speed does not matter and planes end."""
     z, grid = plane(slope)
     case = rockfall.Case(
         case={"boulders": FLOWN, "seed": 7},
@@ -150,16 +149,17 @@ def growth_flown(path: Path, ratio: int, slope: float) -> float:
 
 
 def neutral_flown(path: Path, ratio: int, law: float) -> float:
-    """Neutral slope from flights of the program [degree], near that of the set's distribution:
-    growth is nearly linear within a degree."""
+    """Neutral slope from simulated flights [degree], near that from the set's distribution: growth
+    is nearly linear within a degree."""
     low, high = law - 1, law + 1
     ends = [growth_flown(path, ratio, slope) for slope in (low, high)]
     return low - ends[0] * (high - low) / (ends[1] - ends[0])
 
 
 class Measured(NamedTuple):
-    """A set, or all tables: numbers at the line by (slope, column); a column is an R_b/R_m or a
-    table. Neutral slopes of a set by column, from its distribution and as flown."""
+    """Results of a set, or of all tables: statistics at the line by (slope, column), where a column
+    is an R_b/R_m or a table. Neutral slopes of a set by column, from its distribution and from
+    simulated flights."""
 
     name: str
     columns: list[str]
@@ -169,7 +169,7 @@ class Measured(NamedTuple):
 
 
 def look(path: Path, boulders: int) -> Iterator[Measured]:
-    """Measure the set in a file; nothing if it has the draws of an ensemble."""
+    """Measure the set in a file; return nothing for an ensemble."""
     sets, *more = read_sets(path)
     if more:
         return
@@ -188,7 +188,7 @@ def look(path: Path, boulders: int) -> Iterator[Measured]:
 
 
 def look_at_tables(boulders: int) -> Measured:
-    """Measure all shipped tables of impacts."""
+    """Measure all shipped impact tables."""
     at_line = {
         (slope, name): measure_table(name, slope, boulders)
         for slope in SLOPES
@@ -198,7 +198,7 @@ def look_at_tables(boulders: int) -> Measured:
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
-    """A number with its standard error; of percentages the page has the error once."""
+    """Value with its standard error; for percentages the page has the error once."""
     value, error = number
     if np.isnan(value):
         return "-"
@@ -208,7 +208,7 @@ def text(number: Number, digits: int, scale: float = 1.0) -> str:
 
 
 def table(first: str, columns: list[str], rows: dict[str, list[str]]) -> Iterator[str]:
-    """A table in Markdown."""
+    """Markdown table."""
     yield f"| {first} | " + " | ".join(columns) + " |"
     yield "| --- |" + " --: |" * len(columns)
     yield from (f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items())
@@ -216,7 +216,7 @@ def table(first: str, columns: list[str], rows: dict[str, list[str]]) -> Iterato
 
 
 def neutral_rows(one: Measured) -> dict[str, list[str]]:
-    """Rows of neutral slopes: from the distribution of the set, and from flights straight down."""
+    """Rows of neutral slopes: from the distribution of the set, and from simulated flights."""
     return {
         one.name: [text(one.neutral[column], 1) for column in one.columns],
         f"{one.name}, flown": [f"{one.flown[column]:.1f}" for column in one.columns],
@@ -224,7 +224,7 @@ def neutral_rows(one: Measured) -> dict[str, list[str]]:
 
 
 def with_numbers(sets: list[Measured], tables: Measured) -> list[Measured]:
-    """Sets and tables that have numbers at the line."""
+    """Sets and tables with results at the line."""
     return [one for one in (*sets, tables) if one.at_line]
 
 
@@ -280,8 +280,8 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
 
 @styled
 def draw(found: list[Measured]):
-    """A row of panels for each of these sets, one for all tables; neutral slopes as triangles along
-    the fractions."""
+    """Draw a row of panels for each set and one for all tables; triangles along the fractions mark
+    neutral slopes."""
     figure = new_figure(9.0, 2.4 * len(found) + 0.6)
     panels = figure.subplots(len(found), len(HOW), squeeze=False, sharex=True, sharey="col")
     for row, one in zip(panels, found, strict=True):

@@ -3,10 +3,10 @@
 
     python -m benchmarks.accuracy.protection [--seeds 20] [--boulders 5000]
 
-Fraction that passes, 95 % quantiles of energy and height at the road, bare, with the net, with the
-forest and with both, over new seeds of boulders and trees, on the slope of the case and on another
-one with different relief and 2 degrees steeper. Differences are paired by seed, with the same
-boulders. "Undecided" marks differences whose 95 % interval contains zero.
+Fraction that passes, and 95 % quantiles of energy and height at the road, without protection, with
+the net, with the forest and with both. Uses new seeds of boulders and trees, on the slope of the
+case and on a slope with another relief that is 2 degrees steeper. Differences are paired by seed,
+with the same boulders. "Undecided" marks differences whose 95 % interval contains zero.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import rockfall
 from benchmarks.machine import ROOT
 
 PLACE = ROOT / "cases" / "forested-slope"
-FIRST = 1001  # of the seeds
+FIRST = 1001  # first seed
 SLOPES = {"The slope of the case": (), "Other relief, 2 degrees steeper": (1, 2.0)}
 PAIRS = [
     ("net", "bare"),
@@ -35,7 +35,7 @@ PAIRS = [
 
 
 def script(name: str) -> ModuleType:
-    """A script of the case."""
+    """Script of the case."""
     spec = importlib.util.spec_from_file_location(name, PLACE / f"{name}.py")
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
@@ -44,7 +44,7 @@ def script(name: str) -> ModuleType:
 
 
 def cases(folder: Path) -> dict[str, rockfall.Case]:
-    """The three cases of the folder, and the net without forest."""
+    """The three cases in the folder, and a case with the net but without forest."""
     names = "bare", "forest", "forest-and-net"
     shutil.copy(PLACE / "zones.csv", folder)
     found = {name: rockfall.read_case(shutil.copy(PLACE / f"{name}.nml", folder)) for name in names}

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of intervals where sources are a sample: fractions of boulders, frequencies at a place,
-and fractions over scenarios with common random numbers.
+"""Coverage of intervals if sources are a sample: fractions of boulders, frequencies at a place, and
+fractions over scenarios with common random numbers.
 
     python -m benchmarks.accuracy.sampled_sources [--repetitions 1000] [--seed 1]
 
-Boulders pass with the probability of their place; places are drawn again each time. Intervals that
-miss the truth lie below it (unsafe) or above.
+Boulders pass with the probability of their source; sources are drawn again in each repetition.
+Intervals that miss the truth are below it (unsafe) or above.
 """
 
 import argparse
@@ -20,19 +20,19 @@ from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.analysis.precision.weighted import Weighted
 from rockfall.kernel_rules import count_limits
 
-KINDS: dict[str, Callable] = {  # chance of passing at places (0 to 1), with this mean
+KINDS: dict[str, Callable] = {  # probability of passing for sources at 0 to 1, with a given mean
     "alike": lambda at, mean: np.full(at.shape, mean),
     "unlike": lambda at, mean: norm.sf(np.sqrt(2) * norm.isf(mean) + norm.ppf(at)),
     "a gully": lambda at, mean: np.where(at < 2 * mean, 0.5, 0.0),
     "all or none": lambda at, mean: np.where(at < mean, 1.0, 0.0),
 }
 SIZES = ((5, 200), (10, 20), (30, 100), (100, 20), (300, 3), (1000, 10))
-FEWER = np.array([1.0, 0.6, 0.3])  # boulders that pass, by scenario
+FEWER = np.array([1.0, 0.6, 0.3])  # fraction of passing boulders by scenario
 PRODUCTS = "fraction", "frequency", "scenarios"
 
 
 def held(kind: str, of: int, each: int, mean: float, repetitions: int, random) -> np.ndarray:
-    """Fractions (products, 3) of the intervals that contain the truth, lie below and above it."""
+    """Fractions (products, 3) of intervals that contain the truth, are below it, and above it."""
     number = np.repeat(np.arange(of), each)
     source, means = Sources.of(number, sampled=True), mean * FEWER
     pooled = Weighted(np.repeat(1 / number.size, 3 * number.size), np.tile(number, 3))
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def show(about: str, row: np.ndarray) -> None:
-    """Print a line of the table."""
+    """Print a row of the table."""
     print(about + "".join("".join(f"{one:7.1f}" for one in three) for three in row), flush=True)
 
 

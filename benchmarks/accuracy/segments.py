@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Certainty and cost of numbers of segments: the road of cases/settlement.
+"""Accuracy and cost of segment results: the road of cases/settlement.
 
 For small runs with many seeds: how often the 95 % intervals of frequencies and of the 95 %
 quantiles of energy and upper edge contain the mean of large runs, and how often a quantile has no
-upper limit. Then the CPU seconds of a hazard without segments and with increasing numbers of them.
+upper limit. Then the CPU seconds of a hazard without segments and with increasing numbers of
+segments.
 
     python cases/settlement/make_terrain.py && python -m benchmarks.accuracy.segments
 """
@@ -19,15 +20,15 @@ import rockfall
 from rockfall.files.segment_files import segment_table
 
 FOLDER = Path(__file__).parents[2] / "cases/settlement"
-FEW = 20  # boulders from each source of a small run
-LENGTH = 25.0  # of segments [m]
-LENGTHS = (25.0, 5.0, 1.0)  # whose cost is measured
+FEW = 20  # boulders per source in a small run
+LENGTH = 25.0  # length of segments [m]
+LENGTHS = (25.0, 5.0, 1.0)  # lengths for which cost is measured [m]
 NUMBERS = (
     "frequency", "frequency_above_30kJ", "frequency_above_300kJ",
     "energy_q95_kJ", "upper_edge_q95",
 )  # fmt: skip
 ENDS = ("_low", "_high")
-RARE = 1e-3  # [1/year] of the segments that are looked at, the least
+RARE = 1e-3  # minimum frequency of the segments examined [1/year]
 
 
 def main() -> None:
@@ -56,7 +57,7 @@ def main() -> None:
 
 
 def road_layer(folder: Path) -> Path:
-    """The road among the objects, as a layer of its own."""
+    """Layer with only the road from the objects."""
     layer = json.loads((FOLDER / "objects.geojson").read_text())
     layer["features"] = [
         one for one in layer["features"] if one["geometry"]["type"] == "LineString"
@@ -67,7 +68,7 @@ def road_layer(folder: Path) -> Path:
 
 
 def table_of(case: rockfall.Case, road: Path, seed: int):
-    """Table of the segments by one seed."""
+    """Table of segments for a seed."""
     case = case.replace(case={"seed": seed})
     return segment_table(rockfall.hazard(case, segments=road, segment_length=LENGTH))
 

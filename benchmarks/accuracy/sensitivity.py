@@ -19,7 +19,7 @@ from rockfall_lab.scorecard.talus import CELL, NORTH, ROADS, WEST, Talus, zones
 
 @dataclass(frozen=True)
 class Lowered(Talus):
-    """Slope with roads whose cuts lower the whole slope below them."""
+    """Slope with roads whose cuts lower the whole slope below."""
 
     def profile(self, s: np.ndarray) -> np.ndarray:
         z = self.natural(s)

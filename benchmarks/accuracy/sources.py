@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coverage of intervals of boulders from many sources, and agreement of predicted numbers of
+"""Coverage of intervals for boulders from many sources, and agreement of predicted numbers of
 boulders.
 
     python -m benchmarks.accuracy.sources [--dem FILE] [--repetitions 500] [--seeds 20]
 
-First sources of known probabilities: how often the intervals contain the truth. Then a slope with
-cliffs (your elevation raster, whose steepest cells are sources; by default a synthetic one): the
-printed interval compared with the scatter of new seeds, and the boulders that `--until`, `rockfall
-convergence` and reports require for the same interval.
+First sources with known probabilities: how often the intervals contain the truth. Then a slope with
+cliffs (the given elevation raster with its steepest cells as sources, or a synthetic slope): the
+printed interval compared with the scatter between new seeds, and the numbers of boulders required
+for the same interval by `--until`, `rockfall convergence` and reports.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from rockfall.studies.convergence import KEYS, MIN_REFERENCE, MIN_TURNS, converg
 from rockfall.studies.run_until import evaluate, read_rules
 
 NUMBERS = ("fraction", "mean", "std", "q95")
-KINDS: dict[str, Callable] = {  # chance of passing at each place, 0 to 1 along the sources
+KINDS: dict[str, Callable] = {  # probability of passing for places at 0 to 1 along the sources
     "alike": lambda at: np.full(at.size, 0.3),
     "a gully": lambda at: 0.5 * np.clip(np.sin(6 * at), 0, 1) + 0.05,
     "unlike": lambda at: np.random.default_rng(1).beta(0.5, 1.0, at.size),
@@ -46,7 +46,7 @@ RULES = ("fraction@road<1%", "speed.mean@road<1%", "energy_total.q95@road<2%")
 
 
 def covered(kind: str, of: int, each: int, repetitions: int) -> np.ndarray:
-    """Fraction of the intervals that contain the truth, for each of `NUMBERS`; speeds of passing
+    """Fraction of intervals that contain the truth, for each of `NUMBERS`. Speeds of passing
     boulders increase with the probability of their source."""
     random = np.random.default_rng(of)
     chance = KINDS[kind]((np.arange(of) + 0.5) / of)
@@ -75,11 +75,11 @@ def covered(kind: str, of: int, each: int, repetitions: int) -> np.ndarray:
 
 
 def slope(path: str | None) -> tuple[np.ndarray, Grid]:
-    """Elevations, NaN where unknown, and their positions."""
+    """Elevations, NaN if unknown, and their coordinates."""
     if path is None:
         x, y = np.meshgrid(np.arange(240) * CELL, np.arange(240) * CELL)
         z = 600 - 0.6 * y + 30 * np.sin(x / 90) + 5 * np.sin(x / 17 + y / 23)
-        for top, middle in ((250, 400), (380, 850)):  # two cliffs
+        for top, middle in ((250, 400), (380, 850)):  # make two cliffs
             z -= 60 / (1 + np.exp(-(y - top - 0.1 * x) / 12)) * np.exp(-(((x - middle) / 260) ** 4))
         return z, Grid(0.0, 1200.0, CELL, 240, 240)
     import rasterio
@@ -90,8 +90,8 @@ def slope(path: str | None) -> tuple[np.ndarray, Grid]:
 
 
 def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
-    """The steepest cells of the third quarter by elevation release; the road runs from east to west
-    at a place beyond which a fifth of the boulders stop."""
+    """Case with the steepest cells in the third quarter of elevations as sources; the road runs
+    from east to west, beyond where a fifth of the boulders stop."""
     fall, right = np.gradient(z, grid.cell)
     steep, levels = np.hypot(fall, right), np.nanquantile(z, [0.5, 0.75])
     steep[~((z > levels[0]) & (z < levels[1]))] = 0
@@ -103,7 +103,7 @@ def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
         terrain={}, release={"drop_height": 1.0, "cells": "cells.tif"},
     )  # fmt: skip
     few = rockfall.run(case.replace(case={"boulders": 2}), **arrays)
-    down = np.sign(np.nanmean(fall))  # falls to the north, or to the south: rows go south
+    down = np.sign(np.nanmean(fall))  # falls to the north, or south: rows go south
     y = float(np.quantile(few["stop_y"], 0.8 if down > 0 else 0.2))
     row = int((grid.north - y) / grid.cell)
     known = np.flatnonzero(np.isfinite(z[row]))
@@ -112,7 +112,7 @@ def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
 
 
 def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
-    """Printed intervals compared with the scatter of numbers over seeds."""
+    """Printed intervals compared with the scatter of statistics between seeds."""
     rules, rows = read_rules(",".join(RULES), ["road"]), {rule: [] for rule in RULES}
     for seed in range(1, seeds + 1):
         result = rockfall.run(case.replace(case={"seed": seed}), **arrays)
@@ -138,9 +138,9 @@ def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
 
 
 def promised(case: rockfall.Case, arrays: dict) -> None:
-    """Boulders over all sources that the three require for the same interval."""
+    """Number of boulders over all sources required by each of the three for the same interval."""
     few = arrays["cells"].copy()
-    few.ravel()[np.flatnonzero(few)[np.arange(few.sum()) % 8 > 0]] = 0  # blocks need many of each
+    few.ravel()[np.flatnonzero(few)[np.arange(few.sum()) % 8 > 0]] = 0  # many per block
     arrays = arrays | {"cells": few}
     result = rockfall.run(case, **arrays)
     where, boulders = sources(result), result.sizes["boulder"]
@@ -155,14 +155,14 @@ def promised(case: rockfall.Case, arrays: dict) -> None:
         until = evaluate([rule], result)[0].need * where.count
         end = rockfall.run_until(case, rule.text, cap=100_000, **arrays).sizes["boulder"]
         quantity = "boulders" if rule.statistic == "fraction" else rule.quantity
-        if ("road", quantity, rule.statistic) not in cost.index:  # too few in a block
+        if ("road", quantity, rule.statistic) not in cost.index:  # too few boulders in a block
             print(f"{rule.text:28}{until:10,.0f}{report:10,.0f}{end:10,}{'-':>20}")
             continue
         error = found.error.set_index(KEYS).loc[[("road", quantity, rule.statistic)]]
         measured = cost.loc[
             ("road", quantity, rule.statistic), f"boulders_{100 * rule.limit:g}_percent"
         ]
-        spread = 2 / np.sqrt(2 * error["blocks"].max())  # of the square of a root mean square
+        spread = 2 / np.sqrt(2 * error["blocks"].max())  # relative error of a squared RMS
         print(f"{rule.text:28}{until:10,.0f}{report:10,.0f}{end:10,}"
               f"{f'{measured:,.0f} +- {spread * measured:,.0f}':>20}")  # fmt: skip
 

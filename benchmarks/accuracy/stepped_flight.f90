@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flight in time steps, as other programs fly: for comparison only. It stands in the place of the product's
-!> module of this name, which is then called exact_flight; everything but `fly` is still the product's.
+!> Flight in time steps, as in other programs, for comparison only. Replaces the product's module of the same name,
+!> which is renamed to exact_flight; only `fly` differs.
 module rockfall_flight
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, patch_t, locate, read_patch, height
@@ -16,28 +16,28 @@ module rockfall_flight
    public :: fly_exactly, march, choose, scheme_names
 
    character(len=*), parameter :: scheme_names(*) = [character(len=12) :: &
-                                                     "exact", &        ! the product's
-                                                     "euler", &        ! velocity first, then place with it
-                                                     "parabola", &     ! the parabola, known only at the steps
+                                                     "exact", &        ! `fly` of the product
+                                                     "euler", &        ! velocity first, then position
+                                                     "parabola", &     ! parabola evaluated only at the steps
                                                      "interpolated"]   ! parabola; lands between two steps
    integer, parameter :: exact = 1, euler = 2, interpolated = 4
 
-   ! How `fly` flies. The product keeps no such state; here the program sets it before it runs.
+   ! Scheme of `fly`, set by the program before it runs. The product has no such state.
    integer, protected :: scheme = exact
-   real(wp), protected :: step = 0.0_wp  !! [s]
+   real(wp), protected :: step = 0.0_wp  !! time step [s]
 
 contains
 
-   !> Choose how boulders fly from now on.
+   !> Choose the scheme of all following flights.
    subroutine choose(name, seconds)
       character(len=*), intent(in) :: name   !! one of scheme_names
-      real(wp), intent(in) :: seconds        !! the step; not used by "exact" [s]
+      real(wp), intent(in) :: seconds        !! time step; not used by "exact" [s]
 
       scheme = findloc(scheme_names == name, .true., dim=1)
       step = seconds
    end subroutine choose
 
-   !> As `fly` of the product, by the scheme chosen. Only the exact one knows the cells on the way (maps).
+   !> `fly` by the chosen scheme. Only the exact scheme reports the cells on the way (for maps).
    pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                       !! [m/s2]
@@ -56,15 +56,15 @@ contains
       end if
    end subroutine fly
 
-   !> Go on step by step until the boulder is below the ground, or out of the known terrain. It lands at that
-   !> point, lifted straight up to the surface; "interpolated" first goes back along the last step, to where
-   !> the height above the ground is zero if it changes evenly.
+   !> Advance step by step until the boulder is below the ground or outside the known terrain. It lands there, lifted
+   !> vertically to the surface; "interpolated" first goes back along the last step to zero height above the ground, by
+   !> linear interpolation.
    pure subroutine march(dem, gravity, start, landing, lift)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity           !! [m/s2]
       type(flight_t), intent(in) :: start
       type(landing_t), intent(out) :: landing
-      real(wp), intent(out) :: lift             !! how far it was below the ground where it landed [m]
+      real(wp), intent(out) :: lift             !! depth below the ground at the landing [m]
       type(patch_t) :: patch
       real(wp) :: x, y, z, v, fall, above, before, share
       integer :: n, i, j
@@ -97,7 +97,7 @@ contains
          landing%jump_height = max(landing%jump_height, above)
       end do
       landing%contact = patch%known
-      share = 0  ! of the last step, to go back
+      share = 0  ! fraction of the last step to go back
       if (landing%contact .and. scheme == interpolated) then
          share = above/(above - before)
          x = x - share*start%v(1)*step
@@ -119,10 +119,10 @@ contains
       lift = landing%z - z
    end subroutine march
 
-   !> Whether a place is on a patch or its edge. A boulder that goes down into the patch it enters lands on
-   !> that one, also when the step takes it back to the edge.
+   !> Return whether a position is on a patch or its edge. A boulder that descends into a patch lands on it, even if the
+   !> step returns to its edge.
    pure logical function on_patch(u)
-      real(wp), intent(in) :: u  !! 0..1 on the patch
+      real(wp), intent(in) :: u  !! position in the patch, 0..1 [cells]
       real(wp), parameter :: on_edge = 1.0e-9_wp
 
       on_patch = u > -on_edge .and. u < 1 + on_edge

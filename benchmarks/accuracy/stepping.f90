@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Runs a case with boulders that fly in time steps, and compares their flights, one by one, with the exact
-!> ones from the same start. Prints `name value` lines; results go to a part file as those of rockfall-batch.
+!> Runs a case with flights in time steps, and compares single flights with exact flights from the same start. Prints
+!> `name value` lines; results are written to a part file as by rockfall-batch.
 !>
-!>     stepping CASE SCENE SCHEME STEP REPEAT FLIGHTS PART
+!> stepping CASE SCENE SCHEME STEP REPEAT FLIGHTS PART
 program stepping
    use, intrinsic :: iso_fortran_env, only: error_unit
    use rockfall_kinds, only: wp, i8
@@ -23,17 +23,17 @@ program stepping
    use rockfall_run_loop, only: run_case
    implicit none
 
-   !> Sums over flights from the same start, in steps less exact.
+   !> Sums over flights from the same start of differences, stepped minus exact.
    type :: errors_t
       integer(i8) :: flights = 0
-      integer(i8) :: short = 0             !! exact flights that end within the first step
-      integer(i8) :: missed = 0            !! whose first contact no step saw
+      integer(i8) :: short = 0             !! number of exact flights that end within the first step
+      integer(i8) :: missed = 0            !! number of flights whose first contact was missed by the steps
       real(wp) :: place2 = 0.0_wp          !! squared distance of the landings [m2]
-      real(wp) :: normal = 0.0_wp          !! normal speed at the landing [m/s]
+      real(wp) :: normal = 0.0_wp          !! difference of normal speed at the landing [m/s]
       real(wp) :: normal2 = 0.0_wp         !! its square [m2/s2]
-      real(wp) :: gained = 0.0_wp          !! energy at the landing less that at the start, per mass [m2/s2]
+      real(wp) :: gained = 0.0_wp          !! energy at the landing minus energy at the start, per mass [m2/s2]
       real(wp) :: kinetic = 0.0_wp         !! exact kinetic energy at the landing, per mass [m2/s2]
-      real(wp) :: deepest = 0.0_wp         !! greatest depth below the ground at a landing [m]
+      real(wp) :: deepest = 0.0_wp         !! maximum depth below the ground at a landing [m]
    end type errors_t
 
    type(error_t), allocatable :: error
@@ -52,7 +52,7 @@ contains
       type(inputs_t), target :: inputs
       integer, parameter :: impacts = findloc(row_integers, "impacts", dim=1)
       type(run_t), target :: state
-      type(checkpoint_t) :: none  !! its `every` is 0: nothing is saved
+      type(checkpoint_t) :: none  !! never saves, because `every` is 0
       character(len=:), allocatable :: text, scheme, part
       real(wp) :: step, cpu
       integer :: k
@@ -84,7 +84,7 @@ contains
          call compare(scheme, step, inputs, min(state%boulders, nint(number(6), i8)))
    end subroutine run
 
-   !> A word of the command line.
+   !> Word of the command line.
    function word(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -95,7 +95,7 @@ contains
       call get_command_argument(k, text)
    end function word
 
-   !> A number of the command line; 0 where there is none.
+   !> Number of the command line; 0 if absent.
    real(wp) function number(k)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
@@ -106,7 +106,7 @@ contains
       if (status /= 0) number = 0
    end function number
 
-   !> Fly each flight of the first boulders, as the exact run has them, once more by the scheme.
+   !> Repeat each flight of the first boulders of the exact run by the scheme.
    subroutine compare(scheme, step, inputs, boulders)
       character(len=*), intent(in) :: scheme
       real(wp), intent(in) :: step  !! [s]
@@ -134,7 +134,7 @@ contains
       end associate
    end subroutine compare
 
-   !> Add the errors of one flight that starts at a recorded contact; not of one that leaves the terrain.
+   !> Add the errors of a flight that starts at a recorded contact, unless it leaves the terrain.
    subroutine compare_flight(inputs, contact, step, errors)
       type(inputs_t), intent(in) :: inputs
       type(vertex_t), intent(in) :: contact

@@ -1,28 +1,27 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The exact flight compared with flights in time steps, as in other programs: error against CPU
-time.
+"""Exact flights compared with flights in time steps, as in other programs: error against CPU time.
 
     python -m benchmarks.accuracy.stepping [--boulders 20000] [--repeat 3] [--dem DEM] [-o FOLDER]
 
-Builds the kernel once more, in a temporary folder and with the product's flags, with
-`benchmarks/accuracy/stepped_flight.f90` in place of the flight. Rebound, turn, random numbers and
-terrain are the product's. After each step a boulder looks whether it is below the bilinear surface;
-three schemes:
+Builds another kernel in a temporary folder, with the product's flags and with
+`benchmarks/accuracy/stepped_flight.f90` as the flight. Rebound, turn, random numbers and terrain
+are unchanged. After each step a boulder is compared with the bilinear surface. There are three
+schemes:
 
-    euler         velocity first, then the place with the new velocity (symplectic Euler)
-    parabola      the exact parabola, known only at the steps
-    interpolated  the same, but goes back to where the height above the ground would be zero
+euler velocity first, then position from the new velocity (symplectic Euler) parabola exact
+parabola, evaluated only at the steps interpolated the same, then back to where the interpolated
+height is zero
 
-The first two land at the first point below the ground and are lifted straight up to it; open
-programs do so or much alike: PlatRock 3D (Euler in its source of 2019, later the parabola, steps of
-0.02 s by default), rust_rockfall (parabola, 0.02 s in a validation case) and rockfall2d-sim (Euler,
-0.005 s). STONE solves for the contact with a triangle, without a step. Of the third scheme we know
-no user; it is the best that costs no more.
+In the first two schemes, a boulder lands at the first point below the ground and is lifted
+vertically. Open programs use these or similar schemes: PlatRock 3D (Euler in its source of 2019,
+later the parabola, steps of 0.02 s by default), rust_rockfall (parabola, 0.02 s in a validation
+case) and rockfall2d-sim (Euler, 0.005 s). STONE solves for the contact with a triangle, without
+steps. No program is known to use the third scheme, the best of equal cost.
 
-Runs cases/plane, whose every contact is known in closed form, and cases/vaujany with the same seed
-and boulders for all; with --dem also a terrain, with one boulder from each cell above 50 degrees.
-With -o the numbers go to FOLDER/stepping.csv, the figure to FOLDER/stepping.png. CPU times are the
-least of --repeat runs, one thread. On a busy machine only their ratios mean something.
+Runs cases/plane, where every contact is known in closed form, and cases/vaujany, with the same seed
+and boulders for all schemes; with --dem also a terrain, with one boulder from each cell above 50
+degrees. -o writes FOLDER/stepping.csv and FOLDER/stepping.png. CPU times are minima of --repeat
+runs on one thread. On a busy machine only their ratios are meaningful.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ from rockfall.result.crossings import at_lines, line_names
 from rockfall.scene.prepare import prepare
 
 SCHEMES = {"euler": (BLUE, "o"), "parabola": (VERMILION, "s"), "interpolated": (GREY, "^")}
-STEPS = [0.1, 0.03, 0.01, 0.003, 0.001]  # [s]
-ONE_FLIGHT = {  # what the program prints, and its heading
+STEPS = [0.1, 0.03, 0.01, 0.003, 0.001]  # time steps [s]
+ONE_FLIGHT = {  # printed statistics, and their headings
     "place": "landing [m]",
     "normal": "V_n [m/s]",
     "normal_rms": "V_n r.m.s.",
@@ -62,12 +61,12 @@ ONE_FLIGHT = {  # what the program prints, and its heading
     "short": "short",
     "missed": "missed",
 }
-Samples = dict[str, np.ndarray]  # a value of each boulder, NaN where it has none
+Samples = dict[str, np.ndarray]  # one value per boulder, NaN if it has none
 Estimates = dict[str, tuple[float, np.ndarray]]
 
 
 class Run(NamedTuple):
-    """A scheme, its step [s], the printed output, and the result."""
+    """Run with its scheme, step [s], printed output, and result."""
 
     scheme: str
     step: float
@@ -75,15 +74,15 @@ class Run(NamedTuple):
     result: xr.Dataset | None
 
     def cost(self) -> float:
-        """CPU nanoseconds of a rebound."""
+        """CPU nanoseconds per rebound."""
         return 1e9 * self.printed["cpu"] / self.printed["contacts"]
 
 
-# The program
+# Program
 
 
 def build(folder: Path) -> Path:
-    """Build the kernel with flights in steps; returns the program."""
+    """Build the kernel with stepped flights; return the program."""
     variant.copy_sources(folder)
     variant.go_one_by_one(folder)
     source = folder / "fortran/src"
@@ -99,8 +98,8 @@ def build(folder: Path) -> Path:
 
 
 def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
-    """The exact run of a prepared case first, then all schemes and steps; the flights of the first
-    boulders are compared one by one."""
+    """Run a prepared case exactly, then by all schemes and steps; flights of the first boulders are
+    compared one by one."""
     runs = []
     for scheme, step in [("exact", 0.0), *((s, dt) for s in SCHEMES for dt in STEPS)]:
         part = case.parent / f"{scheme}_{step:g}"
@@ -112,7 +111,7 @@ def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
         printed = {name: float(value) for name, value in map(str.split, done.stdout.splitlines())}
         try:
             result = rockfall.merge([part])
-        except rockfall.RockfallError:  # a step carried a boulder beyond the terrain: refused
+        except rockfall.RockfallError:  # refused: a step left the terrain
             result = None
         runs.append(Run(scheme, step, printed, result))
     return runs
@@ -126,7 +125,7 @@ def check_exact(exact: Run, case: rockfall.Case) -> None:
             sys.exit(f"{name}: the exact run differs from that of rockfall.run")
 
 
-# What a run found
+# Results of a run
 
 
 def line_samples(result: xr.Dataset, line: str) -> Samples:
@@ -140,8 +139,8 @@ def boulder_samples(result: xr.Dataset) -> Samples:
 
 
 def estimates(samples: Samples) -> Estimates:
-    """Fraction, then mean and standard deviation of each quantity, and the influence of each
-    boulder on them, for standard errors of paired differences."""
+    """Passing fraction, mean and standard deviation of each quantity, and each boulder's influence
+    on them, for standard errors of paired differences."""
     found: Estimates = {}
     for name, v in samples.items():
         there = ~np.isnan(v)
@@ -163,11 +162,11 @@ def difference(one: Estimates, other: Estimates, name: str) -> tuple[float, floa
     return one[name][0] - other[name][0], moved.std() / math.sqrt(moved.size)
 
 
-# The scenes
+# Scenes
 
 
 def examine(title: str, runs: list[Run], places: dict[str, list[Samples]]) -> Iterator[dict]:
-    """Print the cost of the runs and their distance from the first, exact run; yields rows of the
+    """Print the cost of the runs and their differences from the first, exact run. Yield rows of the
     table. `places` has the samples of every run."""
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'CPU us a boulder':>18}{'rebounds':>10}")
     boulders = next(iter(next(iter(places.values()))[0].values())).size
@@ -196,7 +195,7 @@ def examine(title: str, runs: list[Run], places: dict[str, list[Samples]]) -> It
 
 
 def flights(title: str, runs: list[Run]) -> Iterator[dict]:
-    """Print the errors of single flights that start where the exact ones do."""
+    """Print the errors of single flights that have the same start as exact flights."""
     number = int(runs[1].printed["flights"])
     print(
         f"\nErrors of one flight from the same start, over {number} flights: place of the landing,"
@@ -223,7 +222,7 @@ def row(scene: str, one: Run, what: str, value: float, error: float = math.nan) 
 
 def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[float]]:
     """Runs of cases/plane, and the distance of the last contact from its closed form [m]; NaN if
-    the boulder left the terrain before."""
+    the boulder left the terrain earlier."""
     place = ROOT / "cases/plane"
     spec = importlib.util.spec_from_file_location("closed_form", place / "closed_form.py")
     closed_form = importlib.util.module_from_spec(spec)
@@ -247,7 +246,7 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
 
 
 def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
-    """Print the errors on the plane, with the order of the error of one flight in the step."""
+    """Print the errors on the plane, with the order in the step of a single flight's error."""
     title = "cases/plane"
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'one landing [m]':>18}", end="")
     print(f"{'100th contact [m]':>20}")
@@ -263,14 +262,14 @@ def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
 
 
 def slope(runs: list[Run], scheme: str) -> float:
-    """Order of the error of one landing in the step, from logarithms."""
+    """Order in the step of the error of a landing, from logarithms."""
     some = [one for one in runs if one.scheme == scheme]
     place = [one.printed["place"] for one in some]
     return float(np.polyfit(np.log([one.step for one in some]), np.log(place), 1)[0])
 
 
 def terrain(dem: Path) -> tuple[rockfall.Case, np.ndarray]:
-    """A case with one boulder from each steep cell of a terrain, and these cells."""
+    """Case with one boulder from each steep cell of a terrain, and these cells."""
     z, grid = read_dem(dem)
     case = rockfall.Case(
         case={"boulders": 1},
@@ -285,9 +284,9 @@ def terrain(dem: Path) -> tuple[rockfall.Case, np.ndarray]:
 def figure(
     flat: list[Run], last: float, rough: list[Run], samples: list[Samples], path: Path
 ) -> None:
-    """Write the error of one landing on the plane against step and CPU time, and the error of the
-    fraction passing the first line of cases/vaujany against CPU time; `last` is the exact flight's
-    error of the last contact on the plane [m]."""
+    """Plot the error of a landing on the plane against step and CPU time, and the error of the
+    fraction passing the first line of cases/vaujany against CPU time. `last` is the error of the
+    last contact on the plane with exact flights [m]."""
     import matplotlib.pyplot as plt
 
     found = [estimates(one) for one in samples]

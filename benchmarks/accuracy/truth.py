@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel compared with arithmetic of 50 digits, contact by contact and from release to rest.
+"""The kernel compared with 50-digit arithmetic, contact by contact and from release to rest.
 
     python -m benchmarks.accuracy.truth [DEM...] [--boulders 1000] [--slope 50] [--processes 2]
 
 On `cases/vaujany` by methods B and A, and on each DEM with boulders from cells steeper than
-`--slope` degrees. tests/reference/reference.py is the model in plain Python with 50 digits,
-replay.py compares, and explains the bounds. The exit status is 1 if an error exceeds its bound, a
-boulder deviates from the model, more than 1 in 10,000 contacts is decided by rounding, or the ends
-and speeds of all boulders differ from the reference.
+`--slope` degrees. tests/reference/reference.py is the model in plain Python with 50 digits;
+replay.py does the comparison and explains the bounds. The exit status is 1 if an error exceeds its
+bound, a boulder deviates from the model, more than 1 in 10,000 contacts is decided by rounding, or
+the ends and speeds of all boulders differ from the reference.
 """
 
 import argparse
@@ -32,22 +32,22 @@ from rockfall.simulation.simulate import run_scene
 
 VAUJANY = ROOT / "cases/vaujany"
 CASES = "case.nml", "case_A.nml"
-PARTED = 0.001  # [m]
-ALIKE = 0.001  # least p of a Kolmogorov-Smirnov test
-MOST_UNDECIDED = 1e-4  # share of the contacts
-TABLE_ERROR = 1e-10  # of the kernel's normal numbers, as rockfall_random says
-shared = {}  # what forked processes know
+PARTED = 0.001  # distance from which paths differ [m]
+ALIKE = 0.001  # minimum p of a Kolmogorov-Smirnov test
+MOST_UNDECIDED = 1e-4  # maximum fraction of contacts decided by rounding
+TABLE_ERROR = 1e-10  # error of the kernel's normal numbers, as stated in rockfall_random
+shared = {}  # data for forked processes
 
 
 def vaujany(name: str, boulders: int) -> Scene:
-    """A case of the experimental slope, with every trajectory."""
+    """Case of the experimental slope that records every trajectory."""
     case = rockfall.read_case(VAUJANY / name)
     output = {"trajectories": boulders, "maps": None, "rebounds": False}
     return read_scene(case.replace(case={"boulders": boulders}, output=output))
 
 
 def real(path: Path, boulders: int, slope: float) -> Scene:
-    """One boulder each from steep cells, as many as requested."""
+    """Case with single boulders from as many steep cells as requested."""
     z, grid = read_dem(path)
     rows, columns = np.nonzero(steep_cells(z, grid.cell, slope))
     if not rows.size:
@@ -57,7 +57,7 @@ def real(path: Path, boulders: int, slope: float) -> Scene:
         case={"boulders": 1, "title": path.name},
         terrain={"dem": path.resolve()},
         surface={"uniform_mean_radius": 0.25},
-        impact={"sets": "vaujany-observed", "rest_angle": 90.0},  # flights only
+        impact={"sets": "vaujany-observed", "rest_angle": 90.0},  # only flights are compared
         boulder={"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
         release={"x": grid.x[columns[these]].tolist(), "y": grid.y[rows[these]].tolist(),
                  "drop_height": 2.0},
@@ -73,7 +73,7 @@ def both(number: int) -> tuple[replay.Replay, replay.Retrace]:
 
 
 def examine(scene: Scene, processes: int) -> bool:
-    """Print the tables of a scene; returns True if all errors are within their bounds."""
+    """Print the tables of a scene; return True if all errors are within their bounds."""
     scene = replay.at_origin(scene)
     result = run_scene(scene)
     shared.update(world=replay.world_of(scene), tracks=replay.tracks(result), result=result)
@@ -99,7 +99,7 @@ def examine(scene: Scene, processes: int) -> bool:
 
 
 def local_table(replays: list[replay.Replay]) -> list[float]:
-    """Errors of each quantity; returns their maximum fractions of the bounds."""
+    """Print the errors of each quantity; return their maximum fractions of the bounds."""
     print(f"  {'one flight and rebound':24}{'':6}{'median':>9}{'99 %':>9}{'worst':>9}", end="")
     print(f"{'ulps: median':>14}{'99 %':>9}{'worst / bound':>15}")
     groups = [
@@ -123,8 +123,8 @@ def local_table(replays: list[replay.Replay]) -> list[float]:
 
 
 def global_table(scene: Scene, result, retraces: list[replay.Retrace]) -> bool:
-    """Table of the deviation of boulders from the reference; returns True if their distributions
-    still agree."""
+    """Print the deviations of boulders from the reference; return True if their distributions
+    agree."""
     from scipy.stats import ks_2samp
 
     n = len(retraces)
@@ -172,8 +172,8 @@ def global_table(scene: Scene, result, retraces: list[replay.Retrace]) -> bool:
 
 
 def growth(apart: np.ndarray) -> float:
-    """Factor per contact by which boulders diverge, from the median slope of log(apart) while their
-    distance is between rounding and a millimetre."""
+    """Factor per contact by which paths diverge, from the median slope of log(apart) while their
+    distance is between rounding and one millimetre."""
     slopes = []
     for row in apart:
         good = np.flatnonzero((row > 1e-14) & (row < PARTED))
@@ -187,7 +187,7 @@ def table_error() -> float:
     worst = 0.0
     for octave in range(32):
         for share in np.linspace(1, 2, 97)[:-1]:
-            word = int(share * 2**octave) // 2  # its tail is 2 word + 1 of 2**33
+            word = int(share * 2**octave) // 2  # its tail is (2 word + 1)/2**33
             tail = reference.uniform(word)
             worst = max(worst, float(abs(reference.normal(word) + reference.quantile(tail))))
     return worst

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Options and file of a calibration with synthetic truths, which resumes after an interruption."""
+"""Options and file of a calibration with synthetic truths that can resume after interruption."""
 
 import argparse
 from collections.abc import Callable, Iterable
@@ -12,7 +12,7 @@ from benchmarks.machine import machine
 
 
 def parser_of(about: str, **numbers: int) -> argparse.ArgumentParser:
-    """Parser of a calibration: the file of its truths, and numbers with their defaults."""
+    """Parser of a calibration: the file of truths, and numeric options with their defaults."""
     parser = argparse.ArgumentParser(description=about.splitlines()[0])
     parser.add_argument("file", type=Path)
     for name, value in numbers.items():
@@ -23,8 +23,8 @@ def parser_of(about: str, **numbers: int) -> argparse.ArgumentParser:
 def all_truths(
     file: Path, key: list[str], truths: Iterable[tuple], rows_of: Callable[..., pd.DataFrame]
 ) -> pd.DataFrame:
-    """Rows of all truths, computed and appended to the file if missing; `key` are the columns that
-    identify a truth."""
+    """Rows of all truths; missing truths are computed and appended to the file. `key` has the
+    columns that identify a truth."""
     print(machine())
     done = {*pd.read_csv(file)[key].itertuples(index=False, name=None)} if file.exists() else set()
     with TemporaryDirectory() as folder:

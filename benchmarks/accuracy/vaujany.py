@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shipped impact sets compared with the numbers of the paper.
+"""Shipped impact sets compared with the values in the paper.
 
     python -m benchmarks.accuracy.vaujany [--slopes 48] [-o docs]
 
 Tables 2 and 3 of Bourrier et al. (2009) by methods A and B, and the paper's statements on rebounds,
-over slopes made by the recipe of cases/vaujany that no calibration has seen. Writes the sets of
-`MAIN` to validation/vaujany.md, the other columns to archive/vaujany_sets.md.
+over slopes generated as in cases/vaujany that no calibration has used. Writes the sets of `MAIN` to
+validation/vaujany.md, the other columns to archive/vaujany_sets.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rockfall_lab.scorecard.score import BESIDE, Score, Target, score, targets, 
 from rockfall_lab.scorecard.site import Site
 
 VAUJANY = ROOT / "cases" / "vaujany"
-#: Column: shipped set, rule of turning, reading of Rg, which set serves a ratio.
+#: Column: shipped set, turning rule, reading of Rg, choice of the set for a ratio.
 COLUMNS = {
     "`bourrier2009`": ("bourrier2009", "past_aspect", "radius", "nearest"),
     "turned `'to_aspect'`": ("bourrier2009", "to_aspect", "radius", "nearest"),
@@ -43,7 +43,7 @@ def measure(column: str, slopes: int) -> Score:
 
 
 def cell(one: Score, target: Target) -> str:
-    """A number with its standard error, and the verdict unless it is met."""
+    """Value with its standard error, and the verdict unless the target is met."""
     value, error = one.mean(target.name), one.error(target.name)
     if not np.isfinite(value):
         return "-"
@@ -52,7 +52,7 @@ def cell(one: Score, target: Target) -> str:
 
 
 def rows(scores: dict[str, Score], wanted: list[Target], ensemble: Score | None) -> list[str]:
-    """Numbers with a target, and the range of the draws of an ensemble."""
+    """Statistics with a target, and the range over the draws of an ensemble."""
     heads = [*scores, "5 to 95 % of the draws"] if ensemble else list(scores)
     text = [f"| | paper | requested | {' | '.join(heads)} |"]
     text.append("| --- | --: | --: |" + " --: |" * len(heads))
@@ -68,7 +68,7 @@ def rows(scores: dict[str, Score], wanted: list[Target], ensemble: Score | None)
 
 
 def beside(scores: dict[str, Score]) -> list[str]:
-    """Numbers without a target; planes.md has the neutral slopes."""
+    """Statistics without a target; planes.md has the neutral slopes."""
     text = [f"| | {' | '.join(scores)} |", "| --- |" + " --: |" * len(scores)]
     for name, label in BESIDE.items():
         if not name.startswith("neutral_"):

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of boulders that reach a road by volume, and jumps between impact sets.
+"""Fraction of boulders that reach a road by volume, and jumps between impact sets.
 
     python -m benchmarks.accuracy.volumes [--boulders 400000] [-o docs/figures]
 
-A slope of 38 degrees, 200 m in plan, then 25; rocks of R_m = 0.2 m; volumes of 0.1 to 4 m3. Draws
-volumes.png, the fraction of each of 40 classes with its 95 % interval, by `ratio = 'nearest'` and
-`'between'`, and prints the largest step between neighbours over its standard error.
+Slope of 38 degrees over 200 m in plan, then 25 degrees; rocks of R_m = 0.2 m; volumes of 0.1 to 4
+m3. Draws volumes.png, the fraction of each of 40 classes with its 95 % interval, by
+`ratio = 'nearest'` and `'between'`, and prints the largest step between neighbours over its
+standard error.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def slope() -> tuple[np.ndarray, Grid]:
 def reaching(
     boulders: int, classes: int = CLASSES, seed: int = 1, **impact: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Number of boulders of each class of volume, and the fraction that reaches the road."""
+    """Number of boulders in each volume class, and the fraction that reaches the road."""
     z, grid = slope()
     case = rockfall.Case(
         case={"boulders": boulders, "seed": seed},

@@ -3,12 +3,12 @@
 
     python -m benchmarks.accuracy.witnesses truths.csv [--truths 24] [--members 384] [--show 3]
 
-Truths (rock size, factor on the drop height) are drawn from the prior. Below a slope with two
-cliffs lie 40 blocks of unknown origin, or of a known cliff; on a line across it 20 trees have
-scars; or both. Boulders of truths and analyses have different seeds. For a correct posterior the
-5-95 % range contains the truth in 90 % of the cases. `narrower` is the mean length of that range
-relative to the prior's. Truths in the file are not run again. --show prints the output of `rockfall
-back` for a truth.
+Truths (rock size, factor on the drop height) are drawn from the prior. Observations are 40 blocks
+below a slope with two cliffs, of unknown origin or from a known cliff, or scars on 20 trees along a
+line across the slope, or both. Boulders of truths and analyses have different seeds. For a correct
+posterior the 5-95 % range contains the truth in 90 % of the cases. `narrower` is the mean width of
+that range relative to the prior range. Truths in the file are not run again. --show prints the
+output of `rockfall back` for a truth.
 """
 
 import argparse
@@ -34,12 +34,12 @@ from rockfall.tables.back import back_text
 
 NY, NX, CELL = 100, 60, 5.0
 KINDS = ("at rest", "at rest, of a source", "marks", "at rest and marks")
-SEED = 30_000  # of the truths
+SEED = 30_000  # seed of truths
 BLOCKS, SCARS = 40, 20
 
 
 def terrain() -> np.ndarray:
-    """Terrain that slopes down to the south: a slope of 0.8 with bumps over one that runs out."""
+    """Terrain that descends to the south: a bumpy slope of 0.8 that flattens out below."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
@@ -102,7 +102,7 @@ def rows_of(k: int, found: Back, made: dict[str, float]) -> pd.DataFrame:
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Print the calibration; errors are between truths, because parameters of one truth are
+    """Print the calibration. Errors are between truths, because the parameters of a truth are
     dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["all"] = "all"

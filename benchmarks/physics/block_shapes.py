@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run-outs at Tschamut (cases/tschamut) by one shape for all blocks, by a mix with the fractions of
-the three blocks, and by the shape of each block:
+"""Run-outs at Tschamut (cases/tschamut) with one shape for all blocks, with a mix in the
+proportions of the three blocks, and with the shape of each block:
 
     python -m benchmarks.physics.block_shapes [--data FOLDER] [--half held-out] [--table meadow]
         [--seeds 9301 9302 ...]
@@ -27,7 +27,7 @@ from rockfall.studies.validation import RUN_OUT, comparable_numbers
 
 
 def ways(folder: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Ways to give shapes: name, table of releases and keys of &boulder."""
+    """Variants of shapes: name, release table and keys of &boulder."""
     releases = pd.read_csv(folder / "releases.csv")
     shares = releases["block_shape"].value_counts(normalize=True)
     releases.drop(columns="block_shape").to_csv(folder / "alike.csv", index=False)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Breakage: fragments of blocks, and the balance of mass and energy over many fragments.
+"""Breakage: fragments of blocks, and the balances of mass and energy over many fragments.
 
     python -m benchmarks.physics.breakage [--fragments 1000000] [--threads 0]
 
-Prints as Markdown, for blocks that fall on the ground from several heights: area ratio, number of
-fragments, and the largest of them, by the published rule with the defaults of `&breakage`. Then,
-over the requested number of fragments, of random volumes and energies: the largest difference
-between a block and its fragments and fines [g]. Then, for boulders of cases/vaujany that break at
-release and at impacts, up to the same number of fragments: the largest relative difference between
-the energy released and the energy spent on ground, breaking and end. Last, the effect of breakage
-at the line EL1.
+Prints as Markdown, for blocks that fall from several heights: area ratio, number of fragments, and
+largest fragment, by the published rule with the defaults of `&breakage`. Then, for random volumes
+and energies with the requested number of fragments: the maximum difference between a block and the
+sum of its fragments and fines [g]. Then, for boulders of cases/vaujany that break at release and at
+impacts, up to the same number of fragments: the maximum relative difference between the energy
+released and the sum of energy absorbed by the ground, lost in breaking and left at the end.
+Finally, the effect of breakage at line EL1.
 """
 
 import argparse
@@ -23,14 +23,14 @@ from rockfall.case import Case
 from rockfall.result.crossings import at_lines, line_names
 from rockfall.scene.rebounds.breakage import split_blocks
 
-VOLUMES = 0.1, 1.0, 10.0  # [m3]
-FALLS = 1.0, 3.0, 10.0, 30.0  # [m]
+VOLUMES = 0.1, 1.0, 10.0  # volumes [m3]
+FALLS = 1.0, 3.0, 10.0, 30.0  # fall heights [m]
 DENSITY = 2800.0
-BLOCKS = 20_000  # at a time
+BLOCKS = 20_000  # blocks per call
 
 
 def breaking(case: Case, **keys: object) -> Case:
-    """The case with breakage."""
+    """Case with breakage."""
     return case.replace(breakage={"at": "both", "release_fall": 10.0} | keys)
 
 

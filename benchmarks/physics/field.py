@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field sites compared with the program, by every rebound model: the tables of
+"""Field sites compared with the program by every rebound model: the tables of
 docs/validation/field.
 
     python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
@@ -7,17 +7,18 @@ docs/validation/field.
         [--platrock PYTHON] [--law NAME=TABLE] [--ground ROW]
         [--write]
 
-For each place and quantity that was observed prints one table in Markdown: mean, standard
-deviation, 5, 50 and 95 % quantiles, Kolmogorov-Smirnov statistic and its p, Wasserstein distance,
-lateral spread; means over seeds (or, at Vaujany, over slopes of the recipe) and standard errors of
-the last digit shown. Means within 10 % of what was observed, and deviations within 25 %, are marked
-✓, those beyond ✗, ? where errors do not decide. Statistics are those of `rockfall validate`.
+Prints a Markdown table for each observed place and quantity: mean, standard deviation, 5, 50 and 95
+% quantiles, Kolmogorov-Smirnov statistic with p, Wasserstein distance, lateral spread. Values are
+means over seeds (at Vaujany, over generated slopes), with standard errors of the last digit shown.
+Means within 10 % of the observation, and standard deviations within 25 %, are marked ✓, others ✗,
+or ? if errors do not decide. Statistics are those of `rockfall validate`.
 
 Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER (see
 benchmarks/field_data.py). Only the calibration half of Tschamut is run unless --half selects
-another: docs/archive/field_protocol.md has the choices made before. PYTHON is an interpreter with
-PlatRock (benchmarks.speed.platrock); without it that row is left out, with a note. --write puts the
-tables into docs/archive/field_tables.md, the impacts into docs/validation/field/impacts.md.
+another; docs/archive/field_protocol.md has the choices made in advance. PYTHON is an interpreter
+with PlatRock (benchmarks.speed.platrock); without it, that row is omitted with a note. --write
+stores the tables in docs/archive/field_tables.md and the impacts in
+docs/validation/field/impacts.md.
 """
 
 import argparse
@@ -64,15 +65,15 @@ from rockfall.studies.validation import (
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 TABLES = ROOT / "docs/archive/field_tables.md"
-RELIEFS = 0.7, 1.4  # times that of the ground
-SLOPES = 16  # of the recipe of cases/vaujany
-FIRST_SLOPE = 3000  # seed of the first: none that a calibration has seen
+RELIEFS = 0.7, 1.4  # factors on the relief of the ground
+SLOPES = 16  # number of slopes generated as in cases/vaujany
+FIRST_SLOPE = 3000  # seed of the first slope; no calibration has used it
 MARKS = {WITHIN: " ✓", BEYOND: " ✗", UNDECIDED: " ?", "": ""}
 TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
     "wasserstein": "Wasserstein", "lateral_std": "lateral std",
 }  # fmt: skip
-BARE = "ks", "p"  # without a unit
+BARE = "ks", "p"  # columns without a unit
 ON_PASTURE = (
     "soil_1", "soil_2", "rockyfor3d-2023:soil_2", "pfeiffer_soil", "constant_meadow",
     "bourrier_hungr_soft", "bourrier_hungr",
@@ -87,7 +88,7 @@ TALUS_TABLES = "talus", "rock"
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a site: a case, its observations, and the shape of its blocks."""
+    """Part of a site: a case, its observations, and the shape of its blocks."""
 
     case: rockfall.Case
     seen: Observed
@@ -95,21 +96,21 @@ class Part:
 
 
 def relief_laws(name: str) -> Iterator[Law]:
-    """A ground with other reliefs."""
+    """Models of a ground with other reliefs."""
     own = yielding_ground(shipped_rows().rows[name])[1]
     for factor in RELIEFS:
         yield changed_ground(f"table {name}, relief x {factor:g}", name, relief=factor * own.relief)
 
 
 def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[str]) -> list[Law]:
-    """The matrix, tables, the first table with other reliefs, classical grounds, and models
-    requested in addition."""
+    """The matrix, impact tables, the first table with other reliefs, classical grounds, and
+    additionally requested models."""
     shipped = [table(f"table {name}={name}") for name in tables]
     return [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
 
 
 def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
-    """Rows of a law."""
+    """Rows for a model."""
     return [{"law": name, **row} for row in over_runs(runs)]
 
 
@@ -117,7 +118,7 @@ def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
 
 
 def pasture_parts(folder: Path) -> list[Part]:
-    """The blocks of Tschamut, each with its shape."""
+    """Blocks of Tschamut, each with its shape."""
     case = rockfall.read_case(ROOT / "cases" / "tschamut" / "case.nml")
     parts = []
     for block, shape in SHAPE_OF_BLOCK.items():
@@ -133,7 +134,7 @@ def pasture_parts(folder: Path) -> list[Part]:
 
 
 def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every rebound model at Tschamut."""
+    """Rows for every rebound model at Tschamut."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make(given.half, given.data, folder)
@@ -154,7 +155,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
-    """Rows by PlatRock; only a line if it does not run."""
+    """Rows for PlatRock; a single line if it does not run."""
     seen = pd.read_csv(folder / "observed.csv")
     ways = seen[["x", "y"]].values - seen[["start_x", "start_y"]].values
     x, y = ways.mean(axis=0)
@@ -180,7 +181,7 @@ def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, 
 
 
 def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every rebound model at the two lines of Vaujany, over slopes of the recipe."""
+    """Rows for every rebound model at the two lines of Vaujany, over generated slopes."""
     folder = ROOT / "cases" / "vaujany"
     paper = {
         f"`bourrier2009`, {method}": rockfall.read_case(folder / name)
@@ -206,7 +207,7 @@ def talus(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number]]:
-    """Simulated quantiles at the lines, without printed ones to compare."""
+    """Simulated quantiles at the lines, for which no printed values exist."""
     names = line_names(result)
     observed = seen.summaries[seen.summaries["method"] == "observed"]
     for line, quantity in observed[["line", "quantity"]].values:
@@ -221,8 +222,7 @@ def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number
 
 
 def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows of every rebound model at the Mel de la Niva, whose inputs come from `make_case.py`
-    there."""
+    """Rows for every rebound model at the Mel de la Niva, with inputs from its `make_case.py`."""
     folder = ROOT / "cases" / "mel-de-la-niva"
     if not (folder / "observed.csv").exists():
         raise RockfallError(f"{folder}: has no observed.csv: run make_case.py there first")
@@ -243,7 +243,7 @@ def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def markdown(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """A table in Markdown for each place and quantity."""
+    """Markdown table for each place and quantity."""
     found = pd.DataFrame(rows, columns=COLUMNS)
     for (line, quantity), of_place in found.groupby(["line", "quantity"], sort=False):
         about = QUANTITIES[quantity]
@@ -262,7 +262,7 @@ def markdown(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _cell(rows: pd.DataFrame, name: str, whose: str, factor: float) -> str:
-    """A number with its standard error, and the mark of its verdict."""
+    """Value with its standard error, and the mark of its verdict."""
     if name not in rows.index or not np.isfinite(rows.loc[name, whose]):
         return "-"
     row = rows.loc[name]
@@ -275,12 +275,12 @@ def _cell(rows: pd.DataFrame, name: str, whose: str, factor: float) -> str:
 
 
 def place(name: str, half: str) -> str:
-    """Marker of the place of a site's tables on the page."""
+    """Marker for the position of a site's tables on the page."""
     return f"{name}, {half} half" if name == "tschamut" else name
 
 
 def put(name: str, text: str) -> None:
-    """Put tables in the place of this name on their page."""
+    """Insert tables at the position with this name on their page."""
     path = PAGES.get(name, TABLES)
     page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"
@@ -294,11 +294,11 @@ def put(name: str, text: str) -> None:
 
 SITES = {"tschamut": pasture, "vaujany": talus, "mel-de-la-niva": event}
 IMPACTS = "impacts"
-PAGES = {IMPACTS: ROOT / "docs/validation/field/impacts.md"}  # all others: TABLES
+PAGES = {IMPACTS: ROOT / "docs/validation/field/impacts.md"}  # other sites: TABLES
 
 
 def _of_site(name: str, given: argparse.Namespace) -> Iterator[str]:
-    """The tables of a site."""
+    """Tables of a site."""
     if name == IMPACTS:
         yield from impacts.page(fetch("chant_sura_esurf2019", given.data)["impacts.csv"])
     else:

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Six fast impacts of a block of 780 kg on an alpine meadow compared with the laboratory of blocks
-and its table `meadow`, and scars compared with a published formula.
+"""Six fast impacts of a 780 kg block on an alpine meadow compared with the block laboratory and its
+table `meadow`, and scars compared with a published formula.
 
     python -m benchmarks.physics.impacts CSV [--throws 300]
 
-Measured by Caviezel et al. (2019, Earth Surface Dynamics 7, 199), in a table that field_data.py
-downloads (chant_sura_esurf2019). Spin was not measured. Prints as Markdown, for each impact, the
-translational energy after over that before: measured; in the laboratory on flat ground with W/V
-drawn from 0 to 1, or 0; with the relief of `meadow` and W/V = 0; and by the table, on flat terrain,
-with W/V = 0. Then depths of scars, measured in two ways, compared with d = 0.1 M^(1/3) M_E^-0.4
-v^0.8 (Lu et al. 2019, Gerber 2019; M [kg], v across the ground [m/s]) for stiffnesses M_E of the
-soil [MN/m2], which was not measured. A last row has the means.
+The impacts were measured by Caviezel et al. (2019, Earth Surface Dynamics 7, 199); field_data.py
+downloads their table (chant_sura_esurf2019). Spin was not measured. Prints as Markdown the ratio of
+translational energy after and before each impact: measured; in the laboratory on flat ground with
+W/V drawn from 0 to 1, or 0; with the relief of `meadow` and W/V = 0; and by the table on flat
+terrain with W/V = 0. Then prints scar depths, measured in two ways, compared with d = 0.1 M^(1/3)
+M_E^-0.4 v^0.8 (Lu et al. 2019, Gerber 2019; M [kg], v normal to the ground [m/s]) for several soil
+stiffnesses M_E [MN/m2], which were not measured. The last row has the means.
 """
 
 import argparse
@@ -30,13 +30,13 @@ from rockfall_lab.blocks.case import BlockCase
 GROUND = "meadow"
 SPIN, NO_SPIN = (0, 0.5, 1), (0, 0, 0)
 STIFFNESS = 5, 10, 20  # M_E [MN/m2]
-CELL, CELLS = 5.0, 80  # of flat terrain [m]
+CELL, CELLS = 5.0, 80  # flat terrain: cell size [m], number of cells
 BOULDERS = 2000
 THROWS = 300
 
 
 def by_table(row: Row, law: Law) -> float:
-    """Mean energy of translation after / before of the first contact on flat terrain, by table."""
+    """Mean translational energy after / before the first contact on flat terrain, by table."""
     radius, speed = (row.number(key, 0.01, 100) for key in ("radius_m", "incoming_total_speed_mps"))
     angle = np.radians(row.number("impact_angle_deg", 0.1, 90))
     volume = 4 / 3 * np.pi * radius**3
@@ -66,13 +66,13 @@ def by_table(row: Row, law: Law) -> float:
 
 
 def scar(mass: float, speed: float, stiffness: float) -> float:
-    """Depth of a scar [m], of a block with this mass [kg] and normal speed [m/s], on soil of this
+    """Scar depth [m] of a block with a given mass [kg] and normal speed [m/s], on soil of a given
     stiffness [MN/m2]."""
     return 0.1 * mass ** (1 / 3) * (1000 * stiffness) ** -0.4 * speed**0.8
 
 
 def numbers(row: Row, throws: int) -> list[float]:
-    """Numbers of the columns of `page`."""
+    """Values of the columns of `page`."""
     met = BlockCase(lab={"ground": GROUND}).at_radius(row.number("radius_m", 0.01, 100)).ground
     strength = met["yield_pressure"]
     normal = row.number("incoming_normal_speed_mps", 0.01, 100)
@@ -91,7 +91,7 @@ def numbers(row: Row, throws: int) -> list[float]:
 
 
 def page(path: Path, throws: int = THROWS) -> Iterator[str]:
-    """The table in Markdown."""
+    """Markdown table."""
     columns = [
         "impact", "speed [m/s]", "angle [degree]", "measured", "flat, W/V 0 to 1", "flat, W/V 0",
         "relief, W/V 0", f"table {GROUND}, W/V 0", "scar [m]", "scar, second way [m]",

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebound models by their names in benchmarks of sites: the matrix, tables of impacts, and rows of
-a table of grounds.
+"""Rebound models by their names in site benchmarks: the matrix, impact tables, and rows of a ground
+table.
 
-`--law NAME=TABLE` is a table of impacts: one that is shipped, or a file, in whose name {shape}
-is replaced by the shape of the block; `TABLE@27` adds a `rest_angle` of 27 degrees. `--ground ROW`
-is a classical rebound: a row of the shipped table of grounds; `ROW@16` adds a `roughness_angle` of
-16 degrees; `TABLE:ROW` is a row of another shipped table or of a file of grounds.
+`--law NAME=TABLE` is a shipped impact table or a file, where {shape} in the name is replaced by the
+block shape; `TABLE@27` adds a `rest_angle` of 27 degrees. `--ground ROW` is a classical rebound
+from a row of the shipped ground table; `ROW@16` adds a `roughness_angle` of 16 degrees; `TABLE:ROW`
+is a row of another shipped ground table or of a file.
 """
 
 import argparse
@@ -25,21 +25,21 @@ from rockfall.grounds import (
     yielding_ground,
 )
 
-ROCKS = 0.2  # R_m of the matrix [m]
-OBSTACLES = 0.1  # height of the obstacles on classical grounds, which rockyfor3d heeds [m]
+ROCKS = 0.2  # R_m for the matrix [m]
+OBSTACLES = 0.1  # obstacle height on classical grounds, used by rockyfor3d [m]
 
 
 @dataclass(frozen=True)
 class Law:
-    """A rebound model: keys of the case by group, with {shape} for the block's shape; and the mean
-    rock radius [m] for sites without one."""
+    """Rebound model: keys of the case by group, with {shape} for the block shape, and the mean rock
+    radius [m] for sites without rock sizes."""
 
     name: str
     keys: dict[str, dict[str, Any]]
     radius: float | None = None
 
     def of(self, shape: str) -> dict[str, dict[str, Any]]:
-        """Keys for a block of this shape, at a site with rock sizes."""
+        """Keys for a block shape, at a site with rock sizes."""
         return {
             group: {
                 key: value.format(shape=shape) if isinstance(value, str) else value
@@ -49,25 +49,25 @@ class Law:
         }
 
     def everywhere(self, shape: str) -> dict[str, dict[str, Any]]:
-        """Keys for a block of this shape, at a site without rock sizes."""
+        """Keys for a block shape, at a site without rock sizes."""
         found = self.of(shape)
         if self.radius is not None:
             found["surface"] = found.get("surface", {}) | {"uniform_mean_radius": self.radius}
         return found
 
     def added(self, groups: dict[str, dict[str, Any]], shape: str) -> dict[str, dict[str, Any]]:
-        """Groups of a case, with these keys too."""
+        """Groups of a case with these keys added."""
         keys = self.everywhere(shape)
         return {name: groups.get(name, {}) | keys.get(name, {}) for name in groups | keys}
 
 
 def matrix() -> Law:
-    """The paper's matrix with its shipped sets."""
+    """Matrix of the paper with its shipped sets."""
     return Law(f"matrix, R_m {ROCKS} m", {"impact": {"form": "matrix"}}, ROCKS)
 
 
 def table(text: str) -> Law:
-    """Model of NAME=TABLE, or NAME=TABLE@REST_ANGLE."""
+    """Model for NAME=TABLE or NAME=TABLE@REST_ANGLE."""
     name, _, file = text.partition("=")
     file, _, angle = (file or name).partition("@")
     rest = {"rest_angle": float(angle)} if angle else {}
@@ -76,7 +76,7 @@ def table(text: str) -> Law:
 
 
 def ground(text: str) -> Law:
-    """Model of ROW, ROW@ROUGHNESS or TABLE:ROW."""
+    """Model for ROW, ROW@ROUGHNESS or TABLE:ROW."""
     where, _, row = text.rpartition(":")
     row, _, roughness = row.partition("@")
     path = other_tables().get(where, Path(where)) if where else shipped_grounds()
@@ -90,7 +90,7 @@ def ground(text: str) -> Law:
 
 
 def changed_ground(name: str, ground: str, **values: float) -> Law:
-    """A shipped ground by tables of impacts with other values: strength, relief, ..."""
+    """Shipped ground with impact tables and changed values: strength, relief, ..."""
     model, own = yielding_ground(shipped_rows().rows[ground])
     row = own._asdict() | values
     path = Path(_folder().name) / f"{name}.csv"
@@ -104,7 +104,7 @@ def changed_ground(name: str, ground: str, **values: float) -> Law:
 
 @cache
 def _roughened(path: Path, roughness: float) -> Path:
-    """A table of grounds with this `roughness_angle` [degree] in place of its own."""
+    """Ground table with another `roughness_angle` [degree]."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     made = Path(_folder().name) / f"{path.stem}-{roughness:g}.csv"
@@ -125,12 +125,12 @@ def _folder() -> tempfile.TemporaryDirectory:
 
 
 def shipped_table_laws() -> list[Law]:
-    """A model for each shipped table of impacts."""
+    """Model for each shipped impact table."""
     return [table(name) for name in table_names()]
 
 
 def add_laws(parser: argparse.ArgumentParser) -> None:
-    """Let a command take `--law` and `--ground`, repeated, as one list `law`."""
+    """Add the repeatable options `--law` and `--ground` to a command, as one list `law`."""
     parser.add_argument("--law", type=table, action="append", default=[], metavar="NAME=TABLE")
     parser.add_argument(
         "--ground", type=ground, action="append", dest="law", metavar="[TABLE:]ROW[@ROUGHNESS]"

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The boulders observed at Vaujany compared with the program, on slopes that no fit has used.
+"""Boulders observed at Vaujany compared with the program, on slopes that no fit has used.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
         [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...]
         [--radius-sigma S ...] [--write]
 
-Table 2 of the paper prints mean, deviation and maximum of 100 boulders at two lines.
-`vaujany-observed` is fitted to them on other slopes, `bourrier2009` to the numbers that the paper
-*simulated*. Prints the relative errors of these sets, of other named sets, and of tables of impacts
-or classical grounds (benchmarks.physics.laws), over slopes of the recipe of cases/vaujany, with
-their standard errors, and the errors of the paper's own simulation; maxima are compared by their
-mean over hundreds of boulders. --radius-sigma adds `vaujany-observed` with rocks of each boulder's
-own size, and the change of the mean error of its six deviations. --write puts all into the table of
-evidence.
+Table 2 of the paper has mean, standard deviation and maximum of 100 boulders at two lines.
+`vaujany-observed` is fitted to them on other slopes, `bourrier2009` to the values *simulated* in
+the paper. Prints the relative errors, with standard errors, of these sets, of other given sets, and
+of impact tables or classical grounds (benchmarks.physics.laws), over slopes generated as in
+cases/vaujany, and the errors of the simulation in the paper. Maxima are compared as means of the
+maximum of 100 boulders. --radius-sigma adds `vaujany-observed` with a separate rock size for each
+boulder, and the change of the mean error of its six standard deviations. --write stores the results
+in the table of evidence.
 """
 
 import argparse
@@ -32,16 +32,16 @@ from rockfall.result.crossings import line_values
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
-FIRST = 1000  # seed of the relief: none that a calibration has seen
+FIRST = 1000  # seed of the relief; no calibration has used it
 DEFAULT = "vaujany-observed"
 METHODS = {"A": "case_A.nml", "B": "case.nml"}
 LINES = "EL1", "EL2"
 QUANTITIES = "speed", "passing_height", "energy_translational"
-AT_ONCE = 100  # boulders of the experiment
+AT_ONCE = 100  # number of boulders in the experiment
 
 
 def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
-    """Mean and deviation at the lines, by line and quantity; energies in kJ."""
+    """Mean and standard deviation at the lines, by line and quantity; energies in kJ."""
     case = case.replace(case={"boulders": boulders, "seed": seed}, output=NOTHING)
     place = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     result = rockfall.run(case, dem=Talus(seed=seed).elevation(), transform=place, zones=zones())
@@ -55,19 +55,19 @@ def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
 
 
 def maximum(values: np.ndarray) -> float:
-    """The mean maximum of 100 boulders that pass, of the values at a line; NaN: did not pass."""
+    """Mean maximum of 100 passing boulders, from values at a line; NaN: did not pass."""
     passed = values[np.isfinite(values)]
     hundreds = passed[: len(passed) // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE)
     return float(hundreds.max(axis=1).mean()) if len(hundreds) else nan
 
 
 def spread_name(sigma: float) -> str:
-    """Name of the default set with rocks of each boulder's own size."""
+    """Name of the default set with a separate rock size for each boulder."""
     return f"{DEFAULT}, mean_radius_sigma {sigma:g}"
 
 
 def deviation_error(run: pd.DataFrame, printed: pd.DataFrame) -> float:
-    """Mean error, without sign, of the deviations of a run at both lines [%]."""
+    """Mean absolute error of the standard deviations of a run at both lines [%]."""
     errors = [
         run.loc[(line, quantity), "std"] / printed.loc[(line, "observed", quantity), "std"] - 1
         for line, quantity in product(LINES, QUANTITIES)

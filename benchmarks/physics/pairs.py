@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strength and relief of a ground that meet field evidence together: for each strength the relief
+"""Pairs of ground strength and relief that agree with field evidence: for each strength, the relief
 that gives the observed speeds or run-outs.
 
     python -m benchmarks.physics.pairs talus [--strengths 2e5 ...] [--sigma 0.65] [--slopes 12]
     python -m benchmarks.physics.pairs meadow --data FOLDER [--strengths 1e6 ...] [--sigma 0 0.65]
 
-Talus by the mean speeds of the boulders observed at both lines of Vaujany, on slopes of the recipe
-of cases/vaujany from seed 3000 on; meadow by the mean run-out of the calibration half of Tschamut
-(FOLDER as of benchmarks.physics.tschamut), each run by the shape of its block. Prints the other
-numbers of the pair; docs/archive/field_protocol.md has the choices made with them.
+Talus is fitted to the mean speeds observed at both lines of Vaujany, on slopes generated as in
+cases/vaujany from seed 3000 on. Meadow is fitted to the mean run-out of the calibration half of
+Tschamut (FOLDER as in benchmarks.physics.tschamut), with the shape of each block. Prints the other
+statistics for each pair; docs/archive/field_protocol.md has the resulting choices.
 """
 
 import argparse
@@ -26,13 +26,13 @@ from benchmarks.physics.laws import Law, changed_ground
 from benchmarks.physics.observed import CASES, LINES, measure
 from rockfall.grounds import shipped_rows, yielding_ground
 
-FIRST, BOULDERS = 3000, 2000  # seed of the first slope; boulders on each
-SEEDS, OF_RUN = (1, 2, 3), 60  # at Tschamut; boulders of a run
-TOLERANCE, TRIES = 0.005, 6  # of the mean, relative; values of the relief
-DEGREES = 0.1  # to which a relief is rounded
-PER_DEGREE = -0.04  # first guess: change of the mean by a degree of relief, relative
+FIRST, BOULDERS = 3000, 2000  # seed of the first slope; boulders per slope
+SEEDS, OF_RUN = (1, 2, 3), 60  # seeds at Tschamut; boulders per run
+TOLERANCE, TRIES = 0.005, 6  # relative tolerance of the mean; maximum number of reliefs
+DEGREES = 0.1  # rounding of reliefs
+PER_DEGREE = -0.04  # first guess: relative change of the mean per degree of relief
 
-Found = tuple[float, dict[str, float]]  # relative error of the mean, and what is printed
+Found = tuple[float, dict[str, float]]  # relative error of the mean, and printed values
 
 
 def on_talus(tried: Law, slopes: int) -> Found:
@@ -54,7 +54,7 @@ def on_talus(tried: Law, slopes: int) -> Found:
 
 
 def on_meadow(tried: Law, data: Path) -> Found:
-    """Numbers of the run-outs at Tschamut."""
+    """Statistics of the run-outs at Tschamut."""
     runs, place = tschamut.observed(data, "calibration"), tschamut.terrain(data)
     seen = np.mean([np.hypot(*(run.rest - run.start)) for run in runs])
     tables = [
@@ -68,7 +68,7 @@ def on_meadow(tried: Law, data: Path) -> Found:
 
 
 def fitted(start: float, error_of: Callable[[float], Found]) -> Iterator[tuple[float, Found]]:
-    """Values of the relief [degree] by the secant method, until the mean is met."""
+    """Try reliefs [degree] by the secant method, until the mean agrees."""
     relief, before = start, None
     for _ in range(TRIES):
         found = error_of(relief)

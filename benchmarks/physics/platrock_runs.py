@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Stopping places by PlatRock, from the files of cases/tschamut/make_case.py.
 
-PlatRock 3D with the rebound of Bourrier and Hungr (2011) and the default parameters of its
-simulations, which our ground `bourrier_hungr` has; spheres, a time step of 0.02 s, its own rule of
-stopping. benchmarks.speed.platrock explains its installation.
+PlatRock 3D with the rebound of Bourrier and Hungr (2011) and its default parameters, as in the
+ground `bourrier_hungr`; spheres, a time step of 0.02 s, and PlatRock's stopping rule.
+benchmarks.speed.platrock explains its installation.
 """
 
 import json
@@ -16,8 +16,8 @@ import pandas as pd
 
 NAME = "PlatRock, Bourrier-Hungr, its defaults"
 GROUND = {"R_t": 0.7, "v_half": 5.0, "phi": 30.0, "roughness": 0.1}
-ROCKS = 10  # of each run
-SIDE = 0.05  # half of the square that a release is [m]
+ROCKS = 10  # boulders per run
+SIDE = 0.05  # half the side of a release square [m]
 PROGRAM = """
 import json, sys
 sys.path.append("/usr/lib/python3/dist-packages")  # where Debian has GDAL for Python
@@ -54,8 +54,8 @@ class PlatRockError(Exception):
 def stops(
     python: Path, folder: Path, seed: int, rocks: int = ROCKS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (n, 2) from release to rest [m], and the number of the release of each; `folder` has
-    dem.asc and releases.csv."""
+    """Vectors (n, 2) from release to rest [m], and the number of each release; `folder` has dem.asc
+    and releases.csv."""
     releases = pd.read_csv(folder / "releases.csv")
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
@@ -79,7 +79,7 @@ def stops(
 
 
 def _collection(releases: pd.DataFrame, rocks: int) -> dict:
-    """A small square for each release, as GeoJSON."""
+    """GeoJSON with a small square for each release."""
     features = []
     for row in releases.itertuples():
         x, y = row.x, row.y

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Effect of redrawing on an impact set: means of rebounds before and after, and the fraction of
+"""Effect of redrawing on an impact set: mean rebounds without and with it, and the fraction of
 rejected draws.
 
     python -m benchmarks.physics.redraws [--ratio 5] [--spin 0.5] [--draws 400000]
 
 A draw of the matrix is valid if the boulder leaves the surface without a gain of energy (theory,
-chapter 5). For boulders that come in at several angles with W/V = spin, prints as Markdown the
-fraction of draws rejected, and the means of V_t'/V, V_n'/V and W'/V over all draws and over valid
-ones; in brackets the shift over the mean of all draws. Then, for cases/vaujany, the fraction of the
-rebounds that were drawn again.
+chapter 5). For several incidence angles and W/V = spin, prints as Markdown the fraction of rejected
+draws, and the means of V_t'/V, V_n'/V and W'/V over all draws and over valid draws, with the
+relative shift in brackets. Then, for cases/vaujany, prints the fraction of rebounds that were
+redrawn.
 """
 
 import argparse
@@ -22,15 +22,15 @@ from rockfall.scene.rebounds.rebound import admissible
 from rockfall.scene.rebounds.sets import read_sets
 
 SET = "vaujany-observed"
-ANGLES = 5, 10, 20, 30, 45, 60, 90  # of incidence, from the surface [degree]
+ANGLES = 5, 10, 20, 30, 45, 60, 90  # incidence angles to the surface [degree]
 NAMES = "R_t", "R_n", "W'/V"
 
 
 def measure(
     mean: np.ndarray, covariance: np.ndarray, angle: float, spin: float, draws: int
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Fraction of draws rejected and its standard error, and means of (V_t', V_n', W')/V of all
-    draws and of valid ones."""
+    """Fraction of rejected draws with its standard error, and means of (V_t', V_n', W')/V over all
+    draws and over valid draws."""
     theta = np.radians(angle)
     v_in = np.array([[np.cos(theta), -np.sin(theta), spin]])
     numbers = np.random.default_rng(1).standard_normal((draws, 9))
@@ -43,7 +43,7 @@ def measure(
 
 
 def restitution(v: np.ndarray, angle: float) -> list[float]:
-    """R_t, R_n and W'/V; R_t is V_t'/V where V_t is zero."""
+    """R_t, R_n and W'/V; if V_t is zero, V_t'/V instead of R_t."""
     theta = np.radians(angle)
     along = np.cos(theta) if angle < 90 else 1.0
     return [v[0] / along, v[1] / np.sin(theta), v[2]]

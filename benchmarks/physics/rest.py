@@ -3,9 +3,9 @@
 
     python -m benchmarks.physics.rest [--boulders 2000] [--seeds 5]
 
-Prints, for each radius of the rocks, slope and rest angle, over the seeds with standard errors: the
-fraction that passes, the mean speed and the 95 % quantile of the energy of those that pass, and the
-fraction of all that passes with more than 300 kJ.
+Prints for each rock radius, slope and rest angle, as means over seeds with standard errors: the
+fraction that passes, the mean speed and the 95 % quantile of energy of passing boulders, and the
+fraction of all boulders that passes with more than 300 kJ.
 """
 
 import argparse
@@ -19,13 +19,13 @@ from rockfall.result.crossings import at_lines
 
 CELL, ROWS, COLUMNS = 2.5, 120, 60
 ROCKS = (0.12, 0.28, 0.58)  # R_m [m]; R_b = 0.58 m
-SLOPES = (33, 35, 37, 39)  # [degree]
-ANGLES = (90.0, 37.0, 34.0, 30.0)  # [degree]
-HIGH = 300e3  # [J]
+SLOPES = (33, 35, 37, 39)  # slopes [degree]
+ANGLES = (90.0, 37.0, 34.0, 30.0)  # rest angles [degree]
+HIGH = 300e3  # energy threshold [J]
 
 
 def measure(slope: float, rocks: float, angle: float, boulders: int, seed: int) -> list[float]:
-    """Fraction, mean speed [m/s], 95 % quantile of the energy [kJ], fraction above HIGH."""
+    """Passing fraction, mean speed [m/s], 95 % quantile of energy [kJ], fraction above HIGH."""
     y = np.mgrid[ROWS - 1 : -1 : -1, 0:COLUMNS][0] * CELL
     width = COLUMNS * CELL
     case = rockfall.Case(

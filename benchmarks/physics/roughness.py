@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Effect of `roughness_angle` of classical grounds on planes and sites.
+"""Effect of the `roughness_angle` of classical grounds on planes and at sites.
 
     python -m benchmarks.physics.roughness [FOLDER] [--row ROW ...] [--angle 4 8 12 16 20 25]
         [--slopes 8]
 
-FOLDER has the tables of benchmarks.physics.tschamut; without it that site is left out. Prints as
+FOLDER has the tables of benchmarks.physics.tschamut; without it, that site is omitted. Prints as
 Markdown, for each row of the shipped table and each angle: run-outs of the calibration half of
 Tschamut (2 seeds of 50 boulders a run; standard errors are below 1 m); the fraction of boulders
 that exceed 0.8 m/s per degree and their mean maximum speed on planes of 30, 38 and 45 degrees
-(benchmarks.physics.runaway); and errors of mean speed, passing height and energy at the line EL1 of
-Vaujany over what was observed there (benchmarks.physics.observed; standard errors are below 4 %).
+(benchmarks.physics.runaway); and relative errors of mean speed, passing height and energy at line
+EL1 of Vaujany (benchmarks.physics.observed; standard errors are below 4 %).
 """
 
 import argparse
@@ -30,8 +30,8 @@ ROWS = (
     "rock_ledge", "bourrier_hungr_soft", "bourrier_hungr", "soil_1", "soil_4",
     "rockyfor3d-2023:soil_4",
 )  # fmt: skip
-ANGLES = 4, 8, 12, 16, 20, 25  # [degree]
-PLANES = 30, 38, 45  # [degree]
+ANGLES = 4, 8, 12, 16, 20, 25  # roughness angles [degree]
+PLANES = 30, 38, 45  # slopes of planes [degree]
 SEEDS, BOULDERS, ON_PLANES, ON_SLOPES = (1, 2), 50, 400, 1000
 QUANTITIES = {"speed": "speed", "passing_height": "height", "energy_translational": "energy"}
 LINE = "EL1"

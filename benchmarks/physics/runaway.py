@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fraction of boulders that get faster than 0.8 m/s per degree, the limit of observations, on
-planes of 30 to 45 degrees over 400 m, and their mean maximum speed, by rebound models:
+"""Fraction of boulders that exceed 0.8 m/s per degree, the limit of observations, on planes of 30
+to 45 degrees over 400 m, and their mean maximum speed, by rebound models:
 
     python -m benchmarks.physics.runaway [--law NAME=TABLE ...] [--ground ROW ...]
         [--boulders 400] [--radius 0.4] [--slopes 30 34 38 42 45] [--terrain DEM ...]
         [--write]
 
-Models are those of benchmarks.physics.laws. The matrix with R_m = 0.2 m is always run. R_b = 0.4 m,
-released at 5 m/s. With --terrain on real terrain in place of planes: two boulders of 0.5 m3 from
-each cell steeper than 50 degrees. --write puts fractions on planes into the table of evidence.
+Models are those of benchmarks.physics.laws; the matrix with R_m = 0.2 m is always run. Boulders
+have R_b = 0.4 m and a release speed of 5 m/s. --terrain uses real terrain instead of planes: two
+boulders of 0.5 m3 from each cell steeper than 50 degrees. --write stores fractions on planes in the
+table of evidence.
 """
 
 import argparse
@@ -25,16 +26,16 @@ from benchmarks.physics.laws import ROCKS, Law, add_laws, matrix
 from rockfall.analysis.validity.extrapolation import faster_than_observed
 from rockfall.io.rasters.grid import Grid
 
-SLOPES = 30, 34, 38, 42, 45  # [degree]
+SLOPES = 30, 34, 38, 42, 45  # slopes [degree]
 LIMIT = 0.8  # [m/s per degree]
-NAMES = {matrix().name: f"vaujany-observed, R_m {ROCKS:g} m"}  # in the table of evidence
+NAMES = {matrix().name: f"vaujany-observed, R_m {ROCKS:g} m"}  # names in the table of evidence
 RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
 
 
 def beyond(
     law: Law, slope: float, boulders: int, seed: int = 1, radius: float = RADIUS
 ) -> tuple[float, float]:
-    """The fraction of boulders beyond the limit, and their mean maximum speed [m/s]."""
+    """Fraction of boulders beyond the limit, and their mean maximum speed [m/s]."""
     angle = np.radians(slope)
     rows = int(LENGTH * np.cos(angle) / CELL) + 12
     z = 500 + np.tan(angle) * CELL * np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0]

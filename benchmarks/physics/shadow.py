@@ -5,12 +5,12 @@ shadow angle of 27.5 degrees or more (Evans and Hungr 1993; docs/archive/field_p
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
         [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5] [--write]
 
-The angle is from the horizontal, of the line from the top of the talus to a boulder. Prints for
-each ground of the talus (a table of impacts; the matrix with rocks of 0.2 m and `rocky-slope` are
-always run), of the plain below it and each R_b [m] the fractions of boulders that leave the talus
-and that pass 27.5 degrees, and the angles that 50, 5 and 1 % of the boulders pass. The talus falls
-by 200 m. --slopes are those of the talus and of the plain [degree]. --write puts the numbers into
-the table of evidence.
+The shadow angle is the angle below the horizontal of the line from the top of the talus to a
+boulder. Prints for each talus ground (an impact table; the matrix with rocks of 0.2 m and
+`rocky-slope` are always run), each ground of the plain below and each R_b [m]: the fractions of
+boulders that leave the talus and that pass 27.5 degrees, and the angles passed by 50, 5 and 1 % of
+the boulders. The talus falls by 200 m. --slopes are the slopes of talus and plain [degree]. --write
+stores the results in the table of evidence.
 """
 
 import argparse
@@ -27,16 +27,16 @@ from benchmarks.machine import machine
 from rockfall.io.rasters.grid import Grid
 
 ANGLE = 27.5  # [degree]
-FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree]; height
-SLOPES = 35.0, 5.0  # of the talus and the plain [degree]
+FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree] of the face; height of the talus
+SLOPES = 35.0, 5.0  # slopes of the talus and the plain [degree]
 BEYOND, WIDTH, CELL = 700.0, 400.0, 2.5  # [m]
 ROCKS, SEED = 0.2, 7
 
 
 def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Elevation [m] and zone of the rows, north first."""
+    """Elevation [m] and zone of each row, north first."""
     lengths = [height / np.tan(np.radians(slope)) for height, slope in (FACE, (TALUS, slopes[0]))]
-    ends = np.cumsum([20.0, *lengths, BEYOND])  # a flat top
+    ends = np.cumsum([20.0, *lengths, BEYOND])  # flat top
     falls = np.tan(np.radians([0.0, FACE[1], *slopes]))
     s = CELL * (np.arange(int(ends[-1] / CELL)) + 0.5)
     z = np.interp(s, [0.0, *ends], 1000 - np.cumsum([0.0, *(falls * np.diff([0.0, *ends]))]))
@@ -46,8 +46,8 @@ def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 def stops(
     talus: str, plain: str, slopes: Sequence[float], radius: float, boulders: int, folder: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles of the stopping places [degree], 90 above the foot of the talus, and a mask of those
-    below it."""
+    """Angles of the stopping places [degree], 90 above the foot of the talus, and a mask of the
+    places below it."""
     z, zone = profile(slopes)
     rows, columns = len(z), int(WIDTH / CELL)
     groups = {

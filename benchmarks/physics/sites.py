@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of every site by every rebound model, each in a file of a folder.
+"""Tables for every site and every rebound model, each written to a file in a folder.
 
     python -m benchmarks.physics.sites -o FOLDER [--only PIECE ...] [--data FOLDER]
         [--slopes N] [--boulders N] [--law NAME=TABLE ...] [--ground ROW ...]
 
-Models are the given ones, or all shipped ones: impact sets, tables of impacts, grounds. Takes
-hours: a piece whose file begins with the same command is complete, so that another call resumes
-after the last complete piece. Without --data, sites with field data are left out.
+Models are the given models, or all shipped impact sets, impact tables and grounds. Takes hours. A
+piece is complete if its file begins with the same command, so another call resumes after the last
+complete piece. Without --data, sites with field data are omitted.
 """
 
 import argparse
@@ -25,14 +25,14 @@ from rockfall.grounds import ABSORBS, YIELDING, shipped_rows, table_names
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.atomic import atomic_write
 
-PRINTED = "bourrier2009", "vaujany-observed"  # sets that `observed` has anyway
-HALVES = "calibration", "held-out"  # of Tschamut
+PRINTED = "bourrier2009", "vaujany-observed"  # sets that `observed` always includes
+HALVES = "calibration", "held-out"  # halves of Tschamut
 
 
 class Piece(NamedTuple):
-    """Tables that a script prints."""
+    """Tables printed by a script."""
 
-    name: str  # of their file
+    name: str  # name of their file
     script: str  # a module of benchmarks.physics
     words: tuple[str, ...]
 
@@ -42,7 +42,7 @@ class Piece(NamedTuple):
 
 
 def pieces(given: argparse.Namespace) -> Iterator[Piece]:
-    """All tables, the quick ones first."""
+    """All pieces, the quick ones first."""
     laws = tuple(given.laws or shipped_laws())
     slopes = ("--slopes", str(given.slopes)) if given.slopes else ()
     boulders = ("--boulders", str(given.boulders)) if given.boulders else ()
@@ -68,7 +68,7 @@ def pieces(given: argparse.Namespace) -> Iterator[Piece]:
 
 
 def shipped_laws() -> Iterator[str]:
-    """Options for each shipped table of impacts, and each ground by coefficients of restitution."""
+    """Options for each shipped impact table and each ground with coefficients of restitution."""
     for name in table_names():
         yield from ("--law", name)
     for name, row in shipped_rows().rows.items():
@@ -77,13 +77,13 @@ def shipped_laws() -> Iterator[str]:
 
 
 def remake(piece: Piece, folder: Path) -> bool:
-    """Write the tables of a piece; returns False if they exist, by the same command."""
+    """Write the tables of a piece; return False if the file exists, from the same command."""
     path, head = folder / f"{piece.name}.md", f"    {piece.command}\n"
     if path.exists() and path.read_text(encoding="utf-8").startswith(head):
         return False
     printed = StringIO()
     with redirect_stdout(printed), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # on models: they are what is compared
+        warnings.simplefilter("ignore")  # warnings about the models that are compared
         status = importlib.import_module(f"benchmarks.physics.{piece.script}").main(piece.words)
     if status:
         sys.exit(status)
@@ -93,7 +93,7 @@ def remake(piece: Piece, folder: Path) -> bool:
 
 
 class _Kept(argparse.Action):
-    """Keep the words of an option with models, once its value is valid."""
+    """Store the words of a model option once its value is valid."""
 
     def __call__(self, parser, namespace, values, option=None):
         (ground if option == "--ground" else table)(values)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energy of a boulder after a hit of a stem, compared with the discrete element model of Toe et al.
-(2018), whose results are in PlatRock 0.2 to 0.3 (GPL, on PyPI):
+"""Energy of a boulder after hitting a stem, compared with the discrete element model of Toe et al.
+(2018), whose results are part of PlatRock 0.2 to 0.3 (GPL, on PyPI):
 
     python -m benchmarks.physics.stems FOLDER [--volume 0.5]
 
 FOLDER is `platrock/Common/Toe_2018` of an unpacked `platrock-0.2.10.tar.gz`. Prints for each
-diameter and speed the mean fraction of translational energy left, over equally probable places of
-the hit, and the fraction of hits that stop the boulder (2 % of its energy or less). Boulders of the
-model come down at 0 to 50 degrees; those of the program fly level at single stems of fir, of 2,500
-kg/m3.
+diameter and speed the mean fraction of remaining translational energy, over equally probable hit
+positions, and the fraction of hits that stop the boulder (at most 2 % of its energy remains). In
+the discrete element model, boulders descend at 0 to 50 degrees; in the program, boulders of 2,500
+kg/m3 fly horizontally at single fir stems.
 """
 
 import argparse
@@ -23,12 +23,12 @@ from rockfall.io.rasters.grid import Grid
 
 SPEEDS, DIAMETERS = (5, 10, 15, 20), (20, 30, 40, 50)  # [m/s], [cm]
 DENSITY, STILL = 2500.0, 0.02
-PLACES, APART, AHEAD, ABOVE = 200, 12.0, 2.0, 5.0  # hits; of their lanes, stems and flights [m]
+PLACES, APART, AHEAD, ABOVE = 200, 12.0, 2.0, 5.0  # hits; [m] between lanes, to stems, above ground
 CELL, GRAVITY = 5.0, 9.81  # [m], [m/s2]
 
 
 def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, float]]:
-    """Means over places of the hit and angles of approach, by diameter and speed, by the model."""
+    """Means over hit positions and approach angles, by diameter and speed, by the model."""
     found = {}
     for speed in SPEEDS:
         rows = np.genfromtxt(folder / f"result{speed}.0.txt", skip_header=1)
@@ -37,7 +37,7 @@ def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, 
             kept = np.isclose(rows[:, 1], volume) & np.isclose(rows[:, 3], diameter / 100)
             kept &= (rows[:, 4] <= 0) & (rows[:, 4] >= -50)
             place = rows[kept, 2]
-            # each place stands for what is nearer to it than to its neighbours
+            # each position represents all points nearer to it than to its neighbours
             places, at = np.unique(place, return_inverse=True)
             ends = np.r_[0, (places[1:] + places[:-1]) / 2, 1]
             weight = np.diff(ends)[at] / np.bincount(at)[at]
@@ -48,7 +48,7 @@ def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, 
 
 
 def of_program(diameter: float, speed: float, volume: float, folder: Path) -> tuple[float, float]:
-    """Means by the program, from level flights at single stems."""
+    """Means by the program, from horizontal flights at single stems."""
     reach = np.cbrt(3 * volume / (4 * np.pi)) + diameter / 200
     x = APART * (1 + np.arange(PLACES))
     trees = pd.DataFrame(

@@ -5,12 +5,12 @@ doi:10.16904/envidat.34) compared with the program, by rebound models:
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
         [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100] [--write]
 
-FOLDER holds release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc as
+FOLDER contains release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc
 derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
 data/processed/tschamut2014). Models are those of benchmarks.physics.laws; the matrix with R_m = 0.2
-m is always run. With --axes tables are simulated for the published size of each block. Choices made
-before: docs/archive/field_protocol.md. --write puts the numbers of the named models into the table
-of evidence.
+m is always run. With --axes, tables are simulated for the published size of each block.
+docs/archive/field_protocol.md has the choices made in advance. --write stores the results of the
+named models in the table of evidence.
 """
 
 import argparse
@@ -35,25 +35,25 @@ from rockfall_lab.blocks.case import BlockCase
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
-THROWS, RADIUS = 1_000, 0.2  # of blocks of their own axes; R_b [m]
+THROWS, RADIUS = 1_000, 0.2  # tables by axes: number of throws; R_b [m]
 SHAPE_OF_BLOCK = {"1": "compact", "2": "elongated", "4": "platy"}
 TITLES = {
     "mean": "mean", "std": "std", "q05": "5 %", "q50": "50 %", "q95": "95 %", "ks": "KS", "p": "p",
     "wasserstein": "Wasserstein",
 }  # fmt: skip
-RECORDED = {  # by title: unit, quantity, and place within a half
+RECORDED = {  # title: unit, quantity, and place within a half
     "mean": ("m", "run_out_mean", ""), "std": ("m", "run_out_std", ""),
     "5 %": ("m", "run_out_q05", ""), "50 %": ("m", "run_out_q50", ""),
     "95 %": ("m", "run_out_q95", ""), "KS": ("", "run_out_ks", ""),
     "Wasserstein": ("m", "run_out_wasserstein", ""), "azimuth std": ("degree", "azimuth_std", ""),
 } | {f"block {k}": ("m", "run_out_mean", f", block {k}") for k in SHAPE_OF_BLOCK}  # fmt: skip
-DISTANCES = "KS", "Wasserstein"  # of nothing that was observed
-HALVES = {"calibration": 0, "held-out": 1}  # places of runs, in the order of trajectory_id, from 0
+DISTANCES = "KS", "Wasserstein"  # statistics without an observed value
+HALVES = {"calibration": 0, "held-out": 1}  # positions of runs, sorted by trajectory_id, from 0
 
 
 @dataclass(frozen=True)
 class Run:
-    """An observed boulder: first place [m] and velocity [m/s], rest, block."""
+    """Observed boulder: first position [m] and velocity [m/s], stopping place, block."""
 
     block: str
     radius: float
@@ -64,7 +64,7 @@ class Run:
 
 
 def observed(folder: Path, half: str) -> list[Run]:
-    """The runs of a half, in the order of their names."""
+    """Runs of a half, in the order of their names."""
     _, _, starts = read_table(folder / "release_points.csv")
     _, _, rests = read_table(folder / "observed_deposition.csv")
     rest = {row.cells["trajectory_id"]: row for row in rests}
@@ -86,7 +86,7 @@ def observed(folder: Path, half: str) -> list[Run]:
 
 
 def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
-    """The proxy of the terrain."""
+    """Stand-in for the terrain."""
     lines = (folder / "terrain.asc").read_text().splitlines()
     head = {name.lower(): float(value) for name, value in (line.split() for line in lines[:5])}
     first = 6 if lines[5].lower().startswith("nodata") else 5
@@ -98,7 +98,7 @@ def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
 
 
 def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int, seed: int):
-    """Places of rest (boulders, 2) [m], and which of them came to rest."""
+    """Stopping places (boulders, 2) [m], and which boulders came to rest."""
     volume = 4 / 3 * np.pi * run.radius**3
     shape = SHAPE_OF_BLOCK[run.block]
     groups: dict[str, dict[str, Any]] = {
@@ -122,7 +122,7 @@ def azimuths(way: np.ndarray) -> np.ndarray:
 
 
 def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
-    """Numbers of stopping places, as many for each run, compared with the observed ones."""
+    """Statistics of stopping places, equal numbers per run, compared with those observed."""
     ways = np.concatenate([rest - run.start for run, rest in zip(runs, rests, strict=True)])
     out = np.hypot(*ways.T)
     seen = np.array([np.hypot(*(run.rest - run.start)) for run in runs])
@@ -151,7 +151,7 @@ def by_axes(folder: Path, ground: str, tables: Path) -> Law:
 
 
 def compare(given: argparse.Namespace, laws: list[Law]) -> None:
-    """Print the run-outs by rebound models compared with the observed ones."""
+    """Print run-outs by rebound models compared with the observed run-outs."""
     runs, place = observed(given.folder, given.half), terrain(given.folder)
     print(machine())
     seen = described(runs, [run.rest[None, :] for run in runs])

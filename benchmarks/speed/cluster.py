@@ -3,8 +3,8 @@
 
     python -m benchmarks.speed.cluster [--boulders 1000000] [--parts 100]
 
-`cases/vaujany` with passages, the maximum energy and its quantiles. All numbers are ratios within
-one run of this script; use an idle machine.
+`cases/vaujany` with passages, maximum energy and its quantiles. All results are ratios within one
+run of this script; use an idle machine.
 """
 
 import argparse
@@ -41,14 +41,14 @@ def processes(scene) -> None:
     for workers in (1, 2):
         about = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
         with LocalCluster(**about) as local, Client(local, set_as_default=False) as client:
-            client.run(read_scene, scene.case)  # imports, and files in the page cache
+            client.run(read_scene, scene.case)  # warm-up: imports, and files in the page cache
             took.append(seconds(run_on_cluster, scene, local.scheduler_address)[0])
     print(f"two Dask workers: {took[0] / took[1]:.2f} times the speed of one ({took[0]:.1f} s)")
 
 
 def checkpoints(scene, folder: Path) -> None:
     """Cost of a checkpoint every 5 s. The cost of rows is proportional to the boulders since the
-    last one: the fraction hardly depends on the interval."""
+    last checkpoint, so the fraction hardly depends on the interval."""
     plain, saved = [], []
     for _ in range(3):
         plain.append(seconds(run_scene, scene, threads=2)[0])
@@ -73,7 +73,7 @@ def merging(scene, parts: int, folder: Path) -> None:
 
 
 def doors(case: rockfall.Case, folder: Path) -> None:
-    """CPU seconds of the two programs from start to written file, one thread; minimum of three."""
+    """CPU seconds of both programs from start to written file, on one thread; minimum of three."""
     prepare(case, folder / "prepared")
     files = {key: str(VAUJANY.parent / case.surface[key]) for key in ("zones", "table")}
     case = case.replace(terrain={"dem": str(VAUJANY.parent / "dem.tif")}, surface=files)
@@ -93,7 +93,7 @@ def doors(case: rockfall.Case, folder: Path) -> None:
         for name, command in commands.items():
             cpu[name] = min(cpu[name], run_child(*command)[1])
             for output in folder.glob("*.nc"):
-                output.unlink()  # to free its place is no work of the next run
+                output.unlink()  # freeing its disk space must not count in the next run
     more = cpu["rockfall run"] / cpu["rockfall-batch"] - 1
     about = ", ".join(f"{name} {value:.1f} s" for name, value in cpu.items())
     print(f"{boulders:,} boulders: {about} of CPU: {more:+.1%} by the Python interface")

@@ -4,14 +4,14 @@
     python -m benchmarks.speed.costs [--boulders 20000] [--repeat 3] [--cuts]
 
 The slope of `cases/vaujany` with one rock radius and no options; then each option alone, such that
-every boulder has the same path to the bit. CPU time is of the whole run in Python, from the scene
-to the result, the minimum of `--repeat` runs; instructions are of rockfall-batch (valgrind
---tool=callgrind), the difference of two runs with different numbers of boulders. Bytes are those of
-the arrays of the run.
+every boulder has an identical path. CPU time is for the complete run in Python, from scene to
+result, minimum of `--repeat` runs. Instructions are for rockfall-batch (valgrind --tool=callgrind),
+from the difference of two runs with different numbers of boulders. Bytes are the sizes of the run's
+arrays.
 
-With --cuts the kernel is built once more for each option (meson, gfortran), in a temporary folder
-and with the product's flags but no lanes, with the option's code cut out; three scenes without it
-must take as many instructions with the code as without it, within 1 %.
+--cuts builds another kernel for each option (meson, gfortran) in a temporary folder, with the
+product's flags but without lanes, and with the option's code removed. Three scenes that do not use
+the option must need the same number of instructions with and without the code, within 1 %.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.simulate import fields, run_scene, start
 from rockfall.simulation.tally import Tally
 
-RADIUS = 0.1  # of the rocks, everywhere [m]
-FEW, MANY = 100, 300  # boulders under callgrind
+RADIUS = 0.1  # radius of all rocks [m]
+FEW, MANY = 100, 300  # numbers of boulders under callgrind
 AIM = 0.01
 UNIFORM = {
     "zones": None, "table": None, "method": "B", "mean_radius": None, "uniform_rg": None,
@@ -65,17 +65,17 @@ MAPS = {
 
 
 class Option(NamedTuple):
-    """One option turned on: changes of the case, rasters, and arguments of the run."""
+    """Option that is turned on: changes of the case, rasters, and arguments of the run."""
 
     change: dict[str, Any] = {}
     rasters: dict[str, np.ndarray] = {}
-    memory: float | None = None  # of windows of terrain [bytes]
+    memory: float | None = None  # limit for windows of terrain [bytes]
     checkpoint: bool = False
-    other_boulders: bool = False  # it changes which boulders there are
+    other_boulders: bool = False  # the option changes the set of boulders
 
 
 def options(z: np.ndarray, grid: Grid, case: rockfall.Case, folder: Path) -> dict[str, Option]:
-    """All options, the first without any."""
+    """All options; the first is the run without any."""
     found = {"nothing asked for": Option()}
     found["two evaluation lines"] = Option({"line": case.line})
     found["six histograms"] = Option({"output": {"rebounds": True}})
@@ -107,7 +107,7 @@ def options(z: np.ndarray, grid: Grid, case: rockfall.Case, folder: Path) -> dic
     return found
 
 
-# What runs cost
+# Cost of runs
 
 
 def scene_of(option: Option, bare: rockfall.Case, z: np.ndarray, grid: Grid) -> Scene:
@@ -118,8 +118,8 @@ def scene_of(option: Option, bare: rockfall.Case, z: np.ndarray, grid: Grid) -> 
 
 
 def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float, int]:
-    """Minimum CPU seconds of some runs, and their rebounds."""
-    run_scene(scene, shard=(1, scene.boulders))  # imports
+    """Minimum CPU seconds of repeated runs, and their rebounds."""
+    run_scene(scene, shard=(1, scene.boulders))  # warm-up of imports
     least = np.inf
     for _ in range(repeat):
         saved = Checkpoint(folder / "checkpoint", 0.0) if option.checkpoint else None
@@ -152,7 +152,7 @@ def held(scene: Scene) -> dict[str, float]:
 
 
 def instructions(program: Path, case: Path, boulders: int) -> tuple[int, int]:
-    """Instructions of a run of rockfall-batch on one thread, and its rebounds."""
+    """Instructions of a rockfall-batch run on one thread, and its rebounds."""
     output = case.parent / "counted.nc"
     command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", program, case]
     command += ["--boulders", str(boulders), "--threads", "1", "-o", output, "--checkpoint", "0"]
@@ -170,15 +170,15 @@ def _rebounds(part: Path) -> int:
 
 
 def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
-    """Instructions of a rebound, from the additional cost of boulders."""
+    """Instructions per rebound, from the additional cost of boulders."""
     numbers = few_boulders, few_boulders * MANY // FEW
     (few, before), (many, after) = (instructions(program, case, n) for n in numbers)
     return (many - few) / (after - before)
 
 
-# The same kernel without an option
+# Kernels without an option
 
-Edit = tuple[str, str, str, int]  # file, text, what stands for it, how often it is there
+Edit = tuple[str, str, str, int]  # file, text, replacement, number of occurrences
 _TRAJECTORY, _PATHS, _CONTACT, _SCRATCH, _RECORD, _START, _TALLIES = (
     f"trace/{name}.f90" for name in "trajectory paths contact scratch record start tallies".split()
 )
@@ -188,7 +188,7 @@ _MAPS = "if (level >= with_maps .and. scratch%cells_requested)"
 _HISTOGRAMS = "if (scene%histograms_requested)"
 _LINES = "level >= with_lines .and. allocated(scene%lines)"
 NEVER = "if (.false.)"
-#: Where a kernel that never had the option has nothing; the compiler drops what cannot be reached.
+#: Edits that leave nothing of an option; the compiler drops unreachable code.
 CUTS: dict[str, list[Edit]] = {
     "evaluation lines": [
         (_TRAJECTORY, _LINES, ".false.", 1),
@@ -247,7 +247,7 @@ CUTS: dict[str, list[Edit]] = {
 
 
 EVERY = "all of these"
-#: Scenes beside the one without options, and the code that they need.
+#: Scenes in addition to the scene without options, and the code they need.
 NEEDED = {
     "two lines": ("evaluation lines", EVERY),
     "passages": ("maps", EVERY),
@@ -255,7 +255,7 @@ NEEDED = {
 
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Builds of rockfall-batch: one by one; without each option; without any of them."""
+    """Builds of rockfall-batch: one-by-one mode; without each option; without any option."""
     copy_sources(folder)
     go_one_by_one(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]
@@ -268,13 +268,13 @@ def builds(folder: Path) -> Iterator[tuple[str, Path]]:
             (folder / "fortran/src" / file).write_text(text)
 
 
-# The tables
+# Tables
 
 
 def costs(
     bare: rockfall.Case, z: np.ndarray, grid: Grid, program: Path | None, repeat: int, folder: Path
 ) -> None:
-    """Each option alone."""
+    """Cost of each option alone."""
     print(f"{'':34}{'':>8}{'instruc-':>10}{'bytes of':>9}")
     print(f"{'alone':34}{'CPU ns':>8}{'tions':>10}{'terrain':>9}{'boulder':>9}{'map cell':>9}"
           f"{'reached':>9}")  # fmt: skip
@@ -298,8 +298,7 @@ def costs(
 
 
 def cuts(scenes: dict[str, rockfall.Case], z: np.ndarray, grid: Grid, folder: Path) -> bool:
-    """Run scenes in kernels without the options that they do not use; returns True if all are
-    within the target."""
+    """Run scenes in kernels without their unused options; return True if all meet the target."""
     for name, case in scenes.items():
         prepare(case, folder / name, dem=z, transform=grid)
     (folder / "sources").mkdir()

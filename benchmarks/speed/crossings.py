@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of boulders at many evaluation lines: run, lines and report, by several builds.
+"""Cost of many evaluation lines: run, lines and report, by several builds.
 
     python -m benchmarks.speed.crossings [--lines 1000] [--pieces 1] [--boulders 100000]
         [--repeat 3] [--other PYTHON ...] [--commands run lines report] [--killed]
 
-The slope of `cases/vaujany` with lines across it, or with pieces of fewer such lines, as those of a
-road. `--other` are Pythons of other builds of rockfall, which take turns with this one; numbers are
-minima of the turns. On a busy machine use the CPU times. `--killed`: runs are also killed on their
-way, once they have kept something, and go on: every bit must be that of the run in one piece.
-Tried for `none` and not faster: heaps with four nodes below each, tails boulder by boulder.
+The slope of `cases/vaujany` with lines across it, or with fewer lines cut into pieces, like
+segments of a road. `--other` gives Pythons of other rockfall builds, which take turns with this
+build; results are minima over the turns. On a busy machine use the CPU times. `--killed` also kills
+runs after their first save and resumes them: the result must be bit-identical to an uninterrupted
+run. Tried for `none` without gain: heaps with four children per node, tails boulder by boulder.
 """
 
 import argparse
@@ -26,7 +26,7 @@ COMMANDS = {
     "lines": ("lines", "out.nc"),
     "report": ("report", "out.nc", "-o", "out.html", "--overwrite"),
 }
-ACROSS = 104.75  # length of a line [m]: of all pairs of a line and a boulder 37 % cross
+ACROSS = 104.75  # length of a line [m]: 37 % of all pairs of line and boulder cross
 FILES = {"run": "out.nc", "none": "none.nc", "report": "out.html"}
 
 
@@ -40,8 +40,8 @@ CASE = """&case boulders = {boulders}, seed = 20090601 /
 
 
 def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None:
-    """The slope with lines from 15 m below the release down, each one of so many pieces; in keys
-    that all builds know."""
+    """Slope with lines from 15 m below the release down, each cut into a number of pieces; uses
+    only keys known to all builds."""
     rows, width = lines // pieces, ACROSS / pieces
     ends = (
         (1.25 + width * piece, 570.0 - 560.0 * row / rows)
@@ -58,7 +58,7 @@ def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None
 
 
 def killed(folder: Path, command: str, seconds: float) -> None:
-    """Kill a run on its way, resume it, and print whether it is the run in one piece."""
+    """Kill a run, resume it, and print whether it equals the uninterrupted run."""
     case = COMMANDS[command][1]
     words = [sys.executable, "-m", "rockfall", "run", case, "--quiet", "-o", "killed.nc"]
     kill_on_the_way(folder, words, seconds)
@@ -95,7 +95,7 @@ def main() -> None:
                       f"file {size / MB:8,.1f} MB  {python}", flush=True)  # fmt: skip
             walls[command] = best[-1][0]
         for command in {"run", "none"} & walls.keys() if given.killed else ():
-            killed(folders[-1], command, walls[command] / 2)  # last: it reads whole results
+            killed(folders[-1], command, walls[command] / 2)  # last: it reads complete results
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
 
     python -m benchmarks.speed.estimates [--scale 1] [--only lines]
 
-Cases with few boulders and many, small terrain and large, with and without maps and counts of
-classes, whole and in windows; many evaluation lines with all rows and with none. CPU time is of the
+Cases with few and many boulders, small and large terrain, with and without maps and bin counts,
+complete and in windows; many evaluation lines with all rows and with none. CPU time is for the
 complete program, from start to written file.
 """
 
@@ -23,18 +23,18 @@ from rockfall.result import variables
 
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-AIM = 0.15, 0.25  # of memory, of time
+AIM = 0.15, 0.25  # targets for memory, for time
 LINES = 200
 
 
 def estimated(said: str, word: str, units: dict[str, float]) -> float:
-    """The number of a row such as `memory   about 2.0 GB ...`."""
+    """Value of a row such as `memory   about 2.0 GB ...`."""
     number, unit = re.search(rf"^  {word} +about ([\d.]+) (\w+)", said, re.MULTILINE).groups()
     return float(number) * units[unit]
 
 
 def compare(what: str, case: rockfall.Case, folder: Path, *options: str) -> bool:
-    """One row of the table; True if both are within the target."""
+    """Print a row of the table; return True if both values are within the target."""
     path = folder / "case.nml"
     path.write_text(case.text())
     said, _, _ = program("check", path, *options)
@@ -54,8 +54,8 @@ def make_files(dem: Path, cells: Path, side: int, sources: int) -> None:
 
 
 def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | None):
-    """A case on synthetic relief, whose files are made once in another process: the memory peak of
-    a program starts from that of its parent."""
+    """Case on synthetic relief. Its files are made once in another process, because the peak memory
+    of a program includes that of its parent."""
     dem, cells = folder / f"dem{side}.tif", folder / f"cells{side}_{sources}.tif"
     if not cells.exists():
         making = get_context("spawn").Process(target=make_files, args=(dem, cells, side, sources))
@@ -71,7 +71,7 @@ def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | N
 
 
 def lines() -> list[dict]:
-    """Lines across the slope of cases/vaujany, from its top down."""
+    """Lines across the slope of cases/vaujany, from the top down."""
     return [
         {"name": f"{k}", "x": [1.25, 198.75], "y": [570.0 - 560.0 * k / LINES] * 2}
         for k in range(LINES)

@@ -3,11 +3,11 @@
 
     python -m benchmarks.speed.forest [--boulders 20000] [--repeat 3] [--trees 1000000]
 
-The slope of `cases/vaujany`, no options, one thread; stems 30 cm thick. With trees of real strength
-boulders end early; with stems that absorb nothing and turn boulders by at most 22.5 degrees they
-continue as without trees: that is the cost of a rebound. CPU time is the kernel's, the minimum of
-`--repeat` runs. Memory is the increase of the process by a scene with these trees, at its peak and
-once it is built.
+The slope of `cases/vaujany` without options, on one thread; stems of 30 cm. With trees of real
+strength, boulders stop early. With stems that absorb no energy and turn boulders by at most 22.5
+degrees, they continue as without trees, which gives the cost per rebound. CPU time is the kernel's,
+the minimum of `--repeat` runs. Memory is the increase of the process by a scene with these trees,
+at its peak and once it is built.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
 DENSITIES = (0, 100, 500, 1000)  # stems per hectare
-AIM = 2.0  # times the rebound without trees, at 500
+AIM = 2.0  # times the cost without trees, at 500 stems
 STAND = {"uniform_dbh_mean": 30.0, "uniform_dbh_std": 0.0, "uniform_conifers": 60.0}
 AHEAD = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])
 WEAK = "species,genus,factor\nconifer,,1e-9\nbroadleaf,,1e-9\n"
@@ -54,7 +54,7 @@ print(*(1024 * int(about[key].split()[0]) for key in ("VmRSS", "VmHWM")))
 
 
 def nanoseconds(case: rockfall.Case, repeat: int) -> tuple[float, float, float]:
-    """CPU time of a rebound, rebounds and hits of trees of a boulder."""
+    """CPU time per rebound, and rebounds and tree hits per boulder."""
     scene, least = read_scene(case), np.inf
     for _ in range(repeat):
         result = run_scene(scene, threads=1)
@@ -65,7 +65,7 @@ def nanoseconds(case: rockfall.Case, repeat: int) -> tuple[float, float, float]:
 
 
 def resident(trees: int) -> np.ndarray:
-    """Bytes of a process with this number of trees: once the scene is built, and at the peak."""
+    """Memory of a process for a number of trees: once the scene is built, and at the peak."""
     done = subprocess.run(
         [sys.executable, "-c", MEMORY, str(trees)], capture_output=True, text=True, check=True
     )

@@ -3,9 +3,9 @@
 
     python -m benchmarks.speed.kernel [--commit 7080d106] [--boulders 10000] [--repeat 5]
 
-That commit and the current sources are built in a temporary folder, as for a release (four minutes
-of CPU). `cases/vaujany`, and the half-metre relief of `walk.py`; CPU time of the kernel on one
-thread, minima of the turns.
+The commit and the current sources are built in a temporary folder, as for a release (four minutes
+of CPU time). `cases/vaujany`, and the half-metre relief of `walk.py`; CPU time of the kernel on one
+thread, minima over the turns.
 """
 
 import argparse
@@ -25,13 +25,13 @@ from benchmarks.speed.walk import FINEST, on_cells
 from rockfall.scene.read import read_scene
 
 LAW = {"form": "table", "ratio": None, "sets": None}
-#: Rows that are told over another one, as a ratio or as what more they take.
+#: Rows printed relative to another row, as a ratio or a difference.
 OVER = {f"table {name}": "matrix" for name in TABLES}
 MORE = {"seven maps": "two lines", "every map": "two lines"}
 
 
 def rows(boulders: int, folder: Path) -> dict[str, float]:
-    """CPU nanoseconds of a rebound in each scene, by the build that is imported."""
+    """CPU nanoseconds per rebound in each scene, by the imported build."""
     vaujany = rockfall.read_case(VAUJANY).replace(case={"boulders": boulders})
     surface = {"zones": None, "table": None, "uniform_mean_radius": RADIUS}
     bare = vaujany.replace(output=NOTHING, line=[])
@@ -50,7 +50,7 @@ def rows(boulders: int, folder: Path) -> dict[str, float]:
 
 
 def build(sources: Path) -> str:
-    """PYTHONPATH of the package built from a source tree, and of the benchmarks there."""
+    """PYTHONPATH for the package built from a source tree, and for its benchmarks."""
     core = f"fortran/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     for words in (["setup", "build"], ["compile", "-C", "build", core]):
@@ -68,7 +68,7 @@ def build(sources: Path) -> str:
 
 
 def extracted(commit: str, folder: Path) -> Path:
-    """Files of a commit; without one, the current state of the files in git."""
+    """Files of a commit; without a commit, the current state of the files in git."""
     folder.mkdir()
     if commit:
         pack = ["git", "archive", commit]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of many evaluation lines of a layer: check and run of a case of few boulders, and report of
-a result with a few dozen lines.
+"""Cost of many evaluation lines from a layer: check and run of a case with few boulders, and report
+of a result with a few dozen lines.
 
     python -m benchmarks.speed.lines [--lines 1000 4000 20000] [--reported 40]
 
-Wall and CPU seconds of one command each; on a busy machine use the CPU times.
+Prints wall and CPU seconds of each command; on a busy machine use the CPU times.
 """
 
 import argparse
@@ -36,7 +36,7 @@ CASE = """&case boulders = {boulders} /
 
 
 def write_inputs(folder: Path, count: int, boulders: int) -> None:
-    """A slope of 31 degrees with lines across it, from its top down."""
+    """Slope of 31 degrees with lines across it, from the top down."""
     z = 2000.0 - 3.0 * np.arange(ROWS)[:, None] + np.zeros((ROWS, COLUMNS))
     place = rasterio.transform.from_origin(WEST, NORTH, CELL, CELL)
     about = {"width": COLUMNS, "height": ROWS, "count": 1, "dtype": "float64", "crs": CRS}

@@ -3,10 +3,10 @@
 
     python -m benchmarks.speed.many [--boulders 100000000] [--kept none] [--shards 16] [--threads 0]
 
-Runs a tenth of the boulders and all of them, and prints the peak memory of each (VmHWM): it must be
-equal. Each run is killed once, and resumed. Then the boulders are run as shards and merged: every
-bit must equal the run in one piece. Numbers of a tenth of the boulders, at most a million, are
-compared with a run that keeps all rows.
+Runs a tenth of the boulders, then all, and prints the peak memory of both (VmHWM), which must be
+equal. Each run is killed once and resumed. Then the boulders are run as shards and merged: the
+result must be bit-identical to the unsharded run. Statistics of a tenth of the boulders, at most a
+million, are compared with a run that keeps all rows.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 
 ROCKFALL = [sys.executable, "-m", "rockfall"]
-OWN = ("wall_seconds", "cpu_seconds", "threads", "history", "date_created")  # attributes of a run
+OWN = ("wall_seconds", "cpu_seconds", "threads", "history", "date_created")  # differ between runs
 MB = 1e6
 
 
@@ -43,7 +43,7 @@ def command(kept: str, boulders: int, threads: int, output: str) -> list[str]:
 
 
 def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
-    """Kill a run that saves every second, after a time or once it has saved."""
+    """Kill a run that saves every second, after a time or after its first save."""
     process = subprocess.Popen([*words, "--checkpoint", "1"], cwd=folder)
     time.sleep(seconds)
     checkpoint = folder / f"{words[-1]}.checkpoint"
@@ -55,7 +55,7 @@ def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
 
 
 def same(one: Path, other: Path) -> bool:
-    """Return True if two results agree in every bit, except for times."""
+    """Return True if two results are bit-identical, except for times."""
     a, b = rockfall.read_result(one), rockfall.read_result(other)
     found = {*a.variables} == {*b.variables}
     for name in a.variables:
@@ -66,7 +66,7 @@ def same(one: Path, other: Path) -> bool:
 
 
 def compare(folder: Path, kept: str, boulders: int, threads: int) -> None:
-    """The largest relative differences of statistics at the lines from those of all rows."""
+    """Maximum relative differences of line statistics from those of a run with all rows."""
     for name in ("all", kept):
         run(folder, name, boulders, threads, f"{name}_few.nc")
     results = [rockfall.read_result(folder / f"{name}_few.nc") for name in ("all", kept)]

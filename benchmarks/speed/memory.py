@@ -3,11 +3,11 @@
 
     python -m benchmarks.speed.memory [--side 10000]
 
-Makes DEMs of `--side` squared cells in a temporary folder, runs `rockfall run` and, where it is
-found, `rockfall-batch`, and reads the peak of each from the system. A run may take 8 bytes for each
-cell of the DEM, 4 for each cell of zones, the requested outputs (4 for each cell of a map, 8 more
-for the sums behind energy_mean, 120 for each boulder), and 100 MB. The boulders start all over the
-DEM, so that no page of a map stays untouched.
+Makes DEMs with `--side` squared cells in a temporary folder, runs `rockfall run` and, if found,
+`rockfall-batch`, and reads the peak memory of each from the system. A run may use 8 bytes per DEM
+cell, 4 per zone cell, the requested outputs (4 per map cell, 8 more for the sums of energy_mean,
+120 per boulder), and 100 MB. Boulders start all over the DEM, so that no page of a map stays
+untouched.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from affine import Affine
 from benchmarks.machine import machine, run_child
 
 CELL = 2.5
-ROWS = 256  # of tiles
+ROWS = 256  # rows per tile
 
 CASE = """&case boulders = 1, seed = 1, title = 'memory' /
 &terrain dem = '{dem}' /
@@ -39,18 +39,18 @@ UNIFORM, ZONES = "uniform_mean_radius = 0.25", "zones = 'zones.tif', table = 'zo
 
 
 def profile(side: int) -> np.ndarray:
-    """Elevations of a row: valleys 2 km wide with slopes of up to 45 degrees [m]."""
+    """Elevations of a row: valleys 2 km wide, with slopes of up to 45 degrees [m]."""
     x = (np.arange(side) + 0.5) * CELL
     return np.round(1000.0 + 318.0 * np.cos(2 * np.pi * x / 2000.0), 2)
 
 
 def sources(side: int) -> np.ndarray:
-    """One cell of a row for each valley, high on its slope."""
+    """One source cell per valley and row, high on the slope."""
     return (np.arange(side) % int(2000.0 / CELL) == 80).astype("u1")
 
 
 def make_tiff(path: Path, row: np.ndarray) -> None:
-    """A raster with identical rows: GeoTIFF, tiled and compressed."""
+    """Write a raster with identical rows: tiled and compressed GeoTIFF."""
     import rasterio
     from rasterio.windows import Window
 
@@ -78,13 +78,13 @@ def make_files(folder: Path, side: int) -> None:
 
 
 def measure(folder: Path, what: str, side: int, program: str = "", **case: str) -> None:
-    """One row of the table: memory allowed and used by a run."""
+    """Row of the table: memory allowed and used by a run."""
     asked = MAPS if case["maps"] == "all" else [case["maps"]]
     case["maps"] = ", ".join(f"'{name}'" for name in asked)
     (folder / "case.nml").write_text(CASE.format(**case))
     cell = 8 + 4 * (case["surface"] == ZONES) + 4 * len(asked) + 8 * ("energy_mean" in asked)
     most = cell * side**2 + 120 * int(sources(side).sum()) * side + 100_000_000
-    rockfall = [sys.executable, "-m", "rockfall"]  # not loaded here: a child bears our own peak
+    rockfall = [sys.executable, "-m", "rockfall"]  # a child's peak includes that of its parent
     command = [*rockfall, "run", "case.nml", "--quiet"]
     if program:
         shutil.rmtree(folder / "ready", ignore_errors=True)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Where the time of a rebound goes: CPU nanoseconds of each of its parts, each alone in a loop, on rough
-!> ground at 38 degrees. Alone a part runs faster than between the others, so the sum falls short.
+!> CPU time of the parts of a rebound [ns], each alone in a loop, on rough ground at 38 degrees. A part runs faster
+!> alone than among the others, so their sum is below the time of a rebound.
 program parts
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -33,7 +33,7 @@ program parts
    call time_flight()
    call time_arc()
    call time_visits()
-   if (total > huge(total)) print *, total  ! so that no loop is left out
+   if (total > huge(total)) print *, total  ! prevents the removal of loops
 
 contains
 

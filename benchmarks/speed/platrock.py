@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of a rebound here and in PlatRock: one terrain, one place of release, one rebound model.
+"""Cost of a rebound in this program and in PlatRock: same terrain, release and rebound model.
 
     apt-get install python3-gdal libgdal-dev
     python3 -m venv ~/platrock && ~/platrock/bin/pip install platrock
     python -m benchmarks.speed.platrock ~/platrock/bin/python [--rocks 100]
 
-The terrain and the release of cases/vaujany, boulders of 0.8 m3, everywhere the rebound of Bourrier
-and Hungr (2011), which both have, with the same parameters. Both run on one thread. The terrain of
-PlatRock is of triangles, ours is bilinear; its flights have time steps (its default, 0.02 s), ours
-none; stopping rules and thus numbers of rebounds differ too: compare the time per rebound. Reading
-and writing files is excluded.
+Terrain and release of cases/vaujany, boulders of 0.8 m3, and the rebound of Bourrier and Hungr
+(2011), which both programs have, with the same parameters everywhere. Both run on one thread.
+PlatRock uses triangles and time steps (0.02 s by default), this program bilinear patches and no
+steps. Stopping rules differ, hence also the numbers of rebounds: compare the time per rebound.
+Reading and writing files is excluded.
 """
 
 import argparse
@@ -24,9 +24,9 @@ import rasterio
 import rockfall
 from benchmarks.machine import VAUJANY, machine
 
-#: R_t, v_half [m/s], friction angle [degree]; roughness of PlatRock [m], tilt of ours [degree].
+#: R_t, v_half [m/s], friction angle [degree]; roughness in PlatRock [m], our tilt [degree].
 GROUND = {"R_t": 0.7, "v_half": 5.0, "phi": 30.0, "roughness": 0.3}
-TILT = 25.0  # atan(0.3 m / 0.58 m), the radius of 0.8 m3
+TILT = 25.0  # atan(0.3 m / 0.58 m), with the radius of 0.8 m3
 TABLE = f"""\
 name,id,model,r_t,half_speed,friction_angle,roughness_angle,source
 ground,1,bourrier_hungr,{GROUND["R_t"]},{GROUND["v_half"]},{GROUND["phi"]},{TILT},benchmark

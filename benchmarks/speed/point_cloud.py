@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU time and memory in which point clouds of LAZ are read for `rockfall dem`.
+"""CPU time and memory for reading LAZ point clouds in `rockfall dem`.
 
     python -m benchmarks.speed.point_cloud [--million 10] [--tiles 5] [--times 2] [--thin 2.0]
                                            [--folder DIR]
 
-Tiles of millions of points (point format 6, hundredths of a metre) lie side by side; their points
-are drawn evenly over a slope, ten to the square metre, all ground, in strips as a scanner flies.
-All are read `--times` times, as one cloud. Memory is the peak of the process that reads them,
-beyond what it takes for 1,000 points. Existing tiles in --folder are not made again.
+Tiles of millions of points (point format 6, in centimetres) lie side by side. Points are uniform
+over a slope, ten per square metre, all ground, in strips like those of a scanner. All tiles are
+read `--times` times, as one cloud. Memory is the peak of the reading process above that for 1,000
+points. Existing tiles in --folder are used again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 
-DENSITY = 10.0  # [1/m2]
+DENSITY = 10.0  # points per area [1/m2]
 READER = """
 import resource, sys, time
 from rockfall.io.vectors.point_clouds import read_clouds
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def _tile(path: Path, number: int, points: int) -> Path:
-    """Write the tile of a number, east of those before it, unless it exists."""
+    """Write the tile with a given number, east of the previous tiles, unless it exists."""
     if path.exists():
         return path
     random = np.random.default_rng(number)
@@ -72,7 +72,7 @@ def _tile(path: Path, number: int, points: int) -> Path:
 
 
 def _measured(tiles: list[Path], thin: float) -> tuple[float, float, float]:
-    """Points kept, seconds of CPU, and bytes at the peak."""
+    """Points kept, CPU seconds, and peak bytes."""
     words = [sys.executable, "-c", READER, str(thin), *map(str, tiles)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:

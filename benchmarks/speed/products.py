@@ -4,11 +4,11 @@
     python -m benchmarks.speed.products [--boulders 100000] [--repeat 3]
         [--other PYTHON ...] [--commands report pdf hazard dossier export lines figures]
 
-The slope of `cases/vaujany` with seven maps; for the hazard `cases/settlement`, with few boulders,
-so that its files count; for the dossier `cases/decision` as it is: four variants of three
-scenarios, and a second model. `--other` are Pythons of other builds of rockfall, which take turns
-with this one, each with a result of its own; numbers are minima of the turns. On a busy machine use
-the CPU times.
+The slope of `cases/vaujany` with seven maps; for the hazard, `cases/settlement` with few boulders,
+so that file access dominates; for the dossier, `cases/decision` unchanged, with four variants of
+three scenarios and a second model. `--other` gives Pythons of other rockfall builds, which take
+turns with this build, each with its own result; results are minima over the turns. On a busy
+machine use the CPU times.
 """
 
 import argparse
@@ -25,7 +25,7 @@ MAPS = (
     "jump_height_q95",
 )  # fmt: skip
 SETTLEMENT, DECISION = ROOT / "cases/settlement", ROOT / "cases/decision"
-LAYERS = ROOT / "cases/tutorial/make_layers.py"  # of the decision
+LAYERS = ROOT / "cases/tutorial/make_layers.py"  # script of the decision's layers
 COMMANDS = {
     "report": "report out.nc -o out.html --overwrite",
     "pdf": "report out.nc --pdf --language de -o out.pdf --overwrite",
@@ -48,11 +48,11 @@ CASE = """&case boulders = {boulders}, seed = 20090601, title = 'Vaujany, method
 &line name = 'EL1', x = 1.25, 198.75, y = 441.72, 441.72 /
 &line name = 'EL2', x = 1.25, 198.75, y = 402.32, 402.32 /
 &output maps = {maps}, rebounds = .true., trajectories = 50 /
-"""  # keys that all builds know
+"""  # only keys known to all builds
 
 
 def prepare(python: str, folder: Path, boulders: int) -> None:
-    """The result, by a build, and the case of the hazard."""
+    """Make the result with a build, and the case of the hazard."""
     sets = ROOT / "python/rockfall/data/impact_sets/bourrier2009.nml"
     maps = ", ".join(f"'{name}'" for name in MAPS)
     text = CASE.format(boulders=boulders, place=VAUJANY.parent, sets=sets, maps=maps)
@@ -62,7 +62,7 @@ def prepare(python: str, folder: Path, boulders: int) -> None:
     shutil.copytree(SETTLEMENT, folder / "settlement")
     table = folder / "settlement/zones.csv"
     rows = [line.split(",") for line in table.read_text().splitlines()]
-    table.write_text("\n".join(",".join(row[:2]) for row in rows) + "\n")  # any build's ground
+    table.write_text("\n".join(",".join(row[:2]) for row in rows) + "\n")  # exists in any build
     run_child(sys.executable, SETTLEMENT / "make_terrain.py", folder / "settlement")
     shutil.copytree(DECISION, folder / "decision")
     run_child(sys.executable, LAYERS, cwd=folder / "decision")

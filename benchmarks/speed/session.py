@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Overhead of an open session in addition to flights, and of a warm `rockfall.run`.
+"""Overhead of an open session in addition to the flights, and of a warm `rockfall.run`.
 
     python -m benchmarks.speed.session [--repeat 30] [--boulders 1000]
 
-`cases/vaujany` on one thread, without maps and with the nine of the case: CPU milliseconds of this
-thread, minimum and median of `--repeat` times. Flights are the calls of the kernel; a run is `for
-batch in session.run()` less its flights, without and with a Dataset at the end; a change moves the
-release, or a line; statistics are those of one and of two quantities at the two lines. Then the
-time until a run on another thread has ended, after its cancel is set (wall clock: on an idle
-machine).
+`cases/vaujany` on one thread, without maps and with the nine maps of the case: CPU milliseconds of
+this thread, minimum and median of `--repeat` repetitions. Flights are the calls of the kernel; a
+run is `for batch in session.run()` minus its flights, without and with a final Dataset; a change
+moves the release, or a line; statistics are for one and for two quantities at both lines. Then the
+time until a run on another thread ends after it is cancelled (wall clock: on an idle machine).
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ QUANTITIES = {"one quantity": ["energy_total"], "two": ["energy_total", "passing
 
 
 def measured(work: Callable[[], Any], repeat: int) -> list[float]:
-    """CPU milliseconds of this thread that some work takes, each time."""
+    """CPU milliseconds of this thread for each repetition of some work."""
     found = []
     for _ in range(repeat):
         begun = time.thread_time()
@@ -49,7 +48,7 @@ def last_batch(session: rockfall.Session, **how: Any) -> rockfall.Batch:
 
 
 def beside_flights(session: rockfall.Session, repeat: int, with_dataset: bool) -> list[float]:
-    """Milliseconds of a run less those in the kernel."""
+    """Milliseconds of a run minus those in the kernel."""
     found = []
     for _ in range(repeat):
         begun = time.thread_time()
@@ -61,7 +60,7 @@ def beside_flights(session: rockfall.Session, repeat: int, with_dataset: bool) -
 
 
 def measure(case: rockfall.Case, repeat: int) -> None:
-    """Print the times of a case."""
+    """Print the times for a case."""
     with rockfall.open(case) as session:
         batch = last_batch(session)
         show("flights", [1e3 * last_batch(session).cpu_seconds for _ in range(repeat)])
@@ -87,7 +86,7 @@ def measure(case: rockfall.Case, repeat: int) -> None:
 
 
 def answers(case: rockfall.Case, repeat: int) -> list[float]:
-    """Wall milliseconds from setting a cancel to the end of a run on another thread."""
+    """Wall milliseconds from cancelling a run on another thread to its end."""
     found = []
     with rockfall.open(case) as session:
         for k in range(repeat):

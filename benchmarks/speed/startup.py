@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Time of a command before and after the boulders: wall and CPU seconds, and by import.
+"""Time that a command takes before and after the boulders: wall and CPU seconds, and imports.
 
     python -m benchmarks.speed.startup [--repeat 20] [TREE ...]
 
-Commands on a small case with an ESRI ASCII terrain, and on that of `cases/vaujany` (GeoTIFF), with
-100 boulders each; minimum and median of `--repeat` starts. A TREE is the folder with the package of
-another version, as installed: trees take turns with the one that this Python finds, so that other
-load of the machine is shared. The first start of each, which compiles Python, does not count.
-Below, minima of five with -X importtime: imports by package, interpreter, and the rest, which is
-the command's own work and some overhead of importtime.
+Commands on a small case with an ESRI ASCII terrain and on `cases/vaujany` (GeoTIFF), with 100
+boulders each; minimum and median of `--repeat` starts. TREE is a folder with an installed package
+of another version. Trees take turns with the package of this Python, so that they share other load
+of the machine. The first start of each, which compiles Python files, does not count. Below are
+minima of five starts with -X importtime: imports by package, the interpreter, and the rest, i.e.
+the command's own work and overhead of importtime.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ IMPORT = re.compile(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\w+)")
 
 
 def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str]:
-    """Wall and CPU seconds of a Python that imports from a tree, and its stderr."""
+    """Wall and CPU seconds of a Python that imports from a tree, and its standard error output."""
     place = {"PYTHONPATH": str(tree), "PYTHONPYCACHEPREFIX": str(folder / "cache")}
     place["PYTHONDONTWRITEBYTECODE"] = ""
     begun = time.perf_counter()
@@ -69,7 +69,7 @@ def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str
 
 
 def words_of(command: str) -> list[str]:
-    """The arguments of Python for a command; "" adds none of our own."""
+    """Python arguments for a command; "" adds none."""
     return [*ROCKFALL, *command.format(vaujany=VAUJANY).split()] if command else ["-c", "pass"]
 
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CPU time of a rebound by the paper's matrix and by a table of impacts, in lanes and one by one:
+"""CPU time of a rebound by the paper's matrix and by an impact table, in lanes and one by one:
 
     python -m benchmarks.speed.table_rebound [--boulders 20000] [--repeat 7]
 
-The slope of cases/vaujany with R_m = 0.1 m everywhere, no options, one thread; minima of the
-repeated runs, which take turns. The time of the complete run is divided by its rebounds: it
-includes flights, the cells that they cross, and rolling.
+The slope of cases/vaujany with R_m = 0.1 m everywhere, without options, on one thread; minima of
+repeated runs, which take turns. The time of the complete run is divided by its rebounds and thus
+includes flights, the cells they cross, and rolling.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from benchmarks.machine import LANES, NOTHING, VAUJANY, machine
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
-RADIUS = 0.1  # of the rocks [m]
+RADIUS = 0.1  # radius of the rocks [m]
 TABLES = "talus", "meadow"
 
 

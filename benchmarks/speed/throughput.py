@@ -4,9 +4,9 @@ the parts of the time.
 
     python -m benchmarks.speed.throughput [--boulders 20000] [--repeat 5]
 
-Each number is the minimum of `--repeat` runs; the first ones also have the mean and its standard
-error. CPU time counts all threads; it is that of the kernel's calls, not of reading and writing
-files. On a busy machine only the ratios mean something.
+Each value is the minimum of `--repeat` runs; the first values also have a mean with standard error.
+CPU time includes all threads and the kernel's calls, but not reading and writing files. On a busy
+machine only ratios are meaningful.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ BY_THREADS = "nothing asked for", "two evaluation lines", "lines, seven maps", "
 
 
 class Runs(NamedTuple):
-    """Runs of a scene: CPU and wall seconds of each; rebounds and boulders of one."""
+    """Runs of a scene: CPU and wall seconds of each run; rebounds and boulders of one run."""
 
     cpu: np.ndarray
     wall: np.ndarray
@@ -62,7 +62,7 @@ class Runs(NamedTuple):
     boulders: int
 
     def rebound(self) -> float:
-        """Least CPU nanoseconds a rebound."""
+        """Minimum CPU nanoseconds per rebound."""
         return 1e9 * self.cpu.min() / self.rebounds
 
     def over(self, one: Runs) -> str:
@@ -81,7 +81,7 @@ def measure(scene: Scene, threads: int, repeat: int) -> Runs:
 
 
 def parts() -> None:
-    """The time of each part of a rebound, from a program of the build folder."""
+    """Time of each part of a rebound, from a program in the build folder."""
     build = ROOT / "build"
     if not (shutil.which("ninja") and (build / "build.ninja").exists()):
         print("\n(no build folder: the parts of a rebound are left out)")

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A whole valley: cost of maps and of the size of a large terrain, in time and memory.
+"""Large valley: cost of maps and of a large terrain, in time and memory.
 
     python -m benchmarks.speed.valley [--side 4000] [--sources 10000] [--each 100] [--large 10000]
 
 First 100 boulders from each of 10,000 cells of a synthetic relief of 4000 x 4000 cells, with and
-without maps: CPU time of the whole programs, and the memory peak compared with `rockfall check`.
-Then a rebound in a basin of 200 x 200 cells, and in the same basin amid 10,000 x 10,000 cells of
-them: CPU time of the kernel, minimum of `--repeat` runs, taken in turn.
+without maps: CPU time of the complete programs, and peak memory compared with `rockfall check`.
+Then the cost of a rebound in a basin of 200 x 200 cells, and in the same basin within 10,000 x
+10,000 cells of repeated basins: CPU time of the kernel, minimum of `--repeat` runs in turn.
 """
 
 import argparse
@@ -25,10 +25,10 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_chunks, start
 
-CELL = 2.5  # [m]
-VALLEYS = 1500.0  # [m] of the widest hills
+CELL = 2.5  # cell size [m]
+VALLEYS = 1500.0  # width of the largest hills [m]
 STEEP = 0.8  # root mean square of the gradient: half of the ground is steeper than 33 degrees
-BASIN = 200  # cells
+BASIN = 200  # side of the basin [cells]
 MAPS = ["passages", "energy_max", "energy_q50", "energy_q95"]
 SAME = {
     "impact": {"sets": "vaujany-observed"},
@@ -40,8 +40,8 @@ SAME = {
 def relief(
     side: int, random: np.random.Generator, widest: float = VALLEYS, cell: float = CELL
 ) -> np.ndarray:
-    """Elevations [m] of a fractal, periodic relief: amplitudes fall with the power 2.6 of the wave
-    number, so that slopes are those of the hills more than of single cells."""
+    """Elevations [m] of a fractal, periodic relief: amplitudes decrease with the power 2.6 of the
+    wave number, so that slopes come from hills rather than single cells."""
     ky, kx = np.fft.fftfreq(side, cell)[:, None], np.fft.rfftfreq(side, cell)[None]
     k2 = kx**2 + ky**2
     wave = random.normal(size=k2.shape) + 1j * random.normal(size=k2.shape)
@@ -105,8 +105,8 @@ def whole_valley(folder: Path, each: int, threads: int) -> None:
 
 
 def basin() -> np.ndarray:
-    """A rough periodic basin with sides of up to 43 degrees; boulders that start below the lowest
-    place of its rim stay inside."""
+    """Rough periodic basin with sides of up to 43 degrees; boulders that start below the lowest
+    point of its rim stay inside."""
     x = 2 * np.pi * (np.arange(BASIN) + 0.5) / BASIN
     smooth = 70.0 * (np.cos(x)[:, None] + np.cos(x)[None])
     rough = relief(BASIN, np.random.default_rng(2), widest=50.0) - 2000.0
@@ -114,7 +114,7 @@ def basin() -> np.ndarray:
 
 
 def basin_scene(copies: int, boulders: int, maps: list[str] | None) -> Scene:
-    """The basin, `copies` times each way, with ten sources high in the one in the middle."""
+    """Scene of `copies` x `copies` basins, with ten sources high in the central basin."""
     side = BASIN * copies
     west = BASIN * (copies // 2)
     row = west + np.linspace(0.4, 0.6, 10) * BASIN
@@ -133,7 +133,7 @@ def basin_scene(copies: int, boulders: int, maps: list[str] | None) -> Scene:
 
 
 def nanoseconds(scene: Scene) -> tuple[float, int]:
-    """CPU time of the kernel for a rebound, one thread; number of the rebounds."""
+    """CPU time of the kernel per rebound on one thread, and number of rebounds."""
     tally = start(scene, threads=1)
     run_chunks(tally, None, lambda: False, lambda _: None)
     rebounds = int(tally.array("rebounds"))
@@ -165,7 +165,7 @@ def main() -> None:
     options = parser.parse_args()
     print(machine(), "\n")
     with tempfile.TemporaryDirectory() as name:
-        # elsewhere: programs started from here would bear the peak of this one in their own
+        # in another process: the peak memory of child processes includes that of this one
         files = (Path(name), options.side, options.sources)
         maker = multiprocessing.get_context("spawn").Process(target=make_files, args=files)
         maker.start()

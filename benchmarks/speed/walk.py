@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of walking over the patches of the terrain per rebound: by cell size, and by maps.
+"""Cost per rebound of crossing terrain patches, by cell size and by maps.
 
     python -m benchmarks.speed.walk [--boulders 100] [--repeat 5] [--program rockfall-batch]
 
-One steep relief, known every half metre; coarser cells are every second node of it, every fifth and
-so on. Then `cases/vaujany` with maps, on one thread and on two. CPU time is the minimum of
-`--repeat` runs on one thread; instructions are of rockfall-batch under callgrind, as in `costs.py`.
+A steep relief with cells of half a metre; coarser cells use every second node, every fifth, and so
+on. Then `cases/vaujany` with maps, on one and on two threads. CPU time is the minimum of `--repeat`
+runs on one thread; instructions are of rockfall-batch under callgrind, as in `costs.py`.
 """
 
 import argparse
@@ -24,16 +24,16 @@ from benchmarks.speed.valley import SAME, relief
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene
 
-FINEST, SIDE = 0.5, 2401  # [m], nodes each way
-STEEPER = 1.4  # than the valley: gradients of 48 degrees, root mean square
-CELLS = (10.0, 5.0, 2.5, 1.0, 0.5)  # [m]
+FINEST, SIDE = 0.5, 2401  # cell size [m], nodes along each side
+STEEPER = 1.4  # factor on the valley's relief: gradients of 48 degrees, root mean square
+CELLS = (10.0, 5.0, 2.5, 1.0, 0.5)  # cell sizes [m]
 SOURCES = 100
 ASKED = {"nothing": None, "passages": ["passages"], "seven maps": MAPS, "every map": EVERY_MAP}
 
 
 def ground() -> tuple[np.ndarray, np.ndarray]:
-    """Elevations of the finest nodes, and the nodes (row, column) of sources: of the steepest fifth
-    of those that all cells have, away from the edges."""
+    """Elevations of the finest nodes, and source nodes (row, column): from the steepest fifth of
+    the nodes common to all cell sizes, away from the edges."""
     random = np.random.default_rng(1)
     z = STEEPER * relief(SIDE, random, cell=FINEST)
     shared = round(max(CELLS) / FINEST)
@@ -43,7 +43,7 @@ def ground() -> tuple[np.ndarray, np.ndarray]:
 
 
 def on_cells(cell: float, each: int, folder: Path) -> tuple[dict[str, Any], rockfall.Case]:
-    """The arrays and the case of the same ground in cells of this size."""
+    """Arrays and case of the same ground, for a cell size."""
     z, nodes = ground()
     step = round(cell / FINEST)
     z = z[::step, ::step]
@@ -60,7 +60,7 @@ def on_cells(cell: float, each: int, folder: Path) -> tuple[dict[str, Any], rock
 
 
 def tell(name: str, case: rockfall.Case, options: argparse.Namespace, **arrays: Any) -> None:
-    """One line: CPU nanoseconds and instructions a rebound, impacts a boulder."""
+    """Print a line: CPU nanoseconds and instructions per rebound, impacts per boulder."""
     runs = measure(read_scene(case, **arrays), 1, options.repeat)
     with tempfile.TemporaryDirectory() as folder:
         prepare(case, Path(folder) / "case", **arrays)

@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How long the live window takes from an edit to its results, and from its command to the map.
+"""Time of the live window from an edit to its results, and from its command to the map.
 
     python -m benchmarks.speed.window [--repeat 15] [--side 2000] [--trajectories 100] [--page]
 
-A websocket client, in place of the page, moves the release of `cases/vaujany`, and one on a made
-relief of 2000 x 2000 cells. Milliseconds of wall clock, least and median of `--repeat` edits, from
-sending one to its state, its first results, and those of all 10,000 boulders, with a map and
-without; and once, from the hello to the terrain. The server is another process; on an idle machine.
+A websocket client, instead of the page, moves the release of `cases/vaujany`, and a release on a
+synthetic relief of 2000 x 2000 cells. Prints wall-clock milliseconds, minimum and median of
+`--repeat` edits, from sending an edit to its state, its first results, and the results of all
+10,000 boulders, with and without a map; and once, from the hello message to the terrain. The server
+is another process; use an idle machine.
 
-With `--page` the page itself is timed instead, in a headless Chromium that is open already and that
-draws by software, as any Chromium does where there is no graphics processor (one is emulated for
-the view in three dimensions alone; for the whole page that takes ten times as long): from the start
-of `rockfall app` to the first terrain on the map and to the end of the run, for both cases, and for
-the second one with thousands of lines, and of sources. Then, by the clock of the page: a click into
-the list, which selects a feature and moves the map, until the page has drawn again; an arrow key,
-which moves that feature by a cell, until the first results and those of all boulders are drawn; of
-which, by the profiler of the browser, the page's own script ran. What else the processor does then
-is to simulate, and to draw by software.
+`--page` times the page itself, in an open headless Chromium that draws by software, as without a
+graphics processor (a graphics processor is emulated only for the 3D view; for the complete page
+this is ten times slower): from the start of `rockfall app` to the first terrain on the map and to
+the end of the run, for both cases, and for the second case with thousands of lines and of sources.
+Then, by the clock of the page: a click into the list, which selects a feature and moves the map,
+until the page is redrawn; an arrow key, which moves the feature by one cell, until the first and
+all results are drawn, with the time spent in the page's script according to the browser's profiler.
+The rest is simulation and software drawing.
 
-Last, frames of the view in three dimensions while 500 trajectories play: medians of at most
-`FRAMES` of them, or of those that come within `FRAME_SECONDS`: the time between two as software
-draws them, the script for one without the drawing, and what that hands over to draw.
+Last, frames of the 3D view while 500 trajectories play: medians over at most `FRAMES` frames or
+`FRAME_SECONDS`, of the time between frames with software drawing, the script time without drawing,
+and the amount handed over for drawing.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ PHASES = (
     "command to terrain", "command to all boulders", "click", "move to first results",
     "move to all boulders", "of it script of the page",
 )  # fmt: skip
-#: Time of a mark of the page: since the epoch, and for a revision since the key was pressed.
+#: Time of a mark of the page: since the epoch, or for a revision since the key was pressed.
 MARKED = """const [mark] = performance.getEntriesByName(arguments[0]).slice(-1);
 return mark && (arguments[1] === null || mark.detail === arguments[1])
     ? mark.startTime + (arguments[1] === null ? performance.timeOrigin : -window.pressed) : null"""
@@ -75,7 +75,7 @@ CAN_PLAY = "document.querySelector('.view3d-player')?.hidden === false"
 PLAY = """document.querySelector('.view3d-player select').value = '0.25';
 document.querySelector('.view3d-player button').click();
 window.played = performance.now()"""
-#: Counts what each frame draws and uploads, from the first time that WebGL is used.
+#: Counts the drawing and uploads of each frame, from the first use of WebGL.
 COUNT = """window.drawn = {calls: 0, vertices: 0, bytes: 0};
 const of = WebGL2RenderingContext.prototype;
 const count = (name, number) => {
@@ -100,7 +100,7 @@ WHAT = ("state", "first results", f"{BOULDERS:,} boulders")
 
 
 def serve(path: Path, folder: Path, said: Connection) -> None:
-    """Serve a case to one page, and send its address."""
+    """Serve a case to a single page, and send its address."""
     warnings.simplefilter("ignore")
     os.environ["XDG_STATE_HOME"] = str(folder)
     server = Server(bind(0), page=folder, grace=0.0)
@@ -119,7 +119,7 @@ def messages(socket: ClientConnection) -> Iterator[dict[str, Any]]:
 
 
 def measure(path: Path, folder: Path, places: np.ndarray, trajectories: int) -> None:
-    """Print the times of edits that move the release of a case from place to place (n, 2)."""
+    """Print the times of edits that move the release of a case along places (n, 2)."""
     here, there = multiprocessing.Pipe()
     server = multiprocessing.get_context("spawn").Process(target=serve, args=(path, folder, there))
     server.start()
@@ -151,7 +151,7 @@ def measure(path: Path, folder: Path, places: np.ndarray, trajectories: int) -> 
 
 
 def wait(coming: Iterator[dict[str, Any]], type: str, **content: Any) -> None:
-    """Wait for a message of a type with this content."""
+    """Wait for a message with a given type and content."""
     for one in coming:
         assert one["type"] not in ("fault", "refused") and not one.get("errors"), one
         if one["type"] == type and content.items() <= one.items():
@@ -172,7 +172,7 @@ def times(coming: Iterator[dict[str, Any]], revision: int, begun: float) -> list
 
 
 def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
-    """A case on a synthetic relief, and a release point on it."""
+    """Case on a synthetic relief, and a release point on it."""
     z = relief(side, np.random.default_rng(1))
     grid = Grid(0.0, side * CELL, CELL, side, side)
     write_geotiff(folder / "dem.tif", z, grid, None)
@@ -191,7 +191,7 @@ def made(folder: Path, side: int) -> tuple[Path, np.ndarray]:
 
 
 def measure_page(name: str, path: Path, environment: dict[str, str]) -> None:
-    """Print the times of the page of a case, each the minimum of three starts."""
+    """Print the times of a case's page, each the minimum of three starts."""
     browser = _chromium()
     starts = [_start(browser, path, environment) for _ in range(STARTS)]
     browser.quit()
@@ -209,7 +209,7 @@ def _chromium() -> Any:
         options.add_argument(f"--{one}")
     service = webdriver.ChromeService(str(shutil.which("chromedriver")))
     browser = webdriver.Chrome(options=options, service=service)
-    browser.set_script_timeout(600)  # a script waits for the frame before it
+    browser.set_script_timeout(600)  # a script waits for the preceding frame
     return browser
 
 
@@ -235,9 +235,9 @@ def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]
 
 
 def _move(browser: Any) -> list[float]:
-    """Milliseconds from a key that moves the selected feature to its first and to all results, and
-    the time of the page's script within them."""
-    time.sleep(0.5)  # for the map to arrive at the feature
+    """Milliseconds from a key that moves the selected feature to its first and all results, and the
+    time within them spent in the page's script."""
+    time.sleep(0.5)  # let the map arrive at the feature
     revision = browser.execute_script(LISTEN)
     browser.execute_cdp_cmd("Profiler.enable", {})
     browser.execute_cdp_cmd("Profiler.start", {})
@@ -249,7 +249,7 @@ def _move(browser: Any) -> list[float]:
 
 
 def script_time(profile: dict[str, Any]) -> float:
-    """Milliseconds of a profile of the browser in functions of a script, and in its garbage."""
+    """Milliseconds in functions of a script and in garbage collection, from a browser profile."""
     native = "(root)", "(program)", "(idle)"
     own = {
         node["id"] for node in profile["nodes"]
@@ -260,7 +260,7 @@ def script_time(profile: dict[str, Any]) -> float:
 
 
 def measure_frames(path: Path, environment: dict[str, str]) -> None:
-    """Print medians of the frames of the view in three dimensions while 500 trajectories play."""
+    """Print medians of frames of the 3D view while 500 trajectories play."""
     browser = _chromium()
     browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": COUNT})
     command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
@@ -271,10 +271,10 @@ def measure_frames(path: Path, environment: dict[str, str]) -> None:
         browser.execute_script(MORE)
         _wait(browser, "rockfall.trajectories === 500")
         browser.execute_script(SHOW)
-        _wait(browser, CAN_PLAY)  # once the trajectories are made
+        _wait(browser, CAN_PLAY)  # wait until the trajectories exist
         browser.execute_script(PLAY)
         played = "rockfall.frames.filter(({now}) => now > window.played)"
-        _wait(browser, f"{played}.length > 1")  # those before have built what is drawn
+        _wait(browser, f"{played}.length > 1")  # earlier frames build what is drawn
         browser.execute_script("Object.keys(drawn).forEach((key) => drawn[key] = 0)")
         before = browser.execute_script(f"return {played}.length")
         end = time.monotonic() + FRAME_SECONDS
@@ -299,7 +299,7 @@ def measure_frames(path: Path, environment: dict[str, str]) -> None:
 
 
 def _marked(browser: Any, name: str, revision: int | None = None) -> float:
-    """Time of a mark of the page [ms], once it is there."""
+    """Time of a mark of the page [ms], once it exists."""
     while (found := browser.execute_script(MARKED, name, revision)) is None:
         time.sleep(0.02)
     return float(found)
@@ -324,7 +324,7 @@ def time_page(folder: Path, side: int, lines: int) -> None:
 
 
 def many(path: Path, lines: int, sources: int) -> Path:
-    """The synthetic case with many short lines, or with many points as sources."""
+    """Synthetic case with many short lines, or with many points as sources."""
     case, dem = rockfall.read_case(path), Grid(0.0, 0.0, CELL, 1, 1)
     x, y, line = case.release["x"][0], case.release["y"][0], case.line[0]
     rows = [

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The product's flight, and beside each one an audit in 64 bits of mantissa (128 bits of storage where the
-!> processor has no such numbers). It finds its own way over the patches and shares no line with the flight.
-!> What it finds stands in the place of the jump height, so that the greatest of each boulder is recorded.
+!> The product's flight, with an audit of each flight in numbers with a 64-bit mantissa (128-bit storage if the
+!> processor lacks them). The audit crosses the patches by its own code, independent of the flight. Its error replaces
+!> the jump height, so that the maximum of each boulder is recorded.
 module audited_flight
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -14,9 +14,8 @@ module audited_flight
 
 contains
 
-   !> As `fly` of the product, with the error of the flight [m] as its jump height: the greatest of how deep it
-   !> came below the ground, how far its contact lies from its parabola at the time of the contact, and how
-   !> far it came beyond the known terrain.
+   !> `fly` of the product, with the error of the flight [m] as jump height: the maximum of its depth below the ground,
+   !> the distance of its contact from the parabola at the time of contact, and its distance beyond the known terrain.
    pure subroutine fly(dem, gravity, start, landing, spans, n_spans)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity                       !! [m/s2]
@@ -31,7 +30,7 @@ contains
       landing%jump_height = real(max(depth(dem, gravity, start, landing), sqrt(sum(off**2))), wp)
    end subroutine fly
 
-   !> Place on the parabola [m] at a time after its start [s].
+   !> Position on the parabola [m] at a time after its start [s].
    pure function place(start, gravity, t)
       type(flight_t), intent(in) :: start
       real(wp), intent(in) :: gravity
@@ -42,19 +41,19 @@ contains
       place(3) = place(3) - 0.5_xp*gravity*t*t
    end function place
 
-   !> How deep [m] a flight comes below the ground, from side to side of the patches under it.
+   !> Maximum depth [m] of a flight below the ground, from side to side of the patches below it.
    pure real(xp) function depth(dem, gravity, start, landing)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity
       type(flight_t), intent(in) :: start
       type(landing_t), intent(in) :: landing
       real(xp) :: t0, t1, next(2), middle(3)
-      real(wp) :: across  !! speed over the side that was crossed last [m/s]
+      real(wp) :: across  !! speed across the side crossed last [m/s]
       integer :: node(2), axis
 
       depth = 0
       node = [start%patch%i, start%patch%j]
-      node = node - merge(1, 0, start%v(1:2) < 0)  ! the side behind; times before the start count as none
+      node = node - merge(1, 0, start%v(1:2) < 0)  ! the side behind; times before the start are ignored
       t0 = 0
       across = norm2(start%v(1:2))
       do
@@ -76,7 +75,7 @@ contains
    pure subroutine next_side(x, v, cell, t0, node, t)
       real(wp), intent(in) :: x, v, cell
       real(xp), intent(in) :: t0
-      integer, intent(inout) :: node  !! number of a side that is not beyond it
+      integer, intent(inout) :: node  !! number of a side that is not beyond this side
       real(xp), intent(out) :: t
 
       t = huge(t)
@@ -88,7 +87,7 @@ contains
       end do
    end subroutine next_side
 
-   !> The interval of patches at a coordinate; that of the start for a flight along it.
+   !> Patch interval at a coordinate; for a flight along a side, that of the start.
    pure integer function patch_index(x, v, first, cell) result(i)
       real(xp), intent(in) :: x
       real(wp), intent(in) :: v, cell
@@ -98,8 +97,8 @@ contains
       if (abs(v) > 0) i = floor(x/cell) + 1
    end function patch_index
 
-   !> How deep [m] a flight comes below patch (i, j) from t0 to t1 [s]: the least of a quadratic. Where there
-   !> is no patch: how far it comes beyond the side that it crossed.
+   !> Maximum depth [m] of a flight below patch (i, j) from t0 to t1 [s], from the minimum of a quadratic. If the patch
+   !> is unknown: the distance beyond the side that was crossed.
    pure real(xp) function depth_over(dem, gravity, start, t0, t1, across, i, j) result(depth)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity, across

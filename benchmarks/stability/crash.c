@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* For LD_PRELOAD: counts the steps by which a process brings files to disk and gives them names, and before the
-   n-th of them ends the process (CRASH_AT=n), interrupts it (INTERRUPT_AT=n), or lets it hang as on a dead disk
-   (STALL_AT=n). INTERRUPT_READY=n interrupts it when it has said for the n-th time what to do at Ctrl-C. */
+/* For LD_PRELOAD: counts the calls by which a process writes files to disk and renames them. Before
+   the n-th call it ends the process (CRASH_AT=n), interrupts it (INTERRUPT_AT=n), or lets it hang
+   as on a dead disk (STALL_AT=n). INTERRUPT_READY=n interrupts the process when it sets its n-th
+   handler of Ctrl-C. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <signal.h>
@@ -16,7 +17,7 @@ static int is(const char *name, long count) {
     return at && atol(at) == count;
 }
 
-/* In a process that is to be left alone nothing counts: others may fork from it. */
+/* Nothing is counted in a process that only forks others. */
 static int counts(void) {
     return getenv("CRASH_AT") || getenv("INTERRUPT_AT") || getenv("STALL_AT") || getenv("INTERRUPT_READY");
 }
@@ -40,7 +41,7 @@ STEP(rename, (const char *from, const char *to), (from, to))
 STEP(unlink, (const char *path), (path))
 STEP(flock, (int descriptor, int operation), (descriptor, operation))
 
-/* What has been written outlives a process: for that no disk need be waited for. */
+/* Written data outlives a process, so there is no need to wait for the disk. */
 int fsync(int descriptor) {
     (void)descriptor;
     step();

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that pass a dam, by the cell size of the terrain on which it is raised.
+"""Boulders that pass a dam, by the cell size of the terrain in which it is built.
 
     python -m benchmarks.stability.dam_cells [--boulders 20000] [--cells 5 2.5 1 0.5 0.25]
 
-The slope of cases/protected-road without its relief, so that the cell size affects the dam only: a
-cliff, a talus slope of 38 to 29 degrees, a road. The dam is 5 m high and 20 m above the road, not
-quite along the rows of cells. It is compared with the same boulders on the same cells without it.
+The slope of cases/protected-road without its relief, so that the cell size affects only the dam: a
+cliff, a talus slope of 38 to 29 degrees, a road. The dam is 5 m high, 20 m above the road, and not
+exactly along the rows of cells. It is compared with the same boulders on the same cells without a
+dam.
 """
 
 import argparse
@@ -21,15 +22,15 @@ from rockfall.protection.dams import dams_of
 from rockfall.result.crossings import at_lines
 
 CASE = Path(__file__).parents[2] / "cases" / "protected-road"
-SURFACE = {"ground": None, "uniform_mean_radius": 0.25}  # boulders that jump
+SURFACE = {"ground": None, "uniform_mean_radius": 0.25}  # ground on which boulders jump
 IMPACT = {"sets": "laboratory-spheres", "ratio": "nearest"}
-SLOPES = (35.0, 60.0)  # degrees, of faces
-WIDE = 240.0  # [m] of the terrain
+SLOPES = (35.0, 60.0)  # slopes of the faces [degrees]
+WIDE = 240.0  # width of the terrain [m]
 ORIGIN = (0.0, 360.0)
 
 
 def profile(south: np.ndarray) -> np.ndarray:
-    """Elevation at distances from the northern edge, as the case has it."""
+    """Elevation at distances from the northern edge, as in the case."""
     spec = importlib.util.spec_from_file_location("terrain", CASE / "make_terrain.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -38,7 +39,7 @@ def profile(south: np.ndarray) -> np.ndarray:
 
 
 def reached(cell: float, boulders: int, dam: list[dict]) -> tuple[float, list]:
-    """Fraction of the boulders at the road, and the resulting dams."""
+    """Fraction of boulders that reach the road, and the resulting dams."""
     ny, nx = round(ORIGIN[1] / cell), round(WIDE / cell)
     z = np.repeat(profile((np.arange(ny) + 0.5) * cell)[:, None], nx, axis=1)
     transform = Affine(cell, 0.0, ORIGIN[0], 0.0, -cell, ORIGIN[1])
@@ -56,7 +57,7 @@ def main() -> None:
     parser.add_argument("--boulders", type=int, default=20_000)
     parser.add_argument("--cells", type=float, nargs="+", default=[5.0, 2.5, 1.0, 0.5, 0.25])
     given = parser.parse_args()
-    warnings.simplefilter("ignore", UserWarning)  # that cells are too coarse
+    warnings.simplefilter("ignore", UserWarning)  # warnings about cells that are too coarse
     print("faces  cell    face  height (lowest)  slope    bare    dam   fewer")
     for slope in SLOPES:
         for cell in given.cells:

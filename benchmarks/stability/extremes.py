@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme terrain, scales and impact sets as cases for `stability.py` and the tests.
+"""Extreme terrain, scales and impact sets, as cases for `stability.py` and the tests.
 
 The default is a lively impact set on rough ground of 40 degrees. Local and map coordinates are
 equal there, and cells are 2 m, so that points on the side of a cell are exactly on it.
@@ -28,7 +28,7 @@ SHAPE = (60, 40)
 
 @dataclass
 class Scene:
-    """A case on an array of elevations, and its possible problems."""
+    """Case on an array of elevations, and its possible problems."""
 
     name: str
     risk: str
@@ -36,11 +36,11 @@ class Scene:
     cell: float = 2.0
     west: float | None = None  # default: local coordinates are map coordinates
     south: float | None = None
-    points: list[tuple[float, float]] = field(default_factory=list)  # local [m]; default: scattered
+    points: list[tuple[float, float]] = field(default_factory=list)  # local [m]; or scattered
     mean: np.ndarray = field(default_factory=lambda: MEAN)
     covariance: np.ndarray = field(default_factory=lambda: COVARIANCE)
     surface: float = 0.35  # R_m [m]; Inf absorbs
-    statuses: set[str] = field(default_factory=set)  # the only ones there may be; empty: any
+    statuses: set[str] = field(default_factory=set)  # statuses that may occur; empty: any
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
@@ -55,7 +55,7 @@ class Scene:
         return self.groups.get("flight", {}).get("gravity", 9.81)
 
     def case(self, folder: Path, boulders: int = 500, **groups: dict[str, Any]) -> rockfall.Case:
-        """Case with at least this number of boulders; its impact sets are written to `folder`."""
+        """Case with at least a number of boulders; its impact sets are written to `folder`."""
         alike = np.tile(self.mean, (5, 1)), np.tile(self.covariance, (5, 1, 1))
         write_sets(folder / "sets.nml", *alike)
         points = np.array(self.points or scattered(self))
@@ -79,14 +79,14 @@ class Scene:
         return rockfall.Case(folder=folder, name=self.name, **merged)
 
     def arrays(self) -> dict[str, Any]:
-        """The rasters, as arguments of `rockfall.run`."""
+        """Rasters as arguments of `rockfall.run`."""
         rocks = np.full(self.z.shape, self.surface, "f4")
         return {"dem": self.z, "transform": self.grid, "mean_radius": rocks}
 
     def size(self, case: rockfall.Case) -> float:
         """Length [m] whose rounding limits double precision: the sum of the highest elevation, the
-        height that a boulder's energy could lift it to, the extent of the terrain, and what its
-        steepest patch would rise over it."""
+        height to which a boulder's energy could lift it, the extent of the terrain, and the rise of
+        its steepest patch over this extent."""
         z = self.z[np.isfinite(self.z)]
         rises = [np.nanmax(np.abs(np.diff(self.z, axis=axis)), initial=0) for axis in (0, 1)]
         lift = case.release["drop_height"] + sum(
@@ -97,14 +97,14 @@ class Scene:
 
 
 def scattered(scene: Scene) -> list[tuple[float, float]]:
-    """25 points in the upper third of a terrain, away from its edge."""
+    """Draw 25 points in the upper third of a terrain, away from its edge."""
     ny, nx = (n - 1 for n in scene.z.shape)
     share = np.random.default_rng(4).uniform(0.1, 0.9, (25, 2)) * [1, 0.3] + [0, 0.65]
     return [(x, y) for x, y in share * [nx * scene.cell, ny * scene.cell]]
 
 
 def nodes(step: float = 0.0) -> list[tuple[float, float]]:
-    """Nodes in the upper half of the usual terrain; with a step [m] next to them."""
+    """Nodes in the upper half of the usual terrain; with `step` [m], points next to them."""
     return [(x + step, y + step) for x, y in itertools.product(range(8, 72, 8), range(60, 110, 8))]
 
 
@@ -115,29 +115,29 @@ def across(shape: tuple[int, int] = SHAPE) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane(gradient: float, cell: float = 2.0) -> np.ndarray:
-    """A slope that descends to the south."""
+    """Slope that descends to the south."""
     return gradient * cell * across()[0]
 
 
 def rough(cell: float = 2.0) -> np.ndarray:
-    """40 degrees with bumps at cell scale."""
+    """Slope of 40 degrees with bumps at cell scale."""
     return plane(0.84, cell) + np.random.default_rng(3).normal(0, 0.15 * cell, SHAPE)
 
 
 def diagonal(r_t: float, r_n: float, r_w: float = 1.0) -> dict[str, np.ndarray]:
-    """An impact without scatter that multiplies V_t, V_n and W separately."""
+    """Impact set without scatter that multiplies V_t, V_n and W separately."""
     return {"mean": np.diag([r_t, -r_n, r_w]).ravel(), "covariance": np.zeros((9, 9))}
 
 
 def conditioned(condition: float) -> np.ndarray:
-    """A covariance of the usual size with this condition number."""
+    """Covariance of the usual size with a given condition number."""
     q, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(9, 9)))
     c = q * np.logspace(0, -math.log10(condition), 9) @ q.T * 0.01
     return (c + c.T) / 2
 
 
 def scenes() -> list[Scene]:
-    """All of them, terrain first, then scales, then impact sets."""
+    """All scenes: terrain first, then scales, then impact sets."""
     return [*_terrain(), *_arcs(), *_scales(), *_sets()]
 
 
@@ -174,7 +174,7 @@ def _terrain() -> list[Scene]:
 def _arcs() -> list[Scene]:
     row, column = across()
     saddles = 4.0 * ((row + column) % 2)
-    crests = nodes(1.0)  # of the dome along the diagonal of a patch
+    crests = nodes(1.0)  # crests of the dome along the diagonal of a patch
 
     def release(*velocity: float, drop: float = 0.0) -> dict[str, dict[str, Any]]:
         return {"release": {"velocity": list(velocity), "drop_height": drop}}

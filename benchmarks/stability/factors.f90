@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Draws matrices A = m + L z from a covariance. Reads a number of draws and the 81 entries of the
-!> covariance; prints whether it is drawn as given (1) or by its root (0), the 81 of the root by columns, then the sums
-!> of the nine deviations from the mean and of their 81 products.
+!> Draws matrices A = m + L z from a covariance. Reads a number of draws and the 81 entries of the covariance. Prints
+!> whether the covariance is used as given (1) or through its root (0), the 81 entries of the root by columns, the sums
+!> of the nine deviations from the mean, and the sums of their 81 products.
 program factors
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t

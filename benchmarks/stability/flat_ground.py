@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energy after contacts from the shipped tables of impacts on flat ground, where none may gain:
+"""Energy after contacts from the shipped impact tables on flat ground, where no contact may gain
+energy:
 
     python -m benchmarks.stability.flat_ground [--boulders 2000]
 
 Boulders of each shape are thrown at 3 to 40 m/s over level ground (R_b = 0.4 m, R_b/R_m = 2), and
-all their contacts are recorded, several millions. Prints for each table the number of contacts, the
+all contacts, several millions, are recorded. Prints for each table the number of contacts, the
 maximum ratio of the energy after and before (translation and rotation), and the number of gains.
 """
 
@@ -19,15 +20,15 @@ from rockfall.grounds.shapes import SHAPES
 from rockfall.io.rasters.grid import Grid
 
 THROWN = (3, -1), (10, -3), (25, -2), (25, -15), (40, -30)  # velocity along and up [m/s]
-CELL, COLUMNS, ROWS = 10.0, 400, 200  # [m]
-VOLUME, RADIUS = 0.268, 0.2  # [m3], R_m [m]
+CELL, COLUMNS, ROWS = 10.0, 400, 200  # cell size [m], numbers of cells
+VOLUME, RADIUS = 0.268, 0.2  # volume [m3], R_m [m]
 INERTIA = 0.4  # I/(m R_b^2)
 
 
 def energies_left(
     table: str, shape: str, velocity: tuple[float, float], boulders: int
 ) -> np.ndarray:
-    """Energy after each contact over that before."""
+    """Ratio of the energy after and before each contact."""
     case = rockfall.Case(
         case={"boulders": boulders, "seed": 3},
         surface={"uniform_mean_radius": RADIUS},

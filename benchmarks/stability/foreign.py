@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign files and strict readers: invalid files are refused, others have the right numbers.
+"""Foreign files and strict readers: invalid files are refused, valid files give the correct values.
 
-Each file is made from a description of its contents, which determines without any reader whether
-it must be accepted and with which values. `spoil` breaks one rule of a format.
+Each file is made from a description that determines, independently of any reader, whether the file
+must be accepted, and with which values. `spoil` breaks one rule of a format.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from rockfall.io.rasters.dem import read_dem
 from rockfall.io.rasters.grid import NO_ID, Grid
 from rockfall.io.vectors.layers import burn_polygons
 
-LONGEST = 60.0  # seconds for one file
+LONGEST = 60.0  # maximum seconds per file
 UTM = "EPSG:32632"
-WORDS = (  # that are no numbers
+WORDS = (  # texts that are not numbers
     "abc", "600'000", "1.000,0", "1,5", "", "1 2", "0x10", "1e", "--5", "1d3", "1_000", "\u0663",
     "none", "5m", "1e999", "+", ".", "1.2.3", "inf", "-Infinity",
 )  # fmt: skip
@@ -54,7 +54,7 @@ METRES = (None, "m", "metre", "Meter", "metres", "meters")
 
 @dataclass
 class Made:
-    """A file, and the expected contents: None if it must be refused."""
+    """File, and its expected contents: None if it must be refused."""
 
     path: Path
     about: str
@@ -72,7 +72,7 @@ def pick(random: np.random.Generator, several: Any) -> Any:
 
 
 def elevations(random: np.random.Generator) -> np.ndarray:
-    """Numbers of a few digits, all different from any mark."""
+    """Numbers with few digits, all different from any nodata mark."""
     ny, nx = random.integers(2, 7, 2)
     return np.round(random.uniform(-400, 4000, (ny, nx)), int(random.integers(0, 4)))
 
@@ -96,7 +96,7 @@ def ascii_header(random: np.random.Generator, folder: Path) -> Made:
     rows += [["dx", size], ["dy", size]] if split else [["cellsize", size]]
     if nodata is not None:
         rows.append(["NODATA_value", "NaN" if nodata != nodata else _spelled(random, nodata)])
-    if random.random() < 0.3:  # GDAL knows the format by any first key but the mark
+    if random.random() < 0.3:  # GDAL recognises the format by any first key except the nodata mark
         rows[1:] = [rows[k] for k in 1 + random.permutation(len(rows) - 1)]
     mark = -9999.0 if nodata is None else nodata
     z[int(random.integers(ny)), int(random.integers(nx))] = mark
@@ -116,7 +116,7 @@ def ascii_header(random: np.random.Generator, folder: Path) -> Made:
 
 
 def _spelled(random: np.random.Generator, value: float) -> str:
-    """A number in a format that people use."""
+    """Number in one of the usual formats."""
     texts = [repr(value), f"{value:.17g}", f"{value:.17e}", f"{value:.17E}"]
     texts += [f"+{value!r}"] if value > 0 else []
     texts += [str(int(value)), f"{int(value)}."] if value == int(value) and abs(value) < 1e9 else []
@@ -126,7 +126,7 @@ def _spelled(random: np.random.Generator, value: float) -> str:
 def _spoil_header(
     random: np.random.Generator, rows: list, centre: bool, split: bool, shape: tuple[int, int]
 ) -> str:
-    """Introduce one fault, and return its description."""
+    """Introduce a fault, and return its description."""
     k = int(random.integers(len(rows)))
     key = rows[k][0]
     fault = pick(random, ("word", "word", "word", "twice", "missing", "mixed", "size", "both",
@@ -169,7 +169,7 @@ def _spoil_header(
 
 
 def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
-    """Marks, ranges, packing and units in any valid combination, or with one fault."""
+    """Nodata marks, ranges, packing and units in any valid combination, or with one fault."""
     path = folder / "dem.nc"
     stored = np.dtype(pick(random, "i1 u1 i2 u2 i4 u4 f4 f8".split()))
     z = elevations(random)
@@ -201,7 +201,7 @@ def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
         about["valid_max"] = greatest
     if ranged == "range":
         about["valid_range"] = np.array([least, greatest], stored)
-    units = [pick(random, METRES) for _ in range(3)]  # of x, y, z
+    units = [pick(random, METRES) for _ in range(3)]  # units of x, y, z
     step, west, north = float(pick(random, (0.5, 2.0, 5.0))), 600000.0, 5000000.0
     x = west + step * (np.arange(z.shape[1]) + 0.5)
     y = north - step * (np.arange(z.shape[0]) + 0.5)
@@ -236,7 +236,7 @@ def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
 
 
 def _decoded(raw: np.ndarray, meaning: np.dtype, about: dict, fill: Any) -> np.ndarray:
-    """Numbers decoded one by one by the CF conventions."""
+    """Values decoded one by one by the CF conventions."""
     numbers = [n.item() for n in raw.view(meaning).ravel()]
     signless = "u" == meaning.kind
 
@@ -266,7 +266,7 @@ def _spoil_netcdf(
     random: np.random.Generator, about: dict, units: list, stored: np.dtype,
     x: np.ndarray, y: np.ndarray,
 ) -> str:  # fmt: skip
-    """Introduce one fault, and return its description."""
+    """Introduce a fault, and return its description."""
     fault = pick(random, ("unit", "unit", "unit", "scale", "offset", "range", "valid", "unsigned",
                           "missing", "uneven", "oblong", "text"))  # fmt: skip
     if fault == "unit":
@@ -313,7 +313,7 @@ def _typed(value: Any, stored: np.dtype) -> Any:
 
 
 def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
-    """Types, tiles, marks, packing, companion files, or offsets that point elsewhere."""
+    """Types, tiles, nodata marks, packing, companion files, or offsets that point elsewhere."""
     z, path = elevations(random), folder / "dem.tif"
     stored = np.dtype(pick(random, ("u1", "i2", "u2", "i4", "u4", "f4", "f8")))
     raw = z.astype(stored) if stored.kind == "f" else (np.abs(z) % 250).astype(stored)
@@ -333,7 +333,7 @@ def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
     profile["compress"] = pick(random, ("none", "deflate", "lzw", "packbits"))
     profile["bigtiff"] = pick(random, ("yes", "no"))
     scale, offset = 1.0, 0.0
-    compound = "+" in (profile["crs"] or "")  # for which GDAL writes no scale
+    compound = "+" in (profile["crs"] or "")  # GDAL writes no scale for these
     if random.random() < 0.3 and not compound:
         scale, offset = pick(random, ((0.1, 0.0), (1.0, 100.0), (2.0, -3.3)))
     unit, bands, fault = pick(random, METRES), raw[None], ""
@@ -402,7 +402,7 @@ def _about_bands(file: DatasetWriter, scale: float, offset: float, unit: str | N
 
 
 def _elsewhere(random: np.random.Generator, folder: Path) -> tuple[Path, str]:
-    """Files that GDAL would open, and we do not."""
+    """Files that GDAL would open, but this program refuses."""
     path = folder / pick(random, ("dem.tif", "dem.asc", "dem.vrt", "dem.nc", "dem.bil"))
     texts = {
         "service": "<GDAL_WMS><Service name='TMS'><ServerUrl>http://127.0.0.1:9/</ServerUrl>"
@@ -427,7 +427,7 @@ DRIVERS = {"gpkg": "GPKG", "geojson": "GeoJSON", "shp": "ESRI Shapefile", "fgb":
 
 
 def vector_layer(random: np.random.Generator, folder: Path) -> Made:
-    """Rectangles with ids in any format, or one fault."""
+    """Rectangles with ids in any format, or with one fault."""
     ending = pick(random, list(DRIVERS))
     path = folder / f"zones.{ending}"
     corners, ids = [], random.integers(-50, 5000, int(random.integers(1, 5))).astype("i4")
@@ -467,7 +467,7 @@ def vector_layer(random: np.random.Generator, folder: Path) -> Made:
     kind = "LineString" if fault == "shape" else "Polygon"
     how = {"geometry_type": kind, "driver": DRIVERS[ending], "crs": crs}
     if ending == "fgb":
-        how["SPATIAL_INDEX"] = "NO"  # which would order the shapes anew
+        how["SPATIAL_INDEX"] = "NO"  # an index would change the order of shapes
     pyogrio.raw.write(path, wkb, [values], [name], **how)
     if fault:
         _spoil_layer(random, path, fault, wkb, values)
@@ -555,7 +555,7 @@ KINDS_OF_FILES: dict[str, Callable[[np.random.Generator, Path], Made]] = {
 
 
 def verdict(made: Made) -> str:
-    """`accepted`, `refused`, or the fault."""
+    """Return `accepted`, `refused`, or the fault."""
     try:
         with warnings.catch_warnings(action="ignore"):
             found = made.how(made.path)
@@ -581,8 +581,8 @@ def _same(found: Any, want: Any) -> bool:
 
 
 def tried(kind: str, seed: int, numbers: range) -> Iterator[tuple[int, Made, str]]:
-    """Files of a kind, one after the other in a folder of their own."""
-    shared = Path("/dev/shm")  # which Wine shows to programs for Windows too
+    """Process files of a kind, one after the other, in a separate folder."""
+    shared = Path("/dev/shm")  # Wine shows this folder to Windows programs too
     place = shared if os.name == "posix" and shared.is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as name:
         for number in numbers:
@@ -591,7 +591,7 @@ def tried(kind: str, seed: int, numbers: range) -> Iterator[tuple[int, Made, str
             random = np.random.default_rng((seed, number))
             with warnings.catch_warnings(action="ignore"):
                 made = KINDS_OF_FILES[kind](random, folder)
-            faulthandler.dump_traceback_later(LONGEST, exit=True)  # a pipe is not waited for
+            faulthandler.dump_traceback_later(LONGEST, exit=True)  # do not wait for pipes
             yield number, made, verdict(made)
             faulthandler.cancel_dump_traceback_later()
             shutil.rmtree(folder)

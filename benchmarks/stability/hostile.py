@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Malformed inputs for both programs: each must be processed or refused, with a line for each
-fault.
+"""Malformed inputs for both programs: each must be processed, or refused with one line per fault.
 
-Small valid inputs of every kind are made, one file of each is altered (mutators.py), and a command
-reads it: `rockfall` in a fork of a process that has everything imported, `rockfall-batch` as it is
-built, every tenth time by a build with sanitizers, if there is one. `verdict` has the requirements.
+Small valid inputs of every kind are made, one file of each input is altered (mutators.py), and a
+command reads it: `rockfall` in a fork of a process with all imports, or `rockfall-batch` from the
+build, every tenth time from a build with sanitizers, if it exists. `verdict` has the requirements.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ from rockfall.simulation.simulate import run_chunks, start
 
 PROGRAM = ROOT / "build/fortran/rockfall-batch"
 SANITIZED = ROOT / "build-sanitize/fortran/rockfall-batch"
-MEMORY = 2_500_000_000  # bytes that a process may take
-LONGEST = 60.0  # seconds that one may take
-LARGEST = 200_000_000  # bytes of a file that one may write
-PLACES = 0.04  # share of the inputs where something else than a file has the name
+MEMORY = 2_500_000_000  # maximum memory of a process [bytes]
+LONGEST = 60.0  # maximum time of a process [s]
+LARGEST = 200_000_000  # maximum size of a written file [bytes]
+PLACES = 0.04  # fraction of inputs where the name leads to something other than a file
 GRID = Grid(west=600000.0, north=5200000.0, cell=5.0, nx=24, ny=30)
 WHERE = f"x = {GRID.west + 40.3}, {GRID.west + 70}, y = {GRID.north - 22.7}, {GRID.north - 18}"
 LINE_X = f"{GRID.west}, {GRID.east}"
@@ -73,7 +72,7 @@ MAPS = "'passages', 'deposits', 'energy_mean', 'energy_q95', 'reach_probability'
 
 @dataclass(frozen=True)
 class Input:
-    """A file, the commands that read it (those of rockfall-batch have its name first), and its
+    """File, the commands that read it (rockfall-batch commands start with its name), and its
     alteration."""
 
     kind: str
@@ -128,7 +127,7 @@ INPUTS = _inputs()
 
 
 def make_base(base: Path) -> None:
-    """The folders `in` and `out` with valid files of every kind."""
+    """Make the folders `in` and `out` with valid files of every kind."""
     files = base / "in"
     make_rasters(files)
     make_cases(files)
@@ -137,14 +136,14 @@ def make_base(base: Path) -> None:
         (files / name).write_text(text)
     case = rockfall.read_case(files / "asc.nml")
     rockfall.write_result(rockfall.run(case), files / "out.nc")
-    for k in (1, 2, 3):  # the second cuts both sources
+    for k in (1, 2, 3):  # the second line crosses both sources
         rockfall.write_result(rockfall.run(case, shard=(k, 3)), files / f"part{k}.nc")
     prepare(case, files / "ready")
     _make_checkpoint(base)
 
 
 def make_rasters(files: Path) -> None:
-    """Every raster and layer of polygons that the cases name, in a new folder."""
+    """Make every raster and polygon layer used by the cases, in a new folder."""
     files.mkdir(parents=True)
     y, x = np.mgrid[: GRID.ny, : GRID.nx] * GRID.cell
     random = np.random.default_rng(5)
@@ -170,7 +169,7 @@ def _make_polygons(files: Path) -> None:
     box = shapely.box(GRID.west, GRID.south, GRID.east, GRID.north)
     sides = np.array([shapely.to_wkb(box)], object), [np.array([7], "i4")]
     how = {"geometry_type": "Polygon", "driver": "GPKG", "crs": None}
-    with warnings.catch_warnings(action="ignore"):  # without a CRS, as the terrain is
+    with warnings.catch_warnings(action="ignore"):  # without a CRS, like the terrain
         pyogrio.raw.write(files / "zones.gpkg", *sides, ["zone"], **how)
     source = shapely.box(GRID.west + 40, GRID.north - 22, GRID.west + 61, GRID.north - 15)
     for name, shape in (("zones", box), ("source", source)):
@@ -182,12 +181,12 @@ def _make_polygons(files: Path) -> None:
 
 
 def make_cases(files: Path) -> None:
-    """The cases, their zone table and their impact sets."""
+    """Make the cases, their zone table and their impact sets."""
     (files / "zones.csv").write_text(TABLE)
     shutil.copy(shipped_sets()["vaujany-observed"], files / "sets.nml")
     zones = "zones = 'zones.{0}', table = 'zones.csv', default_zone = 7"
     places, cells = f"{WHERE}, drop_height = 3.0", "cells = 'cells.{0}', drop_height = 3.0"
-    kinds = {  # ending of the DEM, surface, release
+    kinds = {  # file type of the DEM, surface, release
         "asc": ("asc", zones, cells), "tif": ("tif", zones, cells),
         "nc": ("nc", "uniform_mean_radius = 0.3", places),
         "size": ("asc", "mean_radius = 'rm.{0}'", places + ", velocity = 1.0, 0.0, -2.0"),
@@ -209,8 +208,8 @@ def make_cases(files: Path) -> None:
 
 
 def _make_checkpoint(base: Path) -> None:
-    """Make the files that a killed program leaves."""
-    with contextlib.chdir(base):  # a case has the name by which it is read
+    """Make the files left by a killed program."""
+    with contextlib.chdir(base):  # the name by which a case is read is stored
         tally = start(read_scene(rockfall.read_case(Path("in/asc.nml"))), 1)
         run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)
         checkpoint = Checkpoint("out/half.nc", 0.0)
@@ -223,8 +222,8 @@ def _make_checkpoint(base: Path) -> None:
 
 @dataclass
 class Ran:
-    """How a command ended: its status (negative: the signal that killed it; None: it ran too long),
-    and its output."""
+    """End of a command: its exit status (negative: the signal that killed it; None: it ran too
+    long), and its output."""
 
     status: int | None
     said: str
@@ -232,7 +231,7 @@ class Ran:
 
 
 def run_python(words: list[str], work: Path) -> Ran:
-    """`rockfall` in a fork of this process."""
+    """Run `rockfall` in a fork of this process."""
     begin = time.monotonic()
     child = os.fork()
     if child == 0:
@@ -243,7 +242,7 @@ def run_python(words: list[str], work: Path) -> Ran:
 
 
 def _be_rockfall(words: list[str], work: Path) -> None:
-    """The child: never returns."""
+    """Run in the child process: never returns."""
     status = 99
     try:
         os.chdir(work)
@@ -268,7 +267,7 @@ def _limit(memory: bool = True) -> None:
 
 
 def _wait(child: int, begin: float) -> int | None:
-    """Status of a child process; None if it had to be killed."""
+    """Wait for the status of a child process; None if it had to be killed."""
     pause = 0.001
     while time.monotonic() - begin < LONGEST:
         done, status = os.waitpid(child, os.WNOHANG)
@@ -282,7 +281,7 @@ def _wait(child: int, begin: float) -> int | None:
 
 
 def run_batch(words: list[str], work: Path, sanitized: bool) -> Ran:
-    """`rockfall-batch`, or its build with sanitizers, which reserves more memory than there is."""
+    """Run `rockfall-batch`, or its build with sanitizers, which reserves very much memory."""
     about = "detect_leaks=0:allocator_may_return_null=1:max_allocation_size_mb=2500:exitcode=98"
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ASAN_OPTIONS": about}
     begin = time.monotonic()
@@ -302,7 +301,7 @@ def run_batch(words: list[str], work: Path, sanitized: bool) -> Ran:
 
 
 def snapshot(folder: Path) -> dict[str, tuple]:
-    """Every name below a folder, with properties that any change affects."""
+    """List every name in a folder, with properties that any change affects."""
     found = {}
     for place, folders, names in os.walk(folder):
         for name in (*folders, *names):
@@ -315,7 +314,7 @@ def snapshot(folder: Path) -> dict[str, tuple]:
 
 
 def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
-    """`done`, `refused`, or the fault."""
+    """Return `done`, `refused`, or the fault."""
     lines = [line for line in ran.said.splitlines() if line]
     if ran.status is None:
         return f"HANG: more than {LONGEST:g} s"
@@ -331,7 +330,7 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
     about = f"rockfall{'-batch' if batch else ''}: "
     plain = [line for line in lines if not line.startswith(f"{about}warning: ")]
     if ran.status == 2:
-        if not plain or not all(line.startswith(about) for line in plain):  # one for each fault
+        if not plain or not all(line.startswith(about) for line in plain):  # one line per fault
             return f"LINES: {plain[:4]}"
         if changed - {inside}:
             return f"LEFT: {sorted(changed)[:3]}"
@@ -348,8 +347,8 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
 
 
 def bad_numbers(path: Path) -> list[str]:
-    """Variables of a result with missing numbers: of each boulder, of its path, or at a line, where
-    all or none must exist."""
+    """Variables of a result with missing values: per boulder, along a path, or at a line, where all
+    values or none must exist."""
     bad = []
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
@@ -372,7 +371,7 @@ def bad_numbers(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Tried:
-    """One input and its outcome."""
+    """Input and its outcome."""
 
     number: int
     kind: str
@@ -385,7 +384,7 @@ class Tried:
 
 
 def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input]) -> Tried:
-    """Spoil the file of input `number` and give it to a command."""
+    """Alter the file of input `number`, and run a command on it."""
     random, one, command = _drawn(seed, number, inputs)
     _copy(base, work, command)
     found = sorted(work.glob(one.file if one.file.startswith("out/") else f"in/{one.file}"))
@@ -397,14 +396,14 @@ def attempt(base: Path, work: Path, seed: int, number: int, inputs: list[Input])
 
 
 def _drawn(seed: int, number: int, inputs: list[Input]) -> tuple[np.random.Generator, Input, str]:
-    """An input, the command that reads it, and the random numbers for the next draws."""
+    """Draw an input and the command that reads it; also return the random generator."""
     random = np.random.default_rng((seed, number))
     one = inputs[int(random.integers(len(inputs)))]
     return random, one, one.commands[int(random.integers(len(one.commands)))]
 
 
 def check_valid(base: Path, work: Path, commands: set[str]) -> None:
-    """Check that inputs are accepted before they are altered."""
+    """Check that all inputs are accepted before they are altered."""
     for command in sorted(commands):
         _copy(base, work, command)
         if (found := _give(command, work, False)[0]) != "done":
@@ -416,8 +415,7 @@ def _is_batch(command: str) -> bool:
 
 
 def _copy(base: Path, work: Path, command: str) -> None:
-    """Fresh copies of the valid inputs; files of killed runs only for commands that resume from
-    them."""
+    """Copy the valid inputs; files of killed runs only for commands that resume from them."""
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(base, work)
     if "half" not in command:
@@ -426,7 +424,7 @@ def _copy(base: Path, work: Path, command: str) -> None:
 
 
 def _give(command: str, work: Path, sanitized: bool) -> tuple[str, float]:
-    """The verdict on a command, and the seconds that it took."""
+    """Run a command; return the verdict and its duration [s]."""
     before, words = snapshot(work), command.split()
     batch = _is_batch(command)
     ran = run_batch(words[1:], work, sanitized) if batch else run_python(words, work)
@@ -434,7 +432,7 @@ def _give(command: str, work: Path, sanitized: bool) -> tuple[str, float]:
 
 
 def _spoil(random: np.random.Generator, one: Input, path: Path) -> str:
-    """Spoil a file; the names of the mutators."""
+    """Alter a file; return the names of the mutators."""
     if random.random() < PLACES:
         place = mutators.PLACES[int(random.integers(len(mutators.PLACES)))]
         place(random, path)
@@ -456,12 +454,12 @@ def _spoil(random: np.random.Generator, one: Input, path: Path) -> str:
 
 
 def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -> Iterator[Tried]:
-    """All inputs of these numbers, in folders that are made in `folder`."""
+    """Process all inputs with the given numbers, in folders inside `folder`."""
     _import_all()
-    for program in (PROGRAM, SANITIZED):  # which may be built anew meanwhile
+    for program in (PROGRAM, SANITIZED):  # copies, because the programs may be rebuilt meanwhile
         if program.exists():
             shutil.copy(program, folder / program.parts[-3])
-    child = os.fork()  # threads that OpenMP once had would be missed after a fork
+    child = os.fork()  # fork before OpenMP creates threads that the child would lack
     if child == 0:
         try:
             make_base(folder / "base")
@@ -479,7 +477,7 @@ def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -
 
 
 def _import_all() -> None:
-    """Import everything that forks shall not import again."""
+    """Import everything that forked processes must not import again."""
     import dask.base  # noqa: F401
     import jinja2  # noqa: F401
     import matplotlib.figure  # noqa: F401
@@ -496,7 +494,7 @@ def _import_all() -> None:
 
 
 def table(tried: list[Tried]) -> str:
-    """Counts by kind of input and outcome."""
+    """Count outcomes by kind of input."""
     counts = Counter((one.kind, _word(one.verdict)) for one in tried)
     rows = [f"| {'input':14} | {'inputs':>6} | {'done':>6} | {'refused':>7} | {'wrong':>5} |"]
     rows.append("| --- | --: | --: | --: | --: |")

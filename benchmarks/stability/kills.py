@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crashes at random steps of a save, interrupts and resumes: equal bits in the end.
+"""Crashes at random steps of a save, interrupts and resumption: results must be bit-identical.
 
     python -m benchmarks.stability.kills --crashes 1000 --seed 1 --folders 50
 
-Runs save as often as possible, and resume from existing files, also of the other program. crash.c
-ends them before a call that writes or names files (rename, fsync, unlink, flock), like a kill, or
-interrupts them there, or right after their start. The result of each complete run is compared bit
-for bit with an uninterrupted run, then another begins. `rockfall` runs in forks of a process that
-has everything imported. Then commands that fill a folder crash and run again: the folder has the
-files of an uninterrupted command, and nothing else is left.
+Runs save as often as possible, and resume from existing files, also from those of the other
+program. crash.c ends or interrupts them before a call that writes or renames files (rename, fsync,
+unlink, flock), or interrupts them right after the start. Each complete result is compared bit for
+bit with an uninterrupted run, then another run begins. `rockfall` runs in forks of a process with
+all imports. Then commands that fill a folder crash and run again: the folder must have exactly the
+files of an uninterrupted command.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from rockfall.io.output_files import TEMPORARY
 from scenes import FACTORS
 
 SHIM = Path(__file__).with_name("crash.c")
-CRASHED, INTERRUPTED = 137, 130  # exit status
-#: Steps within which a process crashes (a save has four), and handlers of Ctrl-C that it sets.
+CRASHED, INTERRUPTED = 137, 130  # exit statuses
+#: Number of steps within which a process crashes (a save has four), and of its Ctrl-C handlers.
 STEPS = {"rockfall": range(1, 35), "rockfall-batch": range(1, 18)}
 HANDLERS = {"rockfall": range(1, 5), "rockfall-batch": range(1, 2)}
-MOST_STEPS = 400  # of a command that fills a folder, at first
-FOLDERS = (  # commands
+MOST_STEPS = 400  # initial number of steps of a command that fills a folder
+FOLDERS = (  # commands that fill a folder
     [
         "site",
         "case.nml",
@@ -61,19 +61,19 @@ FOLDERS = (  # commands
     ["export", "whole.nc", "made"],
 )
 SAME_BYTES = (".csv", ".png", ".nml", ".asc", ".tif")
-PROGRESS = 50  # crashes from a line to the next
+PROGRESS = 50  # crashes between two lines of progress
 PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.summary"]
 
 
 def build_shim(folder: Path) -> dict[str, str]:
-    """Environment in which programs obey CRASH_AT and other variables of crash.c."""
+    """Environment in which programs read CRASH_AT and other variables of crash.c."""
     shim = folder / "crash.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, SHIM, "-ldl"], check=True)
     return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}
 
 
 def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run rockfall-batch; returns exit status and output."""
+    """Run rockfall-batch; return exit status and output."""
     command = [find_program(), "ready/case.nml", *words]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     return ended.returncode, ended.stderr
@@ -107,13 +107,13 @@ RUN = {"rockfall": run_fork, "rockfall-batch": run_program}
 
 
 class Study:
-    """Runs of both programs in a folder until a number of them has crashed."""
+    """Runs of both programs in a folder, until a given number of runs has crashed."""
 
     def __init__(self, folder: Path, environment: dict, boulders: int, numbers: random.Random):
         self.folder, self.environment, self.random = folder, environment, numbers
         self.words = ["--boulders", f"{boulders}", "--checkpoint", "1e-9", "--resume", "--quiet"]
         self.output, self.ended = folder / "out.nc", Counter[tuple[str, int]]()
-        self.results = 0  # that were compared
+        self.results = 0  # number of results compared
         case = rockfall.read_case(folder / "case.nml").replace(case={"boulders": boulders})
         self.whole = rockfall.run(case)
 
@@ -131,7 +131,7 @@ class Study:
         return sum(self.ended[program, CRASHED] for program in RUN)
 
     def crash(self, crashes: int) -> None:
-        """Crash, interrupt and resume; a result that differs ends the study."""
+        """Crash, interrupt and resume runs; a result that differs ends the study."""
         while self.crashed() < crashes:
             program = self.random.choice([*RUN])
             what = self.random.choice(["CRASH_AT", "CRASH_AT", "INTERRUPT_AT", "INTERRUPT_READY"])
@@ -200,15 +200,15 @@ def _finish(command: list[str], folder: Path, environment: dict[str, str]) -> No
 
 
 def _may_stay(left: Path) -> bool:
-    """Return True for what is empty because it was not yet in use, and for a temporary folder with
-    files that were about to be replaced."""
+    """Return True for empty files or folders that were not yet used, and for a temporary folder
+    with files that were about to be replaced."""
     if left.is_file():
         return left.stat().st_size == 0
     return any(left.glob(f"{OLD}/*")) or {path.name for path in left.iterdir()} <= {UNLOCKED}
 
 
 def _contents(folder: Path) -> dict[str, object]:
-    """Bytes of tables and pictures by name; names of files that state the time."""
+    """Bytes of tables and pictures by name; only names for files that contain the time."""
     return {
         path.name: path.read_bytes() if path.suffix in SAME_BYTES else None
         for path in folder.iterdir()
@@ -223,12 +223,12 @@ def main() -> None:
     parser.add_argument("--boulders", type=int, default=2000, help="from each of four sources")
     parser.add_argument("--folders", type=int, default=50, help="crashes of each command")
     arguments = parser.parse_args()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore it
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         make_prepared(folder)
         environment = build_shim(folder)
-        os.environ |= environment  # of the process that forks
+        os.environ |= environment  # environment of the forking process
         study = Study(folder, environment, arguments.boulders, random.Random(arguments.seed))
         study.crash(arguments.crashes)
         study.say()

@@ -21,7 +21,7 @@ import numpy as np
 Content = Callable[[np.random.Generator, bytes, bytes], bytes]
 Place = Callable[[np.random.Generator, Path], None]
 
-MOST = 4_000_000  # bytes of an altered file: larger ones cost time and show nothing more
+MOST = 4_000_000  # maximum bytes of an altered file: more costs time and shows nothing
 _NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
 _QUOTED = re.compile(rb"'[^'\n]*'|\"[^\"\n]*\"")
@@ -43,7 +43,7 @@ TEXTS = (
 
 
 SIZES = tuple(b"1000000000 2147483647 4294967297 65536 46341 0 -3 1 1e9".split())
-TAGS = (256, 257, 258, 259, 273, 277, 278, 322, 324, 339, 42113)  # of TIFF
+TAGS = (256, 257, 258, 259, 273, 277, 278, 322, 324, 339, 42113)  # TIFF tags
 
 
 def _place(random: np.random.Generator, content: bytes) -> int:
@@ -67,7 +67,7 @@ def _replace(random: np.random.Generator, content: bytes, pattern: re.Pattern, b
 
 
 def bits(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Flip one to eight bits, most of them near each other."""
+    """Flip one to eight bits, mostly near each other."""
     spoiled = bytearray(content or b"\0")
     near = _place(random, content)
     for _k in range(int(random.integers(1, 9))):
@@ -89,7 +89,7 @@ def random_bytes(random: np.random.Generator, content: bytes, _: bytes) -> bytes
 
 
 def extremes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A binary number of 1 to 8 bytes set to one of its extremes."""
+    """Set a binary number of 1 to 8 bytes to one of its extremes."""
     start = _place(random, content)
     ones, numbers = b"\xff" * 7, [struct.pack("<d", float(name)) for name in ("nan", "inf")]
     value = _one(random, (ones + b"\xff", b"\0" * 8, b"\x7f" + ones, ones + b"\x7f", *numbers))
@@ -98,7 +98,7 @@ def extremes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def truncation(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Remove the end, sometimes everything."""
+    """Remove the end of a file, sometimes everything."""
     ends = (0, 1, len(content) // 2, len(content) - 1, _place(random, content))
     return content[: _one(random, ends)]
 
@@ -111,18 +111,18 @@ def duplication(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def removal(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A stretch is not there."""
+    """Remove a part of the file."""
     first, last = sorted((_place(random, content), _place(random, content)))
     return content[:first] + content[min(last, first + 2000) :]
 
 
 def splice(random: np.random.Generator, content: bytes, other: bytes) -> bytes:
-    """The beginning of one file and the end of another."""
+    """Join the beginning of one file and the end of another."""
     return content[: _place(random, content)] + other[_place(random, other) :]
 
 
 def noise(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Only random bytes after the first few."""
+    """Replace everything after the first few bytes by random bytes."""
     return content[: _one(random, (0, 4, 8, 100))] + random.bytes(int(random.integers(5000)))
 
 
@@ -166,7 +166,7 @@ def line_twice(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def line_ends(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Other line ends, a byte-order mark, tabs for blanks, UTF-16."""
+    """Change line ends, or add a byte-order mark, tabs for blanks, or UTF-16."""
     how = (
         lambda: content.replace(b"\n", b"\r\n"), lambda: content.replace(b"\n", b"\r"),
         lambda: b"\xef\xbb\xbf" + content, lambda: content.decode("latin1").encode("utf-16"),
@@ -189,14 +189,14 @@ def insertion(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def long_line(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A line of a million characters."""
+    """Insert a line of a million characters."""
     start = _place(random, content)
     piece = _one(random, (b" ", b"1", b"1 ", b"x,", b"a", b"'", b"!", b"1.5,"))
     return content[:start] + piece * (1_000_000 // len(piece)) + content[start:]
 
 
 def sizes(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Falsify the first numbers of a grid, its sizes."""
+    """Falsify the first numbers of a grid, i.e. its sizes."""
     lie = _one(random, SIZES)
     for place in (0, 1) if random.random() < 0.5 else (int(random.integers(0, 2)),):
         found = list(_NUMBER.finditer(content))
@@ -209,7 +209,7 @@ TEXT = (number, number, numbers, quoted, word, word, line_twice, line_ends, inse
 
 
 def columns(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A table of very many columns, or rows, or an open quote."""
+    """Make a table of very many columns or rows, or with an open quote."""
     head, _, rest = content.partition(b"\n")
     many = int(_one(random, (100, 100_000, 1_000_000)))
     how = (
@@ -223,7 +223,7 @@ def columns(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def nesting(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Brackets in brackets, up to a hundred thousand deep."""
+    """Nest brackets, up to a hundred thousand deep."""
     depth = int(_one(random, (10, 500, 5000, 100_000)))
     shapes = b'{"type":"GeometryCollection","geometries":['
     open_, close = _one(random, ((b"[", b"]"), (b'{"a":', b"}"), (shapes, b"]}")))
@@ -262,7 +262,7 @@ def tiff_tag(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def tiff_bomb(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A few hundred bytes that decompress to gigabytes: false width and height of a deflated
+    """Make a few hundred bytes that decompress to gigabytes: false width and height of a deflated
     file."""
     if content[:2] != b"II" or len(content) < 8:
         return bits(random, content, b"")
@@ -277,8 +277,7 @@ def tiff_bomb(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A name in a binary file (dimension, variable, attribute) becomes another one of equal
-    length."""
+    """Replace a name in a binary file (dimension, variable, attribute), keeping its length."""
     found = sorted({w.group() for w in re.finditer(rb"[A-Za-z_][A-Za-z_0-9]{2,30}", content)})
     if not found:
         return bits(random, content, b"")
@@ -288,15 +287,15 @@ def names(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
 
 
 def structure(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """A valid netCDF file with other contents: a renamed variable or dimension, a removed or
-    changed attribute, an invalid number. Only for files that were valid before."""
+    """Change the contents of a valid netCDF file: rename a variable or dimension, remove or change
+    an attribute, or set an invalid number. Only for valid files."""
     with tempfile.NamedTemporaryFile(suffix=".nc") as place:
         Path(place.name).write_bytes(content)
         with (
             netCDF4.Dataset(place.name, "a") as file,
             contextlib.suppress(RuntimeError, AttributeError),
         ):
-            _change(random, file)  # what netCDF refuses is left as it is
+            _change(random, file)  # changes refused by netCDF are skipped
         return Path(place.name).read_bytes()
 
 
@@ -336,35 +335,35 @@ def _link(to: str) -> Place:
 
 
 def fifo(_: np.random.Generator, path: Path) -> None:
-    """A pipe that nobody writes to."""
+    """Make a pipe that nobody writes to."""
     path.unlink()
     os.mkfifo(path)
 
 
 def folder(_: np.random.Generator, path: Path) -> None:
-    """A folder of the name."""
+    """Make a folder with the name."""
     path.unlink()
     path.mkdir()
 
 
 def missing(_: np.random.Generator, path: Path) -> None:
-    """Nothing of the name."""
+    """Leave the name unused."""
     path.unlink()
 
 
 def sparse(_: np.random.Generator, path: Path) -> None:
-    """A gigabyte of zeros after the file, which take no disk space."""
+    """Append a gigabyte of zeros that take no disk space."""
     os.truncate(path, 1_000_000_000)
 
 
 def itself(_: np.random.Generator, path: Path) -> None:
-    """A link to itself."""
+    """Make a link to itself."""
     path.unlink()
     path.symlink_to(path.name)
 
 
 def deep(_: np.random.Generator, path: Path) -> None:
-    """The file at the end of a path of a hundred folders, by a link."""
+    """Put the file at the end of a path of a hundred folders, and link to it."""
     bottom = path.parent.joinpath(*["d" * 30] * 100)
     os.makedirs(bottom)
     path.rename(bottom / path.name)

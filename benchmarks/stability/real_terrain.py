@@ -4,9 +4,9 @@
     python -m benchmarks.stability.real_terrain DEM... [--boulders 100000] [--audit 100000]
 
 Releases boulders from all cells steeper than `--slope` degrees and follows them to their end. Then
-repeats `--audit` of them with their trajectories recorded, and measures, independently of the
-kernel, the maximum depth below the bilinear surface along every flight: at every crossing of a grid
-line, between crossings where the height is least, and at every contact.
+repeats `--audit` of these with recorded trajectories, and measures, independently of the kernel,
+the maximum depth below the bilinear surface along every flight: at every crossing of a grid line,
+at minima of the height in between, and at every contact.
 """
 
 import argparse
@@ -24,7 +24,7 @@ GRAVITY = 9.81
 
 
 def steep_cells(z: np.ndarray, cell: float, degrees: float) -> np.ndarray:
-    """Cells steeper than `degrees` by Horn's differences; none at the edge or next to nodata."""
+    """Cells steeper than `degrees` by Horn's differences, not at the edge or next to nodata."""
     w = z.astype(float)
     west, east = w[:, :-2], w[:, 2:]
     north, south = w[:-2], w[2:]
@@ -48,7 +48,7 @@ def height(z: np.ndarray, cell: float, x: np.ndarray, y: np.ndarray) -> np.ndarr
 
 
 def crossings(start: np.ndarray, speed: np.ndarray, time: np.ndarray, cell: float):
-    """Flight and time of every crossing of a grid line on one axis."""
+    """Flight and time of every crossing of a grid line along one axis."""
     first = np.minimum(start, start + speed * time) / cell
     last = np.maximum(start, start + speed * time) / cell
     count = np.maximum(0, np.floor(last) - np.ceil(first) + 1).astype(int)
@@ -60,7 +60,7 @@ def crossings(start: np.ndarray, speed: np.ndarray, time: np.ndarray, cell: floa
 
 
 def deepest(z: np.ndarray, grid, vertices: list[np.ndarray]) -> tuple[float, int]:
-    """Maximum depth [m] below the surface along the flights of trajectories; number of flights."""
+    """Maximum depth [m] below the surface along flights of trajectories; number of flights."""
     column = {name: k for k, name in enumerate(fields("vertex"))}
     start = np.concatenate([v[:-1] for v in vertices])
     end = np.concatenate([v[1:] for v in vertices])

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme scenes and stiff impact sets: errors of the numbers and their bounds.
+"""Extreme scenes and stiff impact sets: numerical errors and their bounds.
 
     python -m benchmarks.stability.stability [--contacts 1e6] [--only WORD] [--builds PROGRAM...]
 
-Runs every scene of `extremes.py` and prints one table. Builds the kernel once more, in a temporary
-folder, with each flight audited in 64 bits of mantissa (`stability/audited_flight.f90`), and
-`factors`, which draws matrices from covariances; --contacts are audited, evenly over the scenes.
-The exit status is 1 if a bound is exceeded. With --builds the scenes only run in several
-rockfall-batch programs (release, run-time checks, sanitizers), whose results must be equal.
+Runs every scene of `extremes.py` and prints one table. Builds another kernel in a temporary folder,
+where each flight is audited in numbers with a 64-bit mantissa (`stability/audited_flight.f90`), and
+`factors`, which draws matrices from covariances. --contacts is the number of audited contacts,
+distributed evenly over the scenes. Exit status 1 if a bound is exceeded. --builds only runs the
+scenes in several rockfall-batch programs (release, run-time checks, sanitizers), whose results must
+be equal.
 
-In every scene each boulder ends for a reason that the scene allows; no required number is NaN or
+In every scene, each boulder ends with a status that the scene allows; no required value is NaN or
 infinite; no boulder has more energy than at its release; no flight is `off`: below the ground, or
-with a contact off its parabola. The bounds are the rounding of double precision: 4 units in the
-last place of the size of the scene (`Scene.size`) for a flight, and as much in energy for each
+with a contact off its parabola. The bounds are rounding errors of double precision: 4 units in the
+last place of the size of the scene (`Scene.size`) for a flight, and 4 units in energy for each
 contact.
 """
 
@@ -41,14 +42,14 @@ from rockfall.result.crossings import at_lines
 from rockfall.result.motion import are_met
 from rockfall.scene.prepare import prepare
 
-UNITS = 4  # in the last place: the bound of a flight, and of the energy of a contact
+UNITS = 4  # units in the last place: bound for a flight, and for the energy of a contact
 ALL = {"maps": list(variables.MAP), "rebounds": True}
-MOST_BOULDERS = 2_000_000  # of a scene in the audit
-TRACED = 100  # boulders of each scene whose energy is followed from contact to contact
+MOST_BOULDERS = 2_000_000  # maximum number of boulders of an audited scene
+TRACED = 100  # boulders per scene whose energy is followed over all contacts
 
 
 class Row(NamedTuple):
-    """A line of the table."""
+    """Row of the table."""
 
     scene: str
     risk: str
@@ -61,7 +62,7 @@ class Row(NamedTuple):
         return self.value <= self.bound
 
 
-# Of every scene
+# Every scene
 
 
 def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case, xr.Dataset]:
@@ -85,14 +86,14 @@ def check(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> list[Row]:
 
 
 def without_reason(scene: Scene, result: xr.Dataset) -> int:
-    """Boulders with a status that the scene does not allow."""
+    """Number of boulders with a status that the scene does not allow."""
     allowed = scene.statuses or set(variables.STATUS)
     numbers = [variables.STATUS[name] for name in allowed]
     return int((~np.isin(result.status.values, numbers)).sum())
 
 
 def not_numbers(result: xr.Dataset) -> int:
-    """Values that are NaN or infinite where the result promises a number, or below zero where
+    """Values that are NaN or infinite although the result must have a number, or negative although
     impossible."""
     wrong = 0
     crossed = ~np.isnan(at_lines(result)["line_time"].values)
@@ -104,7 +105,7 @@ def not_numbers(result: xr.Dataset) -> int:
         if name.startswith("line_") and values.dims == ("line", "boulder"):
             number = number[crossed]
         elif name in variables.MAP:
-            # quantiles ask for more passages, and a greatest energy of nothing is not shown
+            # quantiles need more passages, and maps do not show a maximum energy of zero
             number = (
                 number[passed]
                 if name.endswith("_mean") and "tree" not in name
@@ -117,18 +118,18 @@ def not_numbers(result: xr.Dataset) -> int:
 
 
 def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[float, float]:
-    """Maximum energy of a boulder at a contact above that at its release, and its bound, both per
-    mass [J/kg]; of all contacts the one nearest to its bound."""
+    """Excess of a boulder's energy at a contact over its energy at release, and the bound of this
+    excess, both per mass [J/kg], for the contact nearest to its bound."""
     result = result.isel(
         trajectory_vertex=are_met(result.trajectory_boulder.values, result.trajectory_leg.values)
     )
     names = "boulder", "z", "ratio", "out_t", "out_n", "out_w"
     ways = {name: result[f"trajectory_{name}"].values for name in names}
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")
-    # who rolls on leaves a contact at the mean speed of the roll
+    # a rolling boulder leaves a contact at the mean speed of the roll
     speed2 = np.where(ways["ratio"] != 0, ways["out_t"] ** 2 + ways["out_n"] ** 2, speed2)
     energy = scene.gravity * ways["z"] + (speed2 + 0.4 * ways["out_w"] ** 2) / 2
-    first = np.searchsorted(ways["boulder"], ways["boulder"])  # its release
+    first = np.searchsorted(ways["boulder"], ways["boulder"])  # release of each boulder
     contacts = np.maximum(1, np.arange(first.size) - first)
     gain = energy - energy[first]
     bound = UNITS * EPSILON * scene.gravity * scene.size(case) * contacts
@@ -136,11 +137,11 @@ def energy_gain(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> tuple[
     return float(gain[nearest]), float(bound[nearest])
 
 
-# The audit
+# Audit
 
 
 def build(folder: Path) -> tuple[Path, Path]:
-    """Build `factors` and a rockfall-batch whose flights are audited; returns both programs."""
+    """Build `factors` and a rockfall-batch with audited flights; return both programs."""
     variant.copy_sources(folder)
     used = "   use rockfall_flight, only: flight_t, landing_t, span_t, fly, "
     ours = "   use audited_flight, only: fly\n" + used.replace(" fly,", "")
@@ -159,8 +160,8 @@ def audit(
     contacts: float,
     folder: Path,
 ) -> Iterator[tuple[Row, int]]:
-    """Deviations of flights, and contacts audited, scene by scene up to a total number. Contacts
-    that a scene lacks are added to the others."""
+    """Deviations of flights, and numbers of audited contacts, scene by scene up to a total.
+    Contacts that a scene lacks are added to the others."""
     order = sorted(some, key=lambda one: int(one[2].impacts.sum()))
     for k, (scene, case, result) in enumerate(order):
         mean = max(0.1, float(result.impacts.mean()))
@@ -173,7 +174,7 @@ def audit(
 
 
 def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tuple[float, int]:
-    """Deviation of the flights of a scene, and number of contacts."""
+    """Deviation of the flights in a scene, and number of contacts."""
     folder.mkdir()
     case, arrays = scene.case(folder, boulders), scene.arrays()
     prepare(case, folder / "case", **arrays)
@@ -191,15 +192,15 @@ def batch(program: Path, case: Path, output: Path) -> None:
         sys.exit(f"{program} {case}: exit status {done.returncode}: {done.stderr}")
 
 
-# Answers known otherwise
+# Independently known answers
 
 
 def contacts_on_plane(
     gradient: float, r_t: float, r_n: float, contacts: int, cell: float, folder: Path
 ) -> tuple[float, float, float]:
-    """A boulder that bounces down a plane with a diagonal matrix, compared with 50 digits: the
-    maximum distance from the true contact [m], the path [m], and the relative error of the energy
-    at the last contact."""
+    """Boulder that bounces down a plane with a diagonal matrix, compared with 50-digit arithmetic:
+    maximum distance from the true contact [m], path length [m], and relative error of the energy at
+    the last contact."""
     z = gradient * cell * np.mgrid[599:-1:-1, 0:4][0]
     start, drop, speed = (1.5 * cell, 590.5 * cell), 5.0, 5.0
     scene = Scene(
@@ -230,8 +231,8 @@ def contacts_on_plane(
 def plane_steps(
     gradient: Decimal, r_t: Decimal, r_n: Decimal, drop: Decimal, speed: Decimal, g: Decimal
 ) -> Iterator[tuple[Decimal, Decimal, Decimal]]:
-    """Contact by contact on a plane that descends along y: path to it in plan [m], and V_t, V_n
-    after it [m/s], for a release with a speed along y."""
+    """Contacts on a plane that descends along y: plan distance [m], and V_t, V_n after the contact
+    [m/s], for a release with a speed along y."""
     cosine = 1 / (1 + gradient * gradient).sqrt()
     sine = gradient * cosine
     time = (speed * gradient + (speed * speed * gradient * gradient + 2 * g * drop).sqrt()) / g
@@ -246,7 +247,7 @@ def plane_steps(
 
 
 def planes(folder: Path) -> Iterator[Row]:
-    """Contacts on slopes, and drift over thousands of rebounds."""
+    """Contacts on slopes, and the drift over thousands of rebounds."""
     for name, gradient, r_n in (
         ("0", 0.0, 0.5), ("1e-12", 2.0**-40, 0.5), ("45", 1.0, 0.5), ("89.9", 572.9375, 0.5)
     ):  # fmt: skip
@@ -263,12 +264,12 @@ def planes(folder: Path) -> Iterator[Row]:
 
 
 def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
-    """Energy conserved by an elastic impact over all flights and contacts."""
+    """Energy error of elastic impacts over all flights and contacts."""
     boulder, z = result.trajectory_boulder.values, result.trajectory_z.values
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")
     energy = scene.gravity * z + speed2 / 2
     first = np.searchsorted(boulder, boulder)
-    # those that leave have no velocity after a rebound at their end
+    # departing boulders have no velocity after a rebound at their end
     inside = np.append(boulder[1:] == boulder[:-1], False)
     contacts = np.arange(first.size) - first
     far = inside & (contacts >= 900)
@@ -278,8 +279,8 @@ def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
 
 
 def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
-    """Check that without admissible draws each rebound is forced, counted, and satisfies the energy
-    rule."""
+    """Check that, if no draw is admissible, each rebound is forced, counted, and satisfies the
+    energy rule."""
     before, after = (
         sum(w * result[f"trajectory_{way}_{axis}"].values ** 2 for axis, w in
             (("t", 1.0), ("n", 1.0), ("w", 0.4)))
@@ -293,7 +294,7 @@ def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
 
 
 def hops(scene: Scene, folder: Path) -> Iterator[Row]:
-    """Cost of a boulder with shorter and shorter hops, with the default limit of contacts."""
+    """Cost of a boulder with ever shorter hops, with the default limit of contacts."""
     limit = 100_000
     case = scene.case(folder, 25, impact={"impact_limit": limit})
     result = rockfall.run(case, **scene.arrays())
@@ -315,7 +316,7 @@ def covariances() -> dict[str, np.ndarray]:
 
 
 def factor(program: Path, name: str, c: np.ndarray, draws: int = 200_000) -> Iterator[Row]:
-    """Root of a covariance, and mean and covariance of matrices drawn with it."""
+    """Root of a covariance, and mean and covariance of matrices drawn with the root."""
     numbers = " ".join(repr(float(x)) for x in c.ravel())
     done = subprocess.run([program], input=f"{draws} {numbers}", capture_output=True, text=True)
     if done.returncode:
@@ -340,12 +341,12 @@ def _or_one(errors: np.ndarray) -> np.ndarray:
     return np.where(errors > 0, errors, 1)
 
 
-# The same bits
+# Identical results
 
 
 def same_bits(programs: list[Path], folder: Path) -> int:
-    """Run every scene through each program; returns the number of variables that differ from the
-    first."""
+    """Run every scene in each program; return the number of variables that differ from the first
+    program."""
     differing = variables = 0
     for k, scene in enumerate(scenes()):
         place = folder / f"bits{k}"
@@ -371,17 +372,17 @@ def same_bits(programs: list[Path], folder: Path) -> int:
 
 
 def content(path: Path) -> dict[str, bytes]:
-    """The bytes of every variable of a part file."""
+    """Bytes of every variable of a part file."""
     with netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
         return {name: variable[...].tobytes() for name, variable in file.variables.items()}
 
 
-# The table
+# Table
 
 
 def table(contacts: float, only: str, folder: Path) -> Iterator[Row]:
-    """All rows; the programs of the audit are built first."""
+    """All rows; the audit programs are built first."""
     program, factors = build(folder / "kernel")
     some = []
     for scene in scenes():

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Prints the numbers of README.md: means over seeds, and the effects of forest and net, with their
+"""Print the results in README.md: means over seeds, and the effects of forest and net, with
 standard errors.
 
-`python expected.py [SEEDS]` after `python make_terrain.py`; a minute for 40 seeds. Each seed is one
-of boulders and of trees, the same in all three cases: only the forest or the net differs between
-two of them.
+`python expected.py [SEEDS]` after `python make_terrain.py`; takes a minute for 40 seeds. A seed
+determines boulders and trees, equally in all three cases: two cases differ only by the forest or
+the net.
 """
 
 import sys
@@ -23,7 +23,7 @@ QUANTITIES = "boulders that pass [%]", "energy, q95 [kJ]", "height of the centre
 
 
 def run(case: rockfall.Case, seed: int, **of_case: int) -> xr.Dataset:
-    """The result with another seed of boulders, and of trees, if any."""
+    """Result with another seed of boulders, and of trees, if any."""
     stand = {"forest": {"seed": seed}} if case.forest.get("stems") else {}
     return rockfall.run(case.replace(case={"seed": seed, **of_case}, **stand))
 
@@ -39,7 +39,7 @@ def at_road(result: xr.Dataset) -> np.ndarray:
 
 
 def mean_and_error(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and error over seeds, the first axis; seeds without passing boulders have no
+    """Mean and standard error over seeds (first axis); seeds without passing boulders have no
     quantile."""
     error = np.nanstd(values, axis=0, ddof=1) / np.sqrt(np.isfinite(values).sum(axis=0))
     return np.nanmean(values, axis=0), error
@@ -51,12 +51,12 @@ def shown(values: np.ndarray) -> list[str]:
 
 
 def two(error: float) -> str:
-    """An error to two digits."""
+    """Error with two digits."""
     return f"{float(f'{error:.2g}'):g}"
 
 
 def changes(values: np.ndarray) -> list[str]:
-    """Paired differences with their errors, undecided if the 95 % interval contains zero."""
+    """Paired differences with their errors; undecided if the 95 % interval contains zero."""
     wide = t.ppf(0.975, len(values) - 1)
     return [
         f"{mean:+.3g} ± {two(error)}" + ("" if abs(mean) > wide * error else ", undecided")
@@ -65,7 +65,7 @@ def changes(values: np.ndarray) -> list[str]:
 
 
 def rows(found: dict[str, np.ndarray], pairs: list[tuple[str, str]]) -> list[str]:
-    """A table in Markdown: passing boulders in each case, and differences between two."""
+    """Markdown table: passing boulders in each case, and differences between cases."""
     text = [f"| at the road | {' | '.join(QUANTITIES)} |", "|---|---|---|---|"]
     text += [f"| {name} | {' | '.join(shown(of))} |" for name, of in found.items()]
     for after, before in pairs:

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the inputs of case.nml from the published data of the Mel de la Niva. Tested with a
-stand-in only: the contents of the real files are known from other programs, not seen.
+"""Make the inputs of case.nml from the published data of the Mel de la Niva. Tested only with a
+stand-in: the contents of the real files are inferred from other programs.
 
     python make_case.py [--data FOLDER] [--cell 2] [-o FOLDER]
 
 Downloads three archives of 85 MB (pip install 'rockfall[field,vector]'), or takes them from FOLDER
-or that of the environment variable ROCKFALL_FIELD_DATA. It expects in them
+or from the folder in the environment variable ROCKFALL_FIELD_DATA. It expects these files:
 
     3d_trajectories_epsg21781_lv03.zip   traj_bl1.las, traj_bl2.las: points of two trajectories
     gis_shapes_epsg21781_lv03.zip        deposited_bl.shp: points of deposited blocks, with the
                                          attributes `year` and `size`, a text '[a; b; c]' in metres
     sfm_rasters_epsg21781_lv03.zip       dsm_lv1903_50cm.tif: elevations of the surface
 
-and reports missing ones. Writes dem.tif, with cells of the given size (means of the smaller ones),
+and reports missing files. Writes dem.tif, with cells of the given size (means of smaller cells),
 over the extent of the trajectories and blocks of 2015 plus 200 m; releases.csv, the highest point
 of each trajectory, with the volume of the block nearest to its lowest point; observed.csv, the
 blocks of 2015, as if each came from the trajectory whose lowest point is the nearest.
@@ -47,14 +47,14 @@ RUNS = "traj_bl1.las", "traj_bl2.las"
 BLOCKS, SURFACE = "deposited_bl.shp", "dsm_lv1903_50cm.tif"
 YEAR = 2015
 EPSG = 21781
-MARGIN = 200.0  # about what is known [m]
-ELLIPSOID = pi / 6  # volume of a block over the product of its three sizes: our choice
+MARGIN = 200.0  # margin around the known points [m]
+ELLIPSOID = pi / 6  # volume of a block over the product of its three sizes: assumed
 RELEASE = "name", "x", "y", "volume"
 OBSERVED = "x", "y", "start_x", "start_y"
 
 
 def member(archive: Path, name: str) -> str:
-    """Position of a file in an archive, in any folder."""
+    """Path of a file in an archive, in any folder."""
     try:
         with zipfile.ZipFile(archive) as opened:
             found = [one for one in opened.namelist() if PurePosixPath(one).name == name]
@@ -81,7 +81,7 @@ def read_trajectory(archive: Path, name: str) -> np.ndarray:
 
 
 def read_blocks(archive: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Places (n, 2) [m] and volumes (n,) [m3] of the blocks deposited in 2015."""
+    """Positions (n, 2) [m] and volumes (n,) [m3] of the blocks deposited in 2015."""
     import pyogrio
 
     place = member(archive, BLOCKS)
@@ -103,7 +103,7 @@ def read_blocks(archive: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def volume_of(text: str, archive: Path) -> float:
-    """Volume of a block from its sizes, a text '[a; b; c]' [m]; one size: a sphere."""
+    """Volume of a block from its sizes, a text '[a; b; c]' [m]; a single size means a sphere."""
     try:
         sizes = [float(one) for one in str(text).strip("[] ").split(";")]
     except ValueError:
@@ -114,7 +114,7 @@ def volume_of(text: str, archive: Path) -> float:
 
 
 def surface(archive: Path, known: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Elevations about known places, means in cells of this size [m]."""
+    """Elevations around known points, as means in cells of a given size [m]."""
     import rasterio
     from rasterio.crs import CRS
     from rasterio.enums import Resampling
@@ -154,7 +154,7 @@ def make(data: Path | None, cell: float, folder: Path) -> None:
     tops = np.array([run[run[:, 2].argmax(), :2] for run in runs])
     ends = np.array([run[run[:, 2].argmin(), :2] for run in runs])
     places, volumes = read_blocks(files[SHAPES])
-    apart = np.hypot(*(places[:, None] - ends).transpose(2, 0, 1))  # (block, trajectory)
+    apart = np.hypot(*(places[:, None] - ends).transpose(2, 0, 1))  # distances (block, trajectory)
     known = np.concatenate([places, *(run[:, :2] for run in runs)])
     z, grid = surface(files[RASTERS], known, cell)
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,16 +1,16 @@
-"""The contacts of a boulder that bounces down the plane with one fixed matrix, in closed form."""
+"""Contacts of a boulder that bounces down the plane with a fixed matrix, in closed form."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 GRAVITY = 9.81
-MATRIX = np.array([[0.675, 0.05, 0.1], [0.2, -0.4, -0.1], [0.3, 0.05, 0.4]])  # plane.nml
+MATRIX = np.array([[0.675, 0.05, 0.1], [0.2, -0.4, -0.1], [0.3, 0.05, 0.4]])  # matrix of plane.nml
 
 
 class Contacts(NamedTuple):
-    """One row per contact: plan distance from the first [m], time since the release [s], and the
-    velocities (V_t, V_n, W) [m/s] before and after the rebound."""
+    """Contacts, one row each: plan distance from the first contact [m], time since the release [s],
+    and velocities (V_t, V_n, W) [m/s] before and after the rebound."""
 
     distance: np.ndarray
     time: np.ndarray
@@ -19,10 +19,10 @@ class Contacts(NamedTuple):
 
 
 def contacts(number: int, gradient: float, drop: float) -> Contacts:
-    """The first `number` contacts after a fall at rest over `drop` [m] onto a plane slope."""
+    """First `number` contacts after a fall from rest over `drop` [m] onto a plane slope."""
     cosine = 1 / np.hypot(1, gradient)
     sine = gradient * cosine
-    fly = np.array([[1, 2 * gradient, 0], [0, -1, 0], [0, 0, 1]])  # leaving -> arriving
+    fly = np.array([[1, 2 * gradient, 0], [0, -1, 0], [0, 0, 1]])  # leaving to arriving
 
     speed = np.sqrt(2 * GRAVITY * drop)
     incoming = [speed * np.array([sine, -cosine, 0])]

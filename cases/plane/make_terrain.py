@@ -1,8 +1,8 @@
-"""Makes `dem.asc`: a plane of 30 degrees that falls eastwards, 400 x 40 cells of 1 m.
+"""Make `dem.asc`: a plane of 30 degrees that falls eastwards, 400 x 40 cells of 1 m.
 
 The gradient is the multiple of 2^-40 nearest to tan 30 degrees (the angle is off by 1e-11 degrees).
-Every elevation then has at most 50 binary digits, so a double holds it exactly, differences of
-neighbours are exact too, and each patch of four cell centres is a plane to the last bit.
+Every elevation then has at most 50 binary digits, so it is exact in double precision, differences
+of neighbours are exact too, and each patch of four cell centres is exactly plane.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ TOP = 240.0  # elevation of the west edge [m]
 
 
 def elevation(x: np.ndarray) -> np.ndarray:
-    """Elevation of the plane [m] at the distance `x` [m] from its west edge."""
+    """Elevation of the plane [m] at distance `x` [m] from its western edge."""
     return TOP - GRADIENT * x
 
 

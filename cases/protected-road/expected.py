@@ -1,6 +1,6 @@
-"""Prints the numbers of README.md: means over seeds, with their standard errors.
+"""Print the results in README.md: means over seeds with standard errors.
 
-`python expected.py [SEEDS]` after `python make_terrain.py`; two minutes for 60 seeds.
+`python expected.py [SEEDS]` after `python make_terrain.py`; takes two minutes for 60 seeds.
 """
 
 import sys
@@ -14,17 +14,17 @@ from rockfall.protection.crossings import crossings, passes
 from rockfall.result.crossings import at_lines
 
 HERE = Path(__file__).parent
-CLASS = 2  # of the height for a residual
+CLASS = 2  # height class of the residual hazard
 
 
 def run(name: str, seed: int, **changes):
-    """The result of a case with another seed, and other changes."""
+    """Result of a case with another seed and other changes."""
     case = rockfall.read_case(HERE / f"{name}.nml")
     return rockfall.run(case.replace(case={"seed": seed}, **changes))
 
 
 def numbers(seed: int) -> Iterator[tuple[str, float]]:
-    """The numbers of a run with one seed."""
+    """Statistics of a run with a given seed."""
     results = {name: run(name, seed) for name in ("road", "net", "dam")}
     bare = rockfall.design(results["road"], residual=0.02)
     came = bare.demand.set_index("line").loc["net", "n"]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the slope above the settlement: `dem.tif` (m), `zones.tif` (ids of zones.csv).
+"""Make the slope above the settlement: `dem.tif` (m), `zones.tif` (ids of zones.csv).
 
-`python cases/settlement/make_terrain.py [FOLDER]` writes them beside this script, or to a folder.
+`python cases/settlement/make_terrain.py [FOLDER]` writes them next to this script, or to a folder.
 The slope is synthetic: two rock faces, a gully between them, scree, pasture, and the flat fan
 below.
 """
@@ -15,17 +15,17 @@ from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
 from rockfall.terrain.synthetic import relief
 
-CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m along the slope, 600 m down it
+CELL, NX, NY = 4.0, 110, 150  # [m]: 440 m across the slope, 600 m down it
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
-SEED = 20250601  # of the relief
-RELIEF = 0.25  # standard deviation [m]
-BENDS = [0, 40, 80, 100, 300, 380, 440, 600]  # plan distance from the northern edge [m]
-ANGLES = [28, 36, 36, 36, 36, 24, 13, 4]  # of the slope there [degree]
+SEED = 20250601  # seed of the relief
+RELIEF = 0.25  # standard deviation of the relief [m]
+BENDS = [0, 40, 80, 100, 300, 380, 440, 600]  # plan distances of bends from the northern edge [m]
+ANGLES = [28, 36, 36, 36, 36, 24, 13, 4]  # slopes at the bends [degree]
 TOP = 900.0  # elevation of the northern edge [m]
-#: West and east end, upper and lower edge (plan distance from the north), and what its rock adds to
-#: the fall [m].
+#: West and east end, upper and lower edge (plan distance from the north), and additional fall over
+#: the rock [m].
 FACES = (70.0, 190.0, 52.0, 76.0, 22.0), (260.0, 380.0, 56.0, 80.0, 18.0)
-GULLY = 225.0, 4.0, 12.0  # axis, depth, half its width [m]
+GULLY = 225.0, 4.0, 12.0  # axis, depth, half width [m]
 ROCK, SCREE, PASTURE, FAN, STREAM = 1, 2, 3, 4, 5
 
 
@@ -35,7 +35,7 @@ def place() -> tuple[np.ndarray, np.ndarray]:
 
 
 def face(s: np.ndarray, x: np.ndarray, edges: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """For a rock face: the part of its height above each cell, and the part within it."""
+    """Fraction of a face's height above each cell, and fraction of the cell within the face."""
     west, east, upper, lower, _ = edges
     across = 1 / (1 + np.exp(-(x - west) / 5)) / (1 + np.exp((x - east) / 5))
     return across, np.clip((s - upper) / (lower - upper), 0, 1)
@@ -50,10 +50,10 @@ def natural(s: np.ndarray) -> np.ndarray:
 
 
 def elevation() -> np.ndarray:
-    """(NY, NX), north first [m]."""
+    """Elevation (NY, NX), northern row first [m]."""
     s, x = place()
     z = natural(s) + relief(SEED, (NY, NX), RELIEF)
-    for edges in FACES:  # the rock stands out above the slope, and falls to it at its foot
+    for edges in FACES:  # rock rises above the slope, and falls to it at its foot
         across, above = face(s, x, edges)
         z = z + across * edges[-1] * (1 - above)
     axis, depth, half = GULLY
@@ -62,7 +62,7 @@ def elevation() -> np.ndarray:
 
 
 def zones() -> np.ndarray:
-    """Ids of zones.csv, (NY, NX), north first."""
+    """Ids of zones.csv, (NY, NX), northern row first."""
     s, x = place()
     ids = np.full((NY, NX), SCREE)
     for begin, zone in (330, PASTURE), (420, FAN):

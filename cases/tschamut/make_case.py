@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the inputs of case.nml from the published runs at Tschamut.
+"""Make the inputs of case.nml from the published runs at Tschamut.
 
     python make_case.py [--data FOLDER] [--half calibration|held-out|all] [-o FOLDER]
 
-Downloads the tables (pip install 'rockfall[field]'), or takes them from FOLDER or that of the
-environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, with the start of tracking,
-the velocity there, volume, density and shape of the block; observed.csv, with the stopping place of
-each run. The same with -1, -2, -4 for each block. Halves are runs at odd and at even places in the
-order of their names: the first half calibrates, the second judges (docs/archive/field_protocol.md).
+Downloads the tables (pip install 'rockfall[field]'), or takes them from FOLDER or from the folder
+in the environment variable ROCKFALL_FIELD_DATA. Writes dem.asc; releases.csv, with the start of
+tracking, the velocity there, volume, density and shape of the block; observed.csv, with the
+stopping place of each run. File names with -1, -2, -4 are for single blocks. Halves are runs at odd
+and even positions in the order of their names: the first half is for calibration, the second for
+validation (docs/archive/field_protocol.md).
 """
 
 import argparse
@@ -28,10 +29,10 @@ sys.path.append(str(HERE.parents[1]))
 
 from benchmarks.field_data import fetch  # noqa: E402
 
-HALVES = {"calibration": (0, 2), "held-out": (1, 2), "all": (0, 1)}  # first place, step
-BLOCKS = {"1": "compact", "2": "elongated", "4": "platy"}  # shapes by their published sizes
-FARTHEST = 1e6  # [m]
-FASTEST = 100.0  # [m/s]
+HALVES = {"calibration": (0, 2), "held-out": (1, 2), "all": (0, 1)}  # first position, step
+BLOCKS = {"1": "compact", "2": "elongated", "4": "platy"}  # shapes from published sizes
+FARTHEST = 1e6  # maximum distance [m]
+FASTEST = 100.0  # maximum speed [m/s]
 RELEASE = (
     "name", "x", "y", "velocity_x", "velocity_y", "velocity_z", "volume", "density", "block_shape",
 )  # fmt: skip

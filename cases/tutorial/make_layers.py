@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the layers of the tutorial: a valley with a cliff, scree, pasture, a forest and a road.
+"""Make the layers of the tutorial: a valley with a cliff, scree, pasture, a forest and a road.
 
-`python make_layers.py [FOLDER]` writes them to the current folder, or to another:
+`python make_layers.py [FOLDER]` writes them to the current folder, or to FOLDER:
 
-    dem.tif      elevations, cells of 2 m
-    site.gpkg    cliff and ground (polygons), road (line), houses (polygons)
-    net.gpkg     a planned net (line)
-    forest.gpkg  trees (points)
-    houses.gpkg  houses (polygons) with their values and residents
-    traffic.gpkg the road (line): vehicles a day
+dem.tif elevations, cells of 2 m site.gpkg cliff and ground (polygons), road (line), houses
+(polygons) net.gpkg a planned net (line) forest.gpkg trees (points) houses.gpkg houses (polygons)
+with their values and residents traffic.gpkg the road (line): vehicles per day
 
-It needs the packages that rockfall needs, but not rockfall itself. The valley is invented; it has
-coordinates of EPSG:25832 so that a GIS can show it, and lies at no real place.
+It needs the packages required by rockfall, but not rockfall itself. The valley is invented; it has
+coordinates in EPSG:25832 so that a GIS can show it, but it is not a real place.
 """
 
 import sys
@@ -26,15 +23,15 @@ from rasterio.transform import from_origin
 CRS = "EPSG:25832"
 WEST, NORTH, CELL, NX, NY = 640_000.0, 5_230_000.0, 2.0, 180, 240  # 360 m by 480 m
 TOP = 1100.0  # elevation of the northern edge [m]
-BENDS = 0, 40, 44, 60, 64, 110, 200, 240, 300, 340, 480  # plan distance from there [m]
-ANGLES = 28, 32, 62, 62, 40, 37, 34, 29, 23, 12, 5  # of the slope there [degree]
-GULLY = 210.0, 3.5, 14.0  # axis from the west, depth, half its width [m]
+BENDS = 0, 40, 44, 60, 64, 110, 200, 240, 300, 340, 480  # plan distances from the northern edge [m]
+ANGLES = 28, 32, 62, 62, 40, 37, 34, 29, 23, 12, 5  # slopes at the bends [degree]
+GULLY = 210.0, 3.5, 14.0  # axis from the west, depth, half width [m]
 ROAD = 346.0  # plan distance from the north [m]
-RELIEF = 0.15  # standard deviation [m]
+RELIEF = 0.15  # standard deviation of the relief [m]
 
 
 def relief(random: np.random.RandomState, s: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Sum of waves of 8 to 60 m, the long ones higher."""
+    """Sum of waves of 8 to 60 m, with higher amplitudes for longer waves."""
     total = 0.0
     for length in np.geomspace(8, 60, 40):
         angle, phase = random.uniform(0, 2 * np.pi, 2)
@@ -44,7 +41,7 @@ def relief(random: np.random.RandomState, s: np.ndarray, x: np.ndarray) -> np.nd
 
 
 def elevation(random: np.random.RandomState) -> np.ndarray:
-    """Elevation of the cells, north first [m]; to a centimetre, like surveys."""
+    """Elevation of the cells, northern row first [m], to a centimetre, as in surveys."""
     s = CELL * (np.arange(NY) + 0.5)[:, None]
     x = CELL * (np.arange(NX) + 0.5)[None, :]
     fine = np.arange(0, CELL * NY, 0.01) + 0.005
@@ -53,17 +50,17 @@ def elevation(random: np.random.RandomState) -> np.ndarray:
     axis, depth, half = GULLY
     z -= np.interp(s, [0, 60, 240, 320], [0, depth, depth, 0]) * np.exp(-(((x - axis) / half) ** 2))
     bench = np.clip(1 - (np.abs(s - ROAD) - 3) / 4, 0, 1)  # the road is 6 m wide
-    level = TOP - np.interp(ROAD, fine, fall) - 0.03 * (s - ROAD)  # and falls outwards by 3 %
+    level = TOP - np.interp(ROAD, fine, fall) - 0.03 * (s - ROAD)  # it falls outwards by 3 %
     return np.round(z + bench * (level - z), 2).astype("f4")
 
 
 def box(west: float, top: float, east: float, bottom: float) -> shapely.Polygon:
-    """A rectangle, by plan distances from the western and northern edge [m]."""
+    """Rectangle, given by plan distances from the western and northern edge [m]."""
     return shapely.box(WEST + west, NORTH - bottom, WEST + east, NORTH - top)
 
 
 def line(*places: tuple[float, float]) -> shapely.LineString:
-    """By the same distances."""
+    """Line, given by distances from the western and northern edge [m]."""
     return shapely.LineString([(WEST + x, NORTH - s) for x, s in places])
 
 
@@ -87,7 +84,7 @@ def make(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("site.gpkg", "net.gpkg", "forest.gpkg", "houses.gpkg", "traffic.gpkg"):
         (folder / name).unlink(missing_ok=True)
-    random = np.random.RandomState(20260301)  # its numbers are the same in every version of NumPy
+    random = np.random.RandomState(20260301)  # gives the same numbers in every version of NumPy
     profile = {"driver": "GTiff", "width": NX, "height": NY, "count": 1, "dtype": "float32"}
     place = from_origin(WEST, NORTH, CELL, CELL)
     with rasterio.open(folder / "dem.tif", "w", crs=CRS, transform=place, **profile) as file:
@@ -125,11 +122,11 @@ def make(folder: Path) -> None:
     net = line((20, 310), (330, 310))
     write_layer(folder / "net.gpkg", "net", [net], name=["net"], height=[4.0], capacity=[500.0])
 
-    stand = 0, 235, 360, 300  # where the trees are
-    count = round(400 * (stand[2] - stand[0]) * (stand[3] - stand[1]) / 1e4)  # 400 a hectare
+    stand = 0, 235, 360, 300  # extent of the forest [m]
+    count = round(400 * (stand[2] - stand[0]) * (stand[3] - stand[1]) / 1e4)  # 400 per hectare
     x = random.uniform(stand[0], stand[2], count)
     s = random.uniform(stand[1], stand[3], count)
-    dbh = random.gamma(9, 28 / 9, count).round(1)  # 28 cm, standard deviation a third of it
+    dbh = random.gamma(9, 28 / 9, count).round(1)  # 28 cm, std a third of it
     species = np.where(random.uniform(size=count) < 0.7, "spruce", "beech").tolist()
     points = [shapely.Point(WEST + one, NORTH - other) for one, other in zip(x, s, strict=True)]
     write_layer(folder / "forest.gpkg", "trees", points, dbh=list(dbh), species=species)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of the experiment compared with the program.
+"""Compare results of the experiment with the program.
 
-`python expected.py [SEEDS] [--table NAME]` after `python make_terrain.py`; ten seconds for 40
-seeds, each of boulders and of trees. `--table` runs by a table of impacts in place of the matrix.
-With `--write` the numbers go into `python/rockfall/data/field_evidence.csv`, from which
-`python tools/document.py` writes the table of README.md, and the program its remarks on forests.
+`python expected.py [SEEDS] [--table NAME]` after `python make_terrain.py`; takes ten seconds for 40
+seeds of boulders and trees. `--table` uses an impact table instead of the matrix. `--write` stores
+the results in `python/rockfall/data/field_evidence.csv`, from which `python tools/document.py`
+writes the table of README.md, and the program its remarks on forests.
 """
 
 import argparse
@@ -23,8 +23,8 @@ sys.path.append(str(HERE.parents[1]))
 from benchmarks.evidence import record, row  # noqa: E402
 
 CASES = "bare", "forest"
-AT_ONCE = 100  # boulders, about as many as the experiment released on each slope
-QUANTITIES = {  # unit; by case, as printed of the experiment
+AT_ONCE = 100  # number of boulders, about that released on each slope in the experiment
+QUANTITIES = {  # unit; then the published value for each case
     "passing": ("%", {"bare": 95.0, "forest": 34.0}),
     "speed_mean": ("m/s", {"bare": 15.4, "forest": 11.7}),
     "speed_max": ("m/s", {"bare": 30.6, "forest": 24.2}),
@@ -32,14 +32,14 @@ QUANTITIES = {  # unit; by case, as printed of the experiment
 
 
 def run(case: rockfall.Case, seed: int) -> xr.Dataset:
-    """The result with another seed of boulders, and of trees where there are any."""
+    """Result with another seed of boulders, and of trees if there are any."""
     stand = {"forest": {"seed": seed}} if case.has_forest else {}
     return rockfall.run(case.replace(case={"seed": seed}, **stand))
 
 
 def numbers(result: xr.Dataset) -> list[float]:
-    """QUANTITIES of a run. Maxima grow with the number of boulders: they are means for as many
-    boulders as in the experiment."""
+    """QUANTITIES of a run. Maxima grow with the number of boulders: they are means over groups as
+    large as in the experiment."""
     speed, fastest = at_lines(result)["line_speed"].values[0], result["speed_max"].values
     mixed = np.random.default_rng(0).permutation(fastest.size)
     some = fastest[mixed[: fastest.size // AT_ONCE * AT_ONCE]].reshape(-1, AT_ONCE)
@@ -47,8 +47,8 @@ def numbers(result: xr.Dataset) -> list[float]:
 
 
 def passing_at_once(result: xr.Dataset) -> float:
-    """Fraction [%] for as many boulders as in the experiment: its scatter between runs includes the
-    boulders and the stand of one experiment."""
+    """Fractions [%] for groups as large as in the experiment, so that their scatter includes the
+    boulders and the stand of a single experiment."""
     speed = at_lines(result)["line_speed"].values[0]
     return 100 * np.isfinite(np.random.default_rng(0).permutation(speed)[:AT_ONCE]).mean()
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the slope of the forest experiment as a plane: `dem.tif`.
+"""Make the slope of the forest experiment as a plane: `dem.tif`.
 
-`python cases/vaujany-forest/make_terrain.py [FOLDER]` writes it beside this script, or to a folder.
-38 degrees, falling southwards, with room above the release and below the line that ends the slope.
+`python cases/vaujany-forest/make_terrain.py [FOLDER]` writes it next to this script, or to a
+folder. It falls southwards at 38 degrees, and extends above the release and below the line at the
+end of the slope.
 """
 
 import sys
@@ -13,19 +14,19 @@ import numpy as np
 from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.io.rasters.grid import Grid
 
-CELL, NX, NY = 2.0, 100, 110  # [m]: 200 m along the slope, 220 m down it, in plan
+CELL, NX, NY = 2.0, 100, 110  # [m]: 200 m across the slope, 220 m down it, in plan
 GRID = Grid(0.0, CELL * NY, CELL, NX, NY)
 GRADIENT = np.tan(np.radians(38.0))
 BOTTOM = 900.0  # elevation of the southern edge [m]
 
 
 def elevation() -> np.ndarray:
-    """(NY, NX), north first [m]."""
+    """Elevation (NY, NX), northern row first [m]."""
     return (BOTTOM + GRADIENT * GRID.y[:, None] + np.zeros((1, NX))).astype("f8")
 
 
 def write(folder: Path) -> None:
-    """The raster of the slope."""
+    """Write the raster of the slope."""
     folder.mkdir(parents=True, exist_ok=True)
     write_geotiff(folder / "dem.tif", elevation(), GRID)
 

@@ -1,6 +1,6 @@
-"""Runs this case by methods A and B and compares the results with those printed in the paper.
+"""Run this case by methods A and B, and compare the results with those in the paper.
 
-`./run demo`, or `python cases/vaujany/demo.py [FOLDER]` where rockfall is installed.
+`./run demo`, or `python cases/vaujany/demo.py [FOLDER]` if rockfall is installed.
 """
 
 import sys
@@ -27,7 +27,7 @@ def main(folder: Path) -> None:
     results = {}
     for method, case in CASES.items():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # the summary lists them
+            warnings.simplefilter("ignore", UserWarning)  # the summary includes them
             results[method] = rockfall.run(rockfall.read_case(case), progress=True)
         rockfall.write_result(results[method], folder / f"method_{method}.nc")
     for result in results.values():

@@ -57,7 +57,7 @@ from rockfall_lab.sets.setfile import write_sets
 
 HERE = Path(__file__).parent
 RATIOS = np.arange(1, 6)
-RISING = 0, 3, 4, 6  # a1, a4, a5, a7 change with R_b/R_m
+RISING = 0, 3, 4, 6  # elements of A that change with R_b/R_m
 MEANS, CHANGES, SCATTER, RHO, GROWTH = (
     slice(0, 9), slice(9, 13), slice(13, 22), slice(22, 25), slice(25, 26),
 )  # fmt: skip
@@ -67,9 +67,9 @@ PRIOR = np.concatenate(([0.05] * 6 + [0.15] * 3, [0.05] * 4, [0.3] * 9, [0.3] * 
 FREE = len(STEP)
 AROUND, RIDGE, SHRINK, DAMPING = 96, 4.0, 0.8, (0.1, 0.5, 2.0, 8.0)
 SLOPES, FIT_BOULDERS, JUDGED_SLOPES, JUDGED_BOULDERS, JUDGED_SEED = 12, 300, 24, 4000, 1000
-AT_ONCE = 100  # boulders of the experiment
-SHIFT = 0.01  # of a1, in the ensemble
-SECOND_WITHIN = 4.0  # score of the second optimum above the first
+AT_ONCE = 100  # number of boulders in the experiment
+SHIFT = 0.01  # standard deviation of the shift of a1 in the ensemble
+SECOND_WITHIN = 4.0  # maximum score of the second optimum above the first
 RANGED_BOULDERS, OUTER = 200, (0.005, 0.995)
 HOW = {
     "bourrier2009": {"methods": "AB", "ratio": "nearest", "reading": "radius"},
@@ -80,9 +80,9 @@ WITHIN = {"mean": 0.10, "std": 0.20, "max": 0.25}
 
 @dataclass(frozen=True)
 class Form:
-    """The 26 numbers: means at R_b/R_m = 5; changes of a1, a4, a5, a7 from there to 1; logarithms
-    of the deviations at 5 (rows t, n, W; columns V_t, V_n, W); atanh of the correlations tn, tW, nW
-    within a column; logarithm of the factor of the deviations from 5 to 1."""
+    """The 26 parameters: means at R_b/R_m = 5; changes of a1, a4, a5, a7 from there to 1;
+    logarithms of the deviations at 5 (rows t, n, W; columns V_t, V_n, W); atanh of the correlations
+    tn, tW, nW within a column; logarithm of the factor of the deviations from 5 to 1."""
 
     numbers: np.ndarray
 
@@ -112,7 +112,7 @@ def nearest_correlation(rows: np.ndarray) -> np.ndarray:
     return clipped * np.outer(scale, scale)
 
 
-#: Starting points: sets found by hand with another simulator, and the same with other spins.
+#: Starting points: sets found by hand with another simulator, and the same sets with other spins.
 START = {
     "bourrier2009": np.concatenate((
         [0.7037, 0.0847, 0.1279, 0.1473, -0.4109, -0.1428, 0.1848, 0.0385, 0.3392],
@@ -133,7 +133,7 @@ ELSEWHERE[[1, 6, 7]] = 0.08, 0.12, 0.20  # a2, a7, a8 of the second starting poi
 
 @dataclass(frozen=True)
 class Item:
-    """A printed number with its tolerance, or a bound: `side` is +1 (at least) or -1 (at most)."""
+    """Published value with its tolerance, or a bound: `side` is +1 (at least) or -1 (at most)."""
 
     name: str
     value: float
@@ -149,7 +149,7 @@ class Item:
 
 
 def items(name: str) -> list[Item]:
-    """Numbers that the paper prints for a set, with tolerances."""
+    """Values published in the paper for a set, with tolerances."""
     observed = name == "vaujany-observed"
     printed = pd.read_csv(HERE / "paper.csv").set_index(["line", "method", "quantity"])
     methods = ["observed"] if observed else ["A", "B"]
@@ -180,7 +180,7 @@ def items(name: str) -> list[Item]:
 
 
 def slopes(seed: int, count: int) -> list[Talus]:
-    """Slopes of the recipe: reliefs and mean slopes in a Latin square."""
+    """Generated slopes: reliefs and mean slopes in a Latin square."""
     generator = np.random.Generator(np.random.PCG64(seed))
     middle = (np.arange(count) + 0.5) / count
     relief = 0.15 + 0.35 * middle
@@ -189,7 +189,7 @@ def slopes(seed: int, count: int) -> list[Talus]:
 
 
 def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, float]:
-    """All numbers of sets: means over slopes, and numbers derived from the matrices."""
+    """All statistics of sets: means over slopes, and values derived from the matrices."""
     observed = name == "vaujany-observed"
     site = Site(HERE, boulders, trajectories=0)
     rows = []
@@ -218,7 +218,7 @@ def numbers(sets: Sets, name: str, on: list[Talus], boulders: int) -> dict[str, 
 
 
 def numbers_at_lines(method: str, result, in_hundreds: bool) -> dict[str, float]:
-    """Numbers at the lines by a method; none of a line that fewer than `AT_ONCE` boulders pass."""
+    """Statistics at the lines by a method, for lines that at least `AT_ONCE` boulders pass."""
     found = {}
     for line in "EL1", "EL2":
         at = at_lines(result).sel(line=line)
@@ -251,7 +251,7 @@ def over_rebounds(result) -> dict[str, float]:
 
 
 def cumulative(result, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Upper ends of the bins, and the fraction below each."""
+    """Upper ends of the bins, and the fraction below each end."""
     count = result[f"{name}_histogram"].values.astype(float)
     return result[f"{name}_bin_bounds"].values[:, 1], count.cumsum() / count.sum()
 
@@ -268,12 +268,12 @@ def histogram_median(result, name: str) -> float:
 
 
 class Search:
-    """Levenberg-Marquardt steps on local linear models of the program's numbers."""
+    """Levenberg-Marquardt steps on local linear models of the program's results."""
 
     def __init__(self, name: str, pool: ProcessPoolExecutor, start: np.ndarray, seed: int) -> None:
         self.name, self.pool, self.best, self.score = name, pool, start, np.inf
         self.wanted = [item for item in items(name) if item.fitted]
-        self.seed = seed  # of the slopes, and of the neighbourhoods
+        self.seed = seed  # seed of the slopes and neighbourhoods
         self.generator = np.random.Generator(np.random.PCG64(seed))
         self.step = STEP.copy()
 
@@ -287,11 +287,11 @@ class Search:
     def iterate(self) -> None:
         off = self.generator.standard_normal((AROUND, FREE))
         values = self.residuals(list(self.best + self.step * off))
-        # ridge: without it the noise of the boulders in 27 unknowns goes into the step
+        # ridge: without it, noise of the boulders in 27 unknowns enters the step
         design = np.column_stack((np.ones(AROUND), off))
         ridge = np.diag([0.0] + [RIDGE] * FREE)
         constant, *slope = np.linalg.solve(design.T @ design + ridge, design.T @ values)
-        self.slope = np.array(slope)  # of the residuals, for each step
+        self.slope = np.array(slope)  # slopes of the residuals, for each step
         moves = [
             -np.linalg.solve(
                 self.slope @ self.slope.T + damping * np.eye(FREE), self.slope @ constant
@@ -305,13 +305,13 @@ class Search:
         self.step = SHRINK * self.step
 
     def members(self, count: int) -> np.ndarray:
-        """Draws of the normal approximation at the optimum, kept by importance on fresh slopes."""
+        """Draws from the normal approximation at the optimum, kept by importance on new slopes."""
         precision = self.slope @ self.slope.T / np.outer(self.scale, self.scale)
         covariance = np.linalg.inv(precision + np.diag(PRIOR**-2.0))
         tried = self.generator.multivariate_normal(self.best, covariance, 4 * count, method="eigh")
         scores = (self.residuals(list(tried)) ** 2).sum(axis=1)
         weights = np.exp(-(scores - scores.min()) / 2)
-        # scores are noisy, and one point would take all the weight: temper
+        # temper: scores are noisy, and a single point would take all the weight
         for power in np.linspace(1, 0, 101):
             chance = weights**power / (weights**power).sum()
             if 1 / (chance**2).sum() >= 2 * count:
@@ -327,7 +327,7 @@ def residuals_at(point: np.ndarray, name: str, wanted: list[Item], on: list[Talu
 def judged(
     sets: Sets, name: str, pool: ProcessPoolExecutor, boulders: int = JUDGED_BOULDERS
 ) -> pd.DataFrame:
-    """Numbers on each slope that no fit has used."""
+    """Statistics on each slope not used by any fit."""
     function = partial(numbers, sets, name, boulders=boulders)
     return pd.DataFrame(
         list(pool.map(function, [[one] for one in slopes(JUDGED_SEED, JUDGED_SLOPES)]))
@@ -375,7 +375,7 @@ def infer(name: str, iterations: int, members: int, pool: ProcessPoolExecutor) -
 
 @dataclass(frozen=True)
 class Inference:
-    """Optimum and its score, score of the second one, members (n, 26), judgement by slopes, and
+    """Optimum and its score, score of the second optimum, members (n, 26), judgement by slopes, and
     keys of the ranges of speed and angle."""
 
     name: str
@@ -387,8 +387,7 @@ class Inference:
     ranges: dict[str, tuple[float, float]]
 
     def header(self) -> list[str]:
-        """The comments of a set file: which numbers were fitted, how well, and how others
-        compare."""
+        """Comments of a set file: the fitted values, the quality of the fit, and comparisons."""
         wanted = items(self.name)
         mean, error = self.slopes.mean(), self.slopes.std() / np.sqrt(len(self.slopes))
         off = {item.name: item.residual(mean[item.name]) for item in wanted}
@@ -403,7 +402,7 @@ class Inference:
         for item in wanted:
             bound = {0: "", 1: " at least", -1: " at most"}[item.side]
             reached = f"{mean[item.name]:.4g}"
-            if error[item.name] > 1e-9:  # what follows from the matrices alone has none
+            if error[item.name] > 1e-9:  # values derived from the matrices alone have no error
                 reached += f" +- {error[item.name]:.2g}"
             missed = "" if abs(off[item.name]) <= 1 else " NOT MET"
             lines.append(
@@ -423,7 +422,7 @@ def as_file(point: np.ndarray, found: Inference) -> dict[int, ImpactSet]:
 
 
 def judgement(name: str, means: dict[str, pd.Series]) -> str:
-    """Markdown table of the numbers of `name` by sets, with values beyond their tolerance in
+    """Markdown table of the statistics of `name` by sets, with values beyond their tolerance in
     bold."""
     wanted, sign = items(name), {0: "", 1: ">= ", -1: "<= "}
     off = {

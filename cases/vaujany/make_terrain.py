@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Makes the stand-in for the experimental slope: `dem.tif` (m) and `zones.tif` (ids of zones.csv).
+"""Make the stand-in for the experimental slope: `dem.tif` (m) and `zones.tif` (ids of zones.csv).
 
-The recipe is `rockfall_lab.scorecard.talus`, which the calibration of impact sets varies. It is the
-same on every run. With another NumPy or another libm its last bits may differ, which is why the two
-files are kept beside this script.
+The slope is defined in `rockfall_lab.scorecard.talus`, whose parameters the calibration of impact
+sets varies. It is the same on every run, but its last bits may differ with another NumPy or libm.
+The two files are therefore stored next to this script.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 
 
 def write(name: str, raster: np.ndarray) -> None:
-    """Write a GeoTIFF next to this script, without a coordinate system: the place is synthetic."""
+    """Write a GeoTIFF next to this script, without a CRS, because the site is synthetic."""
     transform = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     height, width = raster.shape
     about = {"height": height, "width": width, "count": 1, "dtype": raster.dtype}
