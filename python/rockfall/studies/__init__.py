@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Studies: several runs of a case, with different scenes, and their conclusions."""
+"""Studies: several runs of a case with different scenes, and conclusions from them."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barrier recommended by a siting, verified by runs with the same boulders: boulders that reach the
-line today, and boulders that reach it with the barrier."""
+"""Barrier recommended by a siting, verified by runs with the same boulders: the number that reach
+the line today, and with the barrier."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from rockfall.studies.siting_runs import populations
 from rockfall.studies.study import Study
 from rockfall.studies.yearly_variants import Three, hits_at, yearly_sum
 
-STEP = 0.5  # [m] step of barrier heights
-MOST_TRIED = 5  # maximum number of alignments tried, the cheapest first
+STEP = 0.5  # step of barrier heights [m]
+MOST_TRIED = 5  # maximum alignments tried, the cheapest first
 NAME = "advised barrier"
-ROUND = "round"  # outcome: passed around its ends
+ROUND = "round"  # outcome of a boulder that passed around the ends
 HITS = "passing_height", "energy_total"
 
 
 class Wanted(NamedTuple):
-    """A barrier to try."""
+    """A barrier to be tried."""
 
     alignment: Alignment
     height: float  # height of the upper edge above the ground, vertical [m]
@@ -45,7 +45,7 @@ class Wanted(NamedTuple):
 
 
 class Most(NamedTuple):
-    """Maximum barrier height, and barrier prices."""
+    """Maximum barrier height, and prices of barriers."""
 
     height: float = MAX_HEIGHT  # maximum height [m]
     ead_class: int = len(EAD_ENERGY) - 1
@@ -55,11 +55,11 @@ class Most(NamedTuple):
 @dataclass(frozen=True)
 class Advice:
     """A barrier, and the boulders that reach the protected line `today` and with the barrier
-    (`left`), with 95 % limits; `change` is the paired difference. All are annual numbers if the
-    case has scenarios (`yearly`), else fractions of the boulders released.
+    (`left`), with 95 % limits; `change` is the paired difference. The values are annual numbers if
+    the case has scenarios (`yearly`), else fractions of the released boulders.
 
-    `ways` has the fractions of these boulders that pass over the barrier, break through it, or pass
-    around its ends. `is_enough` is None without an acceptable frequency.
+    `ways` gives the fractions that pass over the barrier, break through it, or pass around its
+    ends. `is_enough` is None without an acceptable frequency.
     """
 
     barrier: Wanted
@@ -77,25 +77,25 @@ class Advice:
 
     @property
     def has_effect(self) -> bool:
-        """True if significantly fewer boulders arrive than without the barrier."""
+        """True if the barrier significantly reduces the number of boulders."""
         return self.change[2] < 0
 
 
 class _Came(NamedTuple):
-    """Boulders of a run that reach the line, the outcome of each at the barrier (0 if it did not
-    meet the barrier before), and heights [m] and energies [J] there."""
+    """Boulders of a run that reach the line, with their outcome at the barrier (0 if they did not
+    meet it before), heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray
     height: np.ndarray
     energy: np.ndarray
     clusters: Clusters
-    per_cluster: float  # boulders that count as one at the line
+    per_cluster: float  # number of boulders at the line that count as one observation
     yearly: float
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Refuse an acceptable frequency that is not comparable with runs of the case."""
+    """Refuse an acceptable frequency that cannot be compared with runs of the case."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
@@ -110,8 +110,8 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
 def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
-    """Barriers to try, cheapest first, at alignments that are not refused. Height and class are at
-    the upper limits of their intervals where known, within the allowed maximum."""
+    """Barriers to try at alignments that are not refused, cheapest first. Height and class are the
+    upper limits of their intervals where known, within the allowed maximum."""
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -140,9 +140,9 @@ def advise(
     *,
     progress: bool = False,
 ) -> Advice | None:
-    """First barrier (unchanged, higher, or of a higher class) with which at most `acceptable`
-    boulders a year reach the line, by the upper limit. If none suffices, the barrier that the
-    fewest boulders pass; None without barriers. `bare` has the results without a barrier, with
+    """First barrier (unchanged, higher, or of a higher class) that reduces the number of boulders
+    at the line to `acceptable` per year, by the upper limit; if none suffices, the barrier that
+    the fewest boulders pass; None without barriers. `bare` has the results without a barrier and
     their frequencies [1/year], for the same scenarios or for the case."""
     if not barriers:
         return None
@@ -172,8 +172,8 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """Cheapest barrier, higher or of a higher class, that at most this number of the boulders that
-    passed would still pass; None if no barrier suffices."""
+    """Cheapest higher or stronger barrier that at most this number of the passed boulders would
+    pass; None if no barrier suffices."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (
@@ -188,7 +188,7 @@ def _stronger(
 
     highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
     steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
-    # greater heights stop no more boulders
+    # a higher barrier stops no more boulders
     heights = [barrier.height + k * STEP for k in range(steps + 1)]
     classes = range(barrier.ead_class, most.ead_class + 1)
     choice = cheapest(least_heights(classes, heights, is_enough, most.prices))
@@ -208,7 +208,7 @@ def _came(
     barrier: Wanted | None,
     progress: bool,
 ) -> list[_Came]:
-    """Boulders of each run or result that reach a line when the barrier is present."""
+    """Boulders in each run or result that reach a line, given the barrier."""
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
@@ -233,14 +233,14 @@ def _came(
 def _with_barrier(
     case: Case, barrier: Wanted, given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes for the runs of a case with a barrier."""
+    """Scenes for runs of the case with a barrier."""
     scene = read_scene(case.replace(barrier=[*case.barrier, group_of(barrier)]), **given)
     for name, run in populations(scene).items():
         yield name, run.scene
 
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:
-    """Annual number of boulders that arrive, or their fraction."""
+    """Number of arriving boulders per year, or their fraction."""
     if not case.scenario:
         return fraction_interval(runs[0].comes, runs[0].clusters.source)
     parts = (
@@ -252,7 +252,7 @@ def _sum(case: Case, runs: Sequence[_Came]) -> Three:
 
 
 def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
-    """Difference that a barrier makes to the boulders that arrive."""
+    """Change in the number of arriving boulders due to a barrier."""
     apart = (
         difference_of_fractions(here.comes, before.comes, here.clusters.source)
         for here, before in zip(after, today, strict=True)
@@ -261,12 +261,12 @@ def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three
 
 
 def _factor(case: Case) -> Sequence[float]:
-    """Lowest and highest factor on the frequencies."""
+    """Lowest and highest factor on the frequencies of the case."""
     return case.hazard["frequency_factor"] if case.scenario else (1.0,)
 
 
 def _ways(runs: Sequence[_Came]) -> dict[str, float]:
-    """Fractions of boulders that still arrive, by their path past the barrier."""
+    """Fractions of boulders that still arrive, by how they pass the barrier."""
     masks = {name: number for name, number in OUTCOME.items() if name != "stopped"} | {ROUND: 0}
     parts = {
         name: sum(run.yearly * float(np.mean(run.comes & (run.outcome == k))) for run in runs)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Convergence of numbers at lines with boulders and terrain, and the cost of a given accuracy."""
+"""Convergence of results at lines with the number of boulders and the terrain, and the cost of a
+given accuracy."""
 
 from __future__ import annotations
 
@@ -29,35 +30,36 @@ BOULDERS = (100, 1000, 2000, 5000, 10_000)  # boulders per source, as in the pap
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
 QUANTITIES = ("speed", "passing_height", "energy_total")
 STATISTICS = ("mean", "std", "q95")
-#: Statistics of a line, beginning with the fraction of the boulders that cross it.
+#: Statistics of a line; the first is the fraction of boulders that cross it.
 NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
-ERRORS = (0.1, 0.01, 0.001)  # relative errors with an estimated cost
+ERRORS = (0.1, 0.01, 0.001)  # relative errors for which a cost is estimated
 
-PIECE = 100_000  # approximate number of boulders in memory at a time
-#: minimum and maximum number of blocks per size for measured errors
+PIECE = 100_000  # approximate boulders in memory
+#: Minimum and maximum number of blocks per size, for measured errors.
 MIN_BLOCKS, MAX_BLOCKS = 32, 1000
 MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source, in turns; each terrain gets a tenth
 MIN_CROSSED = 20  # mean number of boulders past the line in a block, and above q95
-PAIRS = 50  # number of blocks whose changes give the standard error of a change
-AS_GIVEN = "as given"  # name of the case's own terrain among its variants
-SIZE = 10_000  # reference number of boulders for errors and seconds
+PAIRS = 50  # number of blocks that give the standard error of a change
+AS_GIVEN = "as given"  # name of the unchanged terrain among its variants
+SIZE = 10_000  # number of boulders to which errors and times refer
 
 
 @dataclass
 class Convergence:
-    """Measured convergence; each table has columns line, quantity, statistic (fraction of
-    boulders).
+    """Measured convergence. Each table has the columns line, quantity and statistic (or fraction,
+    for boulders).
 
-    - study: boulders from each source; value; low, high of its 95 % interval (the maximum has
-      none); change from the previous row, with fewer boulders.
-    - error: boulders over all sources, their cpu_seconds, relative error (root mean square over
-      this number of blocks).
-    - cost: slope of log error over log boulders and its standard error; relative error of 10,000
-      boulders (one standard deviation); CPU seconds for 10, 1 and 0.1 %; boulders over all sources
-      for half a 95 % interval of 5, 2 and 1 %, the numbers that `--until` and reports promise too.
-    - numerical: variant of the terrain; relative change and its standard error; statistical_error
-      of 10,000 boulders, from cost; CPU seconds of 10,000 boulders.
+    - study: boulders from each source; value; low and high, its 95 % interval (none for the
+      maximum); change from the previous row, which has fewer boulders.
+    - error: boulders over all sources; cpu_seconds; relative error (root mean square over blocks);
+      number of blocks.
+    - cost: slope of the log error against the log number of boulders, with its standard error;
+      relative error for 10,000 boulders (one standard deviation); CPU seconds for errors of 10, 1
+      and 0.1 %; boulders over all sources for half-widths of 5, 2 and 1 % of the 95 % interval, as
+      in `--until` and reports.
+    - numerical: terrain variant; relative change with its standard error; statistical_error for
+      10,000 boulders, from cost; CPU seconds for 10,000 boulders.
     """
 
     name: str
@@ -66,11 +68,11 @@ class Convergence:
     cost: pd.DataFrame
     numerical: pd.DataFrame
     sources: int
-    reference: int  # boulders in blocks for the errors; equal numbers per block
+    reference: int  # boulders in equal blocks for the errors
     paired: int  # boulders on each terrain
     seconds: float  # CPU seconds per boulder
-    refused: dict[str, str]  # variant of the terrain -> reason for refusal
-    model_warnings: tuple[str, ...]  # warnings for the boulders of the study
+    refused: dict[str, str]  # terrain variant -> reason for refusal
+    model_warnings: tuple[str, ...]  # from the boulders of the study
 
 
 def converge(
@@ -80,14 +82,14 @@ def converge(
     *,
     progress: bool = False,
 ) -> Convergence:
-    """Measure the convergence of the numbers at the lines of a case, as in `Convergence`.
+    """Measure how results at the lines of a case converge; see `Convergence`.
 
-    The study simulates the first boulders of the case itself (as Bourrier et al. 2009 do for their
-    site; by default a million in all, in equal numbers from each source). Statistical errors are
-    measured on blocks out of `reference` boulders from each source (default: a million in all),
-    against an equal number of other boulders with other seeds. Numerical errors are changes of the
-    numbers for a tenth of the boulders, the same on each terrain. Memory is needed only for values
-    at the lines, 24 bytes per line and boulder.
+    The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
+    by default a million in total, equally from all sources. Statistical errors are measured on
+    blocks of `reference` boulders from each source (default: a million in total), relative to as
+    many boulders with other seeds. Numerical errors are changes of the results for a tenth of the
+    boulders, the same boulders on each terrain. Only values at the lines need memory: 24 bytes per
+    line and boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -133,14 +135,14 @@ def converge(
 
 
 def _sizes(sources: int) -> list[int]:
-    """Boulder numbers from BOULDERS, or proportionally fewer if there are many sources."""
+    """Numbers of boulders from BOULDERS, proportionally reduced if there are many sources."""
     most = min(BOULDERS[-1], max(2, REFERENCE // sources))
     return [max(2, size * most // BOULDERS[-1]) for size in BOULDERS]
 
 
 def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
-    """Statistics of the first boulders of each source, with their intervals."""
-    number = (result["boulder"].values - 1) % sizes[-1]  # number of each boulder at its source
+    """Statistics of the first boulders from each source, with intervals."""
+    number = (result["boulder"].values - 1) % sizes[-1]  # number of each boulder within its source
     rows = []
     for size in sizes:
         part = result.isel(boulder=number < size)
@@ -157,13 +159,14 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
 
 
 def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
-    """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds per
-    boulder. Boulders are simulated in pieces with successive seeds; the sources take turns."""
+    """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds
+    per boulder. Boulders are simulated in pieces with successive seeds, from the sources in
+    turn."""
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:
         values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * sources))
-    except (MemoryError, ValueError) as error:  # NumPy: ValueError for excessive sizes
+    except (MemoryError, ValueError) as error:  # NumPy raises ValueError for excessive sizes
         raise RockfallError(
             f"reference: {boulders * sources} boulders do not fit in memory"
         ) from error
@@ -185,7 +188,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Statistics (lines, numbers, blocks) of the boulders in blocks; NaN where none crossed."""
+    """Statistics (lines, numbers, blocks) of boulders in blocks; NaN if none crossed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
         fraction = np.isfinite(values[:, :1]).mean(axis=3)
@@ -201,7 +204,7 @@ def _numbers(values: np.ndarray) -> np.ndarray:
 
 
 def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
-    """Boulders (last dimension) in blocks of `size`, at most `limit` blocks."""
+    """Values split into at most `limit` blocks of `size` boulders (last dimension)."""
     blocks = min(limit, values.shape[2] // size)
     return values[:, :, : blocks * size].reshape(*values.shape[:2], blocks, size)
 
@@ -209,11 +212,12 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """Errors of blocks with 100, 200, 500, ... boulders; `truth` is (lines, numbers)."""
+    """Errors of blocks with 100, 200, 500, ... boulders; `truth` has reference values (lines,
+    numbers)."""
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:
-        size = -(-step // sources) * sources  # all sources contribute the same number
+        size = -(-step // sources) * sources  # equal numbers from all sources
         if size * MIN_BLOCKS > values.shape[2]:
             break
         errors = _numbers(_in_blocks(values, size, MAX_BLOCKS))
@@ -230,8 +234,8 @@ def _errors(
 
 
 def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> pd.DataFrame:
-    """Slopes of the errors, and the CPU time and boulders for a given error, from error = c /
-    sqrt(n); `passed` is the fraction that crosses each line."""
+    """Slopes of the errors, and CPU time and boulders for a given error, from error = c / sqrt(n);
+    `passed` is the fraction that crosses each line."""
     rows = []
     groups = dict(list(error[error["error"] > 0].groupby(KEYS)))
     keys = ((line, *number) for line in error["line"].unique() for number in NUMBERS)
@@ -256,8 +260,8 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Covariance of the logarithms of root-mean-square errors over blocks with normal errors:
-    variance 1 / (2 blocks), multiplied for two sizes by the fraction of boulders that their blocks
-    have in common."""
+    variance 1 / (2 blocks), and for two sizes this value times the fraction of boulders common to
+    their blocks."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
     return shared / (2 * np.multiply.outer(blocks, blocks))
@@ -266,7 +270,7 @@ def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 def _terrains(
     study: Study, scene: Scene, boulders: int, cost: pd.DataFrame
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Change of each statistic for each terrain variant, and the refused variants."""
+    """Change of each statistic on each terrain variant, and the refused variants."""
     name, other = other_digits(scene)
     others = {name: other} | {f"cells x{k}": larger_cells(scene, k) for k in (2, 4)}
     seed = scene.case.case["seed"]
@@ -298,14 +302,14 @@ def _terrains(
     return pd.DataFrame(rows, columns=columns), refused
 
 
-# ---- variants of the terrain
+# ---- Terrain variants
 
 
 def other_digits(scene: Scene) -> tuple[str, Scene]:
-    """Name of the other floating-point precision, and the scene with elevations converted to it.
+    """Scene with elevations in the other floating-point precision, and the name of this precision.
 
-    float64 elevations are rounded. float32 elevations get random digits below their resolution, up
-    to half of their last binary digit.
+    float64 elevations are rounded; float32 elevations get random digits below their resolution, up
+    to half of the last binary digit.
     """
     z = scene.rasters.z
     if z.dtype == np.float64:
@@ -317,15 +321,15 @@ def other_digits(scene: Scene) -> tuple[str, Scene]:
 def larger_cells(scene: Scene, factor: int) -> Scene:
     """Scene with cells whose side is `factor` times as long, from the north-western corner.
 
-    Elevations are means of known elevations, zones are the most frequent (the first in the table if
-    tied), and raster sizes are medians.
+    Each larger cell gets the mean of the known elevations, the most frequent zone (the first in
+    the table if tied), and the median of raster sizes.
     """
     cells = scene.rasters
     z = _merged(cells.z, factor, np.nan)
     ny, nx, _ = z.shape
     grid = replace(scene.grid, cell=factor * scene.grid.cell, nx=nx, ny=ny)
     with warnings.catch_warnings():
-        # raised where all cells are nodata
+        # for larger cells in which all cells are nodata
         warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN slice")
         z = np.nanmean(z, axis=2, dtype="f8").astype(cells.z.dtype)
         values = cells.values
@@ -338,7 +342,7 @@ def larger_cells(scene: Scene, factor: int) -> Scene:
 
 
 def _merged(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
-    """Cells merged into each larger cell, (ny, nx, cells)."""
+    """Cells that each larger cell contains, (ny, nx, cells)."""
     beyond = [(0, -size % factor) for size in raster.shape]
     padded = np.pad(raster, beyond, constant_values=fill)
     ny, nx = (size // factor for size in padded.shape)
@@ -347,7 +351,7 @@ def _merged(raster: np.ndarray, factor: int, fill: float) -> np.ndarray:
 
 
 def _most_frequent(zone: np.ndarray) -> np.ndarray:
-    """Most frequent zone above 0 (0 without a zone): (ny, nx) from (ny, nx, cells)."""
+    """Most frequent zone (0 if none): (ny, nx) from (ny, nx, cells)."""
     best, highest = np.zeros(zone.shape[:2], zone.dtype), np.zeros(zone.shape[:2], int)
     for number in np.unique(zone[zone > 0]):
         count = np.count_nonzero(zone == number, axis=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the differences between variants of a case, and the files of a comparison."""
+"""Maps of differences between variants of a case, and files of a comparison."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.studies.variants import check_variants
 
-OF_A_CELL = 1e-6  # tolerance of cell positions
+OF_A_CELL = 1e-6  # tolerance of cell positions, in cells
 MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|q\d+)")
 
 
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Maps of the difference between each variant and the first, by name: the fraction of boulders
-    that pass a cell, its verdict (-1 less, 1 more, 0 undecided), and the common maps of energy,
-    speed and height, where boulders pass in both.
+    """Maps of the differences between each variant and the first, by name: the fraction of
+    boulders that pass a cell, a verdict (-1 less, 1 more, 0 undecided), and the common maps of
+    energy, speed and height where boulders pass in both variants.
 
     Results do not record which boulders pass a cell, so the fractions are treated as independent.
-    With common random numbers the intervals are then too wide: the verdict of a cell may be
-    undecided although a line shows a difference, never the reverse.
+    With common random numbers the intervals are then too wide: a cell may be undecided where a
+    line shows a difference, but not the reverse.
     """
     check_variants(results)
     if not have_passages(results):
@@ -73,7 +73,7 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
 
 
 def have_passages(results: Mapping[str, xr.Dataset]) -> bool:
-    """Return True if all variants have the map needed for difference maps."""
+    """Return True if all variants have the map that difference maps require."""
     return all("passages" in result for result in results.values())
 
 
@@ -84,14 +84,14 @@ def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
 
 
 def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
-    """Return True if the maps of two results share one grid."""
+    """Return True if the maps of two results have the same grid."""
     ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
     steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
     return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL
 
 
 def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
-    """Refuse maps with other cells."""
+    """Refuse maps with different cells."""
     if not _same_cells(first, other):
         ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
         raise RockfallError(
@@ -101,7 +101,7 @@ def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
 
 
 def _fractions(counts: np.ndarray, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fractions of the boulders that pass cells, and their limits."""
+    """Fractions of boulders that pass cells, with limits."""
     boulders = simulated(result)
     starts = (result[f"start_{axis}"].values for axis in "xy")
     per_cluster = boulders_per_cluster(case_of(result), *starts)
@@ -115,8 +115,8 @@ def write_variants(
     folder: str | Path,
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write the table as differences.csv, and maps as GeoTIFF, to a folder: all files or, with a
-    RockfallError, none. `inputs` are files that must not be overwritten."""
+    """Write the table as differences.csv, and the maps as GeoTIFF, to a folder: all files or, with
+    a RockfallError, none. `inputs` are files that must not be overwritten."""
     folder = Path(folder)
     with atomic_folder(folder, inputs) as part:
         write_csv(table, part / "differences.csv")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case: the hazard of each variant, and their differences, from the same runs of the
+"""Dossier of a case: the hazard of each variant and their differences, from the same runs of the
 scenarios with common random numbers."""
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, ye
 
 
 class Second(NamedTuple):
-    """Hazard from a second model, with the name of the model."""
+    """Hazard from a second model, and the name of the model."""
 
     model: str
     hazard: xr.Dataset
@@ -40,10 +40,10 @@ class Second(NamedTuple):
 
 @dataclass(frozen=True)
 class Dossier:
-    """Hazards by variant, "" for a case without variants; frequencies at lines and objects as the
-    table of `rockfall.yearly_variants`; the return period [year] of its answers; model warnings of
-    its runs; the hazard of the first variant from another model that suits its ground; and costs
-    given for variants."""
+    """Hazards by variant ("" for a case without variants); frequencies at lines and objects, as in
+    the table of `rockfall.yearly_variants`; return period [year] of the answers; model warnings of
+    the runs; hazard of the first variant from another model that suits its ground; and costs of
+    variants."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
@@ -60,8 +60,8 @@ class Dossier:
 
 @dataclass(frozen=True)
 class DossierInputs:
-    """Checked inputs of a dossier: the hazard of each variant, likely mistakes, and the first
-    variant's inputs for a second model, with the name of the model."""
+    """Checked inputs of a dossier: hazard inputs of each variant, likely mistakes, and the first
+    variant's inputs for a second model, with the model name."""
 
     case: Case
     studies: Mapping[str, HazardInputs]
@@ -70,7 +70,7 @@ class DossierInputs:
 
     @property
     def runs(self) -> list[str]:
-        """Names of the runs: for each scenario of each variant, then for the second model."""
+        """Names of the runs: each scenario of each variant, then those of the second model."""
         of_variants = [
             _run_name(name, scenario.name)
             for name, study in self.studies.items()
@@ -80,7 +80,7 @@ class DossierInputs:
 
     @property
     def second_runs(self) -> list[str]:
-        """Names of the runs with the second model; none without it."""
+        """Names of the runs with the second model; none without a second model."""
         scenarios = self.second[1].scenarios if self.second else []
         return [run_name("", scenario.name) for scenario in scenarios]
 
@@ -95,8 +95,8 @@ def read_dossier(
 ) -> DossierInputs:
     """Read and check all inputs of a dossier before any run; arguments are as in
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
-    base_case(case)  # an error without scenarios
-    arrays = {"stages": KeptStages()} | arrays  # inputs shared by the variants are read once
+    base_case(case)  # raises an error without scenarios
+    arrays = {"stages": KeptStages()} | arrays  # inputs that variants share are read once
     check_all_kept(case, "a dossier needs")
     cases = variants(case) or {"": case}
     remarks = list(check_variant_scenes(case, **arrays)) if len(cases) > 1 else []
@@ -121,7 +121,8 @@ def read_dossier(
 
 
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
-    """Inputs of a hazard with a second model, if the ground allows it and rasters are in memory."""
+    """Inputs of a hazard with a second model, if the ground allows it and the rasters are in
+    memory."""
     model = second_model(study.scene) if study.scene.rasters.z.size else None
     if model is None:
         return None
@@ -175,8 +176,8 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
-    """Energies and heights of all boulders at objects with a width, by name. The name includes the
-    layer if a line has the same name, and a number if another object has it."""
+    """Energies and heights of all boulders at objects with a width, by name. The layer is added to
+    a name that a line has, and a number to a repeated name."""
     at_objects: dict[str, np.ndarray] = {}
     for number, hits in object_hits(study.objects, result):
         name = study.objects.names[number]

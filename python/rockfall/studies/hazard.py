@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard study: each scenario of a case is run once, and results are combined by frequency."""
+"""Hazard study: each scenario of a case runs once, and the results are combined by frequency."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ def hazard(
     memory: float | None = None,
     **arrays: Any,
 ) -> xr.Dataset:
-    """Run each &scenario of a case and combine the results: an xarray.Dataset of annual frequencies
-    and hazard classes, with 95 % intervals, for each cell and each of the `objects`, and of risk if
-    they have exposure. `objects` are a layer of points, lines and polygons, a GeoDataFrame, or a
-    list of these; `objects_layer` is the layer name in a file with several layers, or a list of
-    names; `vulnerability` is a table of curves for the objects. The lines of another layer, roads,
-    are cut into `segments` of `segment_length` [m], each with its own frequencies; without a length
-    each line is a segment. `results` are results of scenarios run elsewhere. docs/hazard.md has the
-    details; the other arguments are as in `rockfall.run`.
+    """Run each &scenario of a case and combine the results: an xarray.Dataset of annual
+    frequencies and hazard classes with 95 % intervals, for each cell and each object, and of the
+    risk if objects have exposure. `objects` is a layer of points, lines and polygons, a
+    GeoDataFrame, or a list of these; `objects_layer` is the layer name (or a list of names) in
+    files with several layers; `vulnerability` is a table of curves for the objects. `segments` is
+    a layer of roads, cut into pieces of `segment_length` [m] with separate frequencies; without a
+    length, each line is a segment. `results` are results of scenarios that ran elsewhere. Other
+    arguments are as in `rockfall.run`; for details see docs/hazard.md.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -116,7 +116,7 @@ def read_study(
     segments = roads_of(given, scene, remarks)
     own = scene.case.line if case.output["kept"] == "all" else []
     read = {"barrier": scene.case.barrier, "dam": scene.case.dam} | ({"line": own} if own else {})
-    case = case.replace(**read)  # because the layers have been read
+    case = case.replace(**read)  # layers become part of the case
     scene = scene.replace(remarks=(*scene.remarks, *scenario_remarks(scene)))
     lines = [*found_objects.lines, *segments.lines]
     scenarios = scenarios_of(scene, [*lines, *own])
@@ -151,7 +151,8 @@ def run_study(
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios in turn; each resumes from its checkpoint, or is read from its result."""
+    """Run the scenarios in turn; each resumes from its checkpoint, or is read from its result
+    file."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
@@ -170,7 +171,7 @@ def run_study(
 
 
 def _read_scenario(study: HazardInputs, scenario: Scenario, path: str | Path) -> xr.Dataset:
-    """Result of a scenario run elsewhere: complete, with the same inputs."""
+    """Result of a scenario that ran elsewhere; it must be complete and have the same inputs."""
     result = read_result(path)
     text = f"{path}: scenario '{scenario.name}'"
     own = case_of(result)

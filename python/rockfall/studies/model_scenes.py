@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes of a case for every rebound model, which differ only in their grounds."""
+"""Scenes of a case for each rebound model; only their grounds differ."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.scene.surface import radius_over_rg
 
-#: Obstacle size [m] between the soil types 3 and 4 of Rockyfor3D, scree and talus.
+#: Obstacle size [m] that separates the soil types 3 (scree) and 4 (talus) of Rockyfor3D.
 LARGE = 0.1
-#: Shipped grounds for rocks below and above that size, by model.
+#: Included grounds for rocks below and above this size, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
     "constant": ("constant_talus", "rock_ledge"),
     "bourrier_hungr": ("bourrier_hungr", "bourrier_hungr"),
 }
-#: Keys used only by tables of impacts.
+#: Keys that only impact tables use.
 OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_sigma")
-#: Obstacle size [m] that stops every boulder in Rockyfor3D, but not with impact sets.
+#: Obstacle size [m] that stops all boulders in Rockyfor3D, but not with impact sets.
 STOPPING = 100.0
-SECOND = "talus"  # table of impacts that replaces impact sets
-BY_SETS = "impact sets, method "  # prefix of a model name, before the method
+SECOND = "talus"  # impact table that replaces impact sets
+BY_SETS = "impact sets, method "  # start of a model name, before the method
 AS_GIVEN = "grounds of the case"
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by model name, beginning with the case's own; `notes` collects remarks."""
+    """Scenes by model name, the unchanged scene first; remarks are added to `notes`."""
     as_given = read_scene(case)
     own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))
@@ -95,9 +95,9 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes of a case with these impact tables instead of the grounds that `variants` varies,
-    except its own table. The default is all shipped tables with known rock sizes. `own` is the
-    scene of the case; `notes` collects remarks."""
+    """Scenes of a case in which each of these impact tables replaces the grounds that `variants`
+    varies, except the case's own table. By default, all included tables with known rock sizes are
+    used. `own` is the scene of the case; remarks are added to `notes`."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface
@@ -126,9 +126,9 @@ def by_tables(
 
 
 def second_model(own: Scene) -> tuple[str, Scene] | None:
-    """Name and scene of another model for the ground of a scene. Impact sets replace its tables and
-    classical grounds, if rocks have a suitable size; otherwise the table `talus` replaces its
-    impact sets. None if neither is possible."""
+    """Name and scene of another model for the ground of a scene. Impact sets replace tables and
+    classical grounds if rocks have a suitable size; else the table `talus` replaces the impact
+    sets. None if neither is possible."""
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
@@ -145,7 +145,8 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds of an option that lack rock sizes; an error if all terrain lacks them."""
+    """Remark on grounds without rock sizes in an option; raises an error if no ground has rock
+    sizes."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -156,8 +157,8 @@ def _unsized_notes(
 
 
 def named_notes(own: Scene) -> Iterator[str]:
-    """Remark on the part of the terrain where all models have the same ground, or on the varied
-    grounds if every place has a named ground."""
+    """Remark on the part of the terrain where all models have the same ground or, if every place
+    has a named ground, on the grounds that vary."""
     own = _with_named_apart(own)
     if not (share := _own_share(own)):
         part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
@@ -173,15 +174,16 @@ def _kept_models(own: Scene) -> set[str]:
 
 
 def _varied(own: Scene) -> set[str]:
-    """Names of the grounds that models replace: the default ground, or, if every place has a named
-    ground, all except absorbing grounds."""
+    """Names of the grounds that models replace: the default ground or, if every place has a named
+    ground, all grounds that do not absorb boulders."""
     if _own_share(own):
         return {usual_name(own.case)}
     return {ground.name for ground in own.grounds if ground.model != ABSORBS}
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """Unchanged case, and the case's sets with each method that has sizes."""
+    """Scenes of the unchanged case, and of its impact sets with each method for which sizes are
+    known."""
     if "ground" in case.surface:
         yield usual_name(case), own
     elif case.impact["form"] == "table":
@@ -196,14 +198,14 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
             scene = read_scene(
                 case.replace(impact={"form": "matrix"}, surface=surface, boulder=unused)
             )
-        except RockfallError:  # no sizes for this method
+        except RockfallError:  # sizes for this method are missing
             continue
         yield f"{BY_SETS}{way}", scene
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scene with its impact sets instead of grounds, wherever its rocks have a suitable size.
-    Obstacles that stop every boulder, and smooth ground, keep their grounds."""
+    """Scene with impact sets instead of grounds wherever rocks have a suitable size. Obstacles
+    that stop all boulders, and smooth ground, keep their grounds."""
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)
@@ -221,8 +223,8 @@ def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[
 
 
 def _with_named_apart(scene: Scene) -> Scene:
-    """Scene in which zones with the case's ground by name get a renamed copy, which stays unchanged
-    when models vary the case's ground."""
+    """Scene in which zones that name the case's ground get a renamed copy of it, which stays
+    unchanged when models vary the case's ground."""
     usual = named_ground(scene.case)
     own, zones = str(usual), case_zones(scene.case).values()
     named = np.array([zone.ground and str(zone.ground_in(usual)) == own for zone in zones], bool)
@@ -236,26 +238,26 @@ def _with_named_apart(scene: Scene) -> Scene:
 
 
 def _own_share(scene: Scene) -> float:
-    """Fraction of the terrain without a zone or cell ground [-]."""
+    """Fraction of the terrain where neither a zone nor a cell sets the ground [-]."""
     return float(_on_grounds(scene, {usual_name(scene.case)})[~np.isnan(scene.rasters.z)].mean())
 
 
 def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
-    """Fraction of these grounds without rock sizes [-]."""
+    """Fraction of the terrain with these grounds that lacks rock sizes [-]."""
     unsized = _test_sizes(scene.rasters, lambda sizes: sizes[0] == 0)
     here = _on_grounds(scene, varied)
     return float(np.broadcast_to(unsized, here.shape)[here].mean()) if here.any() else 0.0
 
 
 def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
-    """Mask of the terrain cells with one of these grounds."""
+    """Mask of terrain cells with these grounds."""
     grounds = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
     listed = np.array([False, *(name in names for name in grounds)])
     return listed[_grounds_of(scene.rasters)] & ~np.isnan(scene.rasters.z)
 
 
 def _grounds_of(cells: Rasters) -> np.ndarray:
-    """Ground number of each cell, counted from 1; a single number if all are equal."""
+    """Ground number of each cell, from 1; a single number if all are equal."""
     if cells.cell_ground is not None:
         return cells.cell_ground
     if cells.material_ground is None:
@@ -264,7 +266,7 @@ def _grounds_of(cells: Rasters) -> np.ndarray:
 
 
 def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Apply a test to the rock sizes (columns, ...) of each cell, or to a uniform size."""
+    """Apply a test to rock sizes (columns, ...), by cell or uniform."""
     if cells.values is not None:
         return test(cells.values)
     return np.append(False, test(cells.sizes.T))[1 if cells.zone is None else cells.zone]
@@ -273,7 +275,7 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene with these grounds for small and large rocks, in place of the named grounds."""
+    """Scene in which grounds for small and large rocks replace the `varied` grounds."""
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]
@@ -300,11 +302,12 @@ def with_rocks(
 
 
 def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Ground numbers with zeros replaced by the other numbers."""
+    """Ground numbers in which other numbers replace zeros."""
     return np.where(numbers, numbers, others).astype(np.int8)
 
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Choice between two grounds by rock size; obstacle heights are diameters, as in Rockyfor3D."""
+    """Choose between two grounds by rock size; obstacle heights count as diameters, as in
+    Rockyfor3D."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case with every rebound model and common random numbers: boulders, places and random
-words are equal, so only the models differ."""
+"""Runs of a case with each rebound model and common random numbers: boulders, release points and
+random numbers are equal, so that only the models differ."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
-TEXTS = COLUMNS[:4]  # text columns; the others are numbers
+TEXTS = COLUMNS[:4]  # text columns; the others are numeric
 
 
 @dataclass(frozen=True)
 class Models:
     """Results of a case by each model, in SI units.
 
-    `low` and `high` are the limits of 95 % confidence intervals. `difference` is the difference
-    from the first model, boulder by boulder, so its interval excludes common chance.
+    `low` and `high` are limits of 95 % confidence intervals. `difference` is the difference from
+    the first model, computed boulder by boulder, so its interval excludes common random variation.
     """
 
     title: str
     boulders: int
     names: tuple[str, ...]  # model names
-    table: pd.DataFrame  # table with COLUMNS; the run-out has no line
+    table: pd.DataFrame  # table with COLUMNS; `line` is "" for the run-out
     notes: tuple[str, ...]
-    case: xr.Dataset  # first result without boulders, for its attributes and CRS
-    warnings: tuple[str, ...] = ()  # model warnings without repeats
+    case: xr.Dataset  # first result without boulders, for attributes and CRS
+    warnings: tuple[str, ...] = ()  # model warnings without duplicates
 
 
 def run_models(
@@ -66,15 +66,15 @@ def run_models(
     progress: bool = False,
     tables: Sequence[str] = (),
 ) -> Models:
-    """Run a case with its impact sets by methods A and B, if their sizes are known, and with each
-    classical model or the given `grounds` (rows of its table, impact sets); and with these `tables`
-    of impacts.
+    """Run a case with its impact sets by methods A and B, if the sizes are known; with each
+    classical model, or the given `grounds` (rows of the ground table, impact sets); and with these
+    impact `tables`.
 
-    Ground that the case assigns to zones or cells by name is the same for all models. Models differ
-    where its own impact sets or table, or its `&surface ground`, apply. There classical models use
-    the shipped grounds in `ROCKS` for rocks of that size. If no rocks have a size there, both
-    grounds are run; models that need a size are omitted, or refused among `grounds`. If every place
-    has a named ground, all except absorbing grounds vary.
+    Ground that the case assigns to zones or cells by name is the same for all models. Models
+    differ where the case's impact sets or table, or `&surface ground`, apply. There classical
+    models use the included grounds in `ROCKS`, selected by rock size. Without rock sizes, both
+    grounds are run; models that need a size are omitted, or refused if they are among `grounds`.
+    If every place has a named ground, all grounds except absorbing ones vary.
     """
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
@@ -104,7 +104,7 @@ def run_models(
 
 
 def write_models(models: Models, path: str | Path) -> None:
-    """Write models as netCDF, with their case, for a report."""
+    """Write models as netCDF with their case, for use in a report."""
     columns: dict[str, tuple] = {
         name: ("row", models.table[name].to_numpy(object if name in TEXTS else float), {})
         for name in COLUMNS
@@ -128,7 +128,7 @@ def read_models(path: str | Path) -> Models:
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
     names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
     notes = tuple(filter(None, notes))
-    # older files have no messages
+    # older files lack messages
     data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(notes)
     notes = tuple(unpacked(note, text) for note, text in zip(data, notes, strict=True))
     boulders = int(dataset.attrs["model_boulders"])
@@ -137,7 +137,7 @@ def read_models(path: str | Path) -> Models:
 
 
 def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Statistics of a result, and their differences from the first result."""
+    """Statistics of a result, with differences from the first result."""
     source = sources(result)
     for k, line in enumerate(line_names(result)):
         crossed, before = (has_crossed(run, k) for run in (result, first))
@@ -164,5 +164,5 @@ def _row(
     apart: Difference | tuple[()] = (),
 ) -> dict[str, Any]:
     values = [line, quantity, statistic, numbers["n"], *limited(numbers, statistic), *apart]
-    # missing values: quantiles have no difference
+    # quantiles have no difference
     return dict(zip(COLUMNS[1:], values, strict=False))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that end when the confidence intervals at the lines reach a requested width.
+"""Runs that end once the confidence intervals at the lines reach a requested width.
 
-Unlike a study of several scenes (`rockfall.studies.study`), this is a single run that continues
-with more boulders until it meets the rules.
+Unlike a study of several scenes (`rockfall.studies.study`), this is a single run that adds
+boulders until it meets the rules.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Contents, Held
 
-FIRST = 1000  # number of boulders in the first stage, over all sources
-CAP = 1_000_000  # limit without a given cap, over all sources
+FIRST = 1000  # boulders over all sources in the first stage
+CAP = 1_000_000  # default limit, over all sources
 
-# Minimum and maximum growth per stage, and the growth below which one stage suffices.
+# Minimum and maximum growth in a stage, and the growth that is small enough for a last stage.
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
-#: fraction of the required boulders to run: for a distant target, for a near target
+#: Fraction of the required boulders to run, for a distant and for a near target.
 SHORT, MARGIN = 0.8, 1.02
-USELESS = 0.3  # boulder error over the limit, below which more boulders do not help
+USELESS = 0.3  # boulder error relative to the limit; below it, more boulders do not help
 
 LEVELS = {quantile_name(level): level for level in QUANTILES}
 STATISTICS = ("mean", "std", *LEVELS)
@@ -56,20 +56,22 @@ FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
-    """Criterion: the half-width of a 95 % interval must be below a fraction of the statistic."""
+    """Criterion: the half-width of a 95 % interval, relative to the statistic, must be below a
+    limit."""
 
     text: str
-    line: int  # line index, from 0
+    line: int  # line index
     quantity: str
     statistic: str
     limit: float
 
 
 class Verdict(NamedTuple):
-    """Verdict of a result on a rule.
+    """Verdict on a rule for a result.
 
-    `width` is the half-width over the statistic, NaN without an interval. `need` is the required
-    number of boulders from each source: NaN if too few cross the line, inf if no number suffices.
+    `width` is the half-width relative to the statistic, NaN without an interval. `need` is the
+    number of boulders required from each source: NaN if too few cross the line, inf if no number
+    suffices.
     """
 
     rule: Rule
@@ -93,12 +95,12 @@ class Verdict(NamedTuple):
 def run_until(
     case: Case, rules: str, cap: int | None = None, *, progress: bool = False, **arrays: Any
 ) -> xr.Dataset:
-    """Run a case with the number of boulders per source that `rules` require, at most `cap`.
+    """Run a case with as many boulders per source as `rules` require, at most `cap`.
 
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
-    result equals `run` with the final number of boulders, which replaces the case's own; its
-    attribute `until` has the rules, and `until_met` is 1 if all are met, else 0. Without a `cap`
-    the limit is a million boulders over all sources.
+    result equals `run` with the final number of boulders instead of the case's number. Its
+    attribute `until` contains the rules, and `until_met` is 1 if all are met, else 0. Without a
+    `cap`, the limit is a million boulders over all sources.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -112,17 +114,18 @@ def run_until(
 
 
 def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any) -> xr.Dataset:
-    """Run a scene that has been read; see `run_until`, and `simulate_until` for the arguments."""
+    """Run a scene that has been read; see `run_until`, and for the arguments `simulate_until`."""
     return simulate_until(scene, rules, cap, **how).dataset()
 
 
 def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
 ) -> Contents:
-    """Run until the rules are met; see `run_until`. Scene rasters that need not be kept are freed.
+    """Run until the rules are met; see `run_until`. Unless `keep`, the rasters of the scene are
+    freed.
 
-    With one source each stage continues the previous stage. With several sources each stage starts
-    again, because the source of a boulder follows from its number.
+    With a single source each stage continues the previous stage. With several sources each stage
+    restarts, because the source of a boulder depends on its number and the total.
     """
     refuse_by_area(scene.case, scene, "--until")
     criteria = read_rules(rules, [line["name"] for line in scene.case.lines])
@@ -155,7 +158,7 @@ def simulate_until(
 
 
 def _next_tally(scene: Scene, last: Tally | None) -> Tally:
-    """Tally for the next stage; with one source it continues the last stage."""
+    """Tally for the next stage; with a single source it continues the last stage."""
     if last is None or scene.x.size > 1 or tells_sources(scene.case):
         tally = start(scene, scene.case.case["threads"])
         if last is not None:
@@ -167,11 +170,8 @@ def _next_tally(scene: Scene, last: Tally | None) -> Tally:
 
 
 def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
-    """Boulders from each source in the stage after `n`; `n` itself after the last stage.
-
-    A distant target is approached from below in several stages, because the width behind it is an
-    estimate, and boulders cannot be removed.
-    """
+    """Boulders from each source in the stage after `n`; `n` itself if no further stage is
+    needed."""
     needs = [verdict.need for verdict in verdicts if not verdict.met and not np.isinf(verdict.need)]
     if not needs:
         return n
@@ -194,8 +194,8 @@ def evaluate(rules: list[Rule], result: Held) -> list[Verdict]:
 
 
 def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
-    """Verdict on a rule; the required boulders follow from the width. If the sources are sampled,
-    the part due to their differences does not decrease with more boulders."""
+    """Verdict on a rule; the width gives the number of required boulders. For sampled sources, the
+    contribution of differences between sources does not decrease with more boulders."""
     n = line_samples.boulders / max(line_samples.sources, 1)
     sample = line_samples.sample(rule.line, rule.quantity)
     row = numbers(sample, rule.quantity)
@@ -220,8 +220,8 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
-    """Expected relative half-width of an interval. For quantiles it excludes the random part of the
-    width, which would make runs a third too long."""
+    """Expected relative half-width of an interval. For quantiles, the random part of the width is
+    excluded; it would make runs a third too long."""
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width
@@ -231,7 +231,7 @@ def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) ->
 
 
 def read_rules(text: str, lines: list[str]) -> list[Rule]:
-    """Rules from text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are known names.
+    """Rules from a text such as 'speed.mean@EL1<2%, fraction@EL1<3%'; `lines` are the line names.
 
     Quantities and statistics are as in `rockfall.line_statistics`, except the maximum.
     """

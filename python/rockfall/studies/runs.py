@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case, and merged parts of a run, with model warnings."""
+"""Runs of a case, and merging of the parts of a run, with model warnings."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def run(
     (default: about a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders: a
     part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the completed
     boulders. Rasters that need more than half of `memory` [bytes] (default: the machine's memory)
-    are read in windows. Each likely mistake in the case, and each relevant limit of its model, is a
-    UserWarning; the attribute `model_warnings` lists the limits, one per line (parts have none).
+    are read in windows. Likely mistakes in the case, and relevant model limits, give UserWarnings;
+    the attribute `model_warnings` lists the limits, one per line (not for parts).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -52,10 +52,10 @@ def run(
 
 
 def merge(parts: Sequence[xr.Dataset | str | Path]) -> xr.Dataset:
-    """Merge the parts of a run (results, or their files) into one result, bitwise equal to the
+    """Merge the parts of a run (results, or their files) into a result, bit-identical to the
     undivided run except for times and threads.
 
-    A RockfallError reports parts from another run, and missing or duplicate boulders. Model
+    Raises a RockfallError for parts of another run, and for missing or duplicate boulders. Model
     warnings are as in `run`.
 
     >>> import rockfall

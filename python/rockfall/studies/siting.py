@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Siting of a barrier: the required energy and height at candidate alignments above a protected
-line. One run has all alignments as evaluation lines, so that they share boulders."""
+"""Siting of a barrier: required energy and height at candidate alignments above a protected line.
+A single run has all alignments as evaluation lines, so that they share boulders."""
 
 from __future__ import annotations
 
@@ -59,9 +59,8 @@ COLUMNS += ["fits", "fails", "choice", "unconfirmed"]
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of available barriers: height [m], EAD class, the fraction of arriving boulders that
-    may pass around the ends, and the braking distance to the protected line [m]. None means no
-    limit."""
+    """Limits of available barriers: height [m], EAD class, fraction of arriving boulders that may
+    pass around the ends, and braking distance to the protected line [m]. None means no limit."""
 
     height: float | None = None
     ead_class: int | None = None
@@ -74,15 +73,15 @@ class Siting:
     """Candidate alignments above a protected line, in SI units; intervals are 95 % confidence
     intervals.
 
-    `table` has COLUMNS, with a row for each alignment. For boulders that cross it: `energy_q95`
-    (total) and `height_q95` (of the centre, vertical), and E_d, height and EAD class that the
-    standard requires. For boulders that reach the protected line: `bypass`, the fraction that does
-    not cross the alignment before, and `remaining`, the fraction that still arrives with a barrier
-    of that height and class there. `cost` is for its length. `fits` is True within the limits;
-    `fails` lists limits that are exceeded or undecided, and unconfirmed assumptions. `choice` marks
-    the best alignment under these assumptions. `advice` is the resulting barrier, verified by a run
-    with it; None if no alignment is within the limits. With &scenario groups all numbers cover
-    their boulders, weighted by frequency.
+    `table` has COLUMNS, with a row for each alignment. From boulders that cross the alignment:
+    `energy_q95` (total), `height_q95` (of the centre, vertical), and the values of E_d, height and
+    EAD class that the standard requires. From boulders that reach the protected line: `bypass`,
+    the fraction that does not cross the alignment before, and `remaining`, the fraction that still
+    arrives with a barrier of this height and class. `cost` applies to the full length. `fits` is
+    True within the limits; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
+    `choice` marks the best alignment under these assumptions. `advice` is the resulting barrier,
+    verified by a run; None if no alignment is within the limits. With &scenario groups, the values
+    cover the boulders of all scenarios, weighted by frequency.
     """
 
     line: str
@@ -90,17 +89,17 @@ class Siting:
     come: int  # number of boulders that reach the protected line
     limits: Limits
     factors: Factors
-    priced: bool  # whether costs come from prices
+    priced: bool  # True if costs are from prices
     table: pd.DataFrame
     alignments: tuple[Alignment, ...]
     advice: Advice | None
-    #: runs with all alignments, or the best alignment, as evaluation lines
+    #: Runs with evaluation lines at all alignments, or at the best alignment.
     results: Mapping[str, xr.Dataset]
     notes: tuple[str, ...]
 
     @property
     def scenarios(self) -> list[str]:
-        """Scenarios that supplied the boulders, by frequency; none if &boulder was used."""
+        """Scenarios of the boulders, by frequency; none if &boulder was used."""
         return [name for name in self.results if name]
 
     @property
@@ -132,20 +131,20 @@ def site(
 ) -> Siting:
     """Compare alignments of a barrier above `line`, an evaluation line of a case.
 
-    Candidates are the line itself and copies of it, shifted every `every` metres up to the distance
-    `to`, perpendicular to the line on the side of the sources, or in a `direction` [degree from
-    north]; or the lines of a layer `candidates` (a file, or a GeoDataFrame). The case, or each of
-    its &scenario groups (with boulders weighted by frequency), is run with all candidates as
-    evaluation lines. If their boulders need more than half of `memory` [bytes] (default: the
-    machine's memory), several runs each have some candidates and the same boulders. `max_height`
-    [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the boulders that
-    may pass around its ends. Alignments closer to the line than the braking distance `space` [m]
-    are refused. `volume`, `factors`, `costs` and the conditions of the standard are as in
-    `rockfall.design`; other arguments `given` are arrays and layers as in `rockfall.run`.
+    Candidates are the line and copies of it, shifted by multiples of `every` [m] up to `to` [m],
+    perpendicular to the line towards the sources, or in a `direction` [degree from north].
+    Alternatively, they are the lines of a layer `candidates` (a file or GeoDataFrame). The case,
+    or each of its &scenario groups (with boulders weighted by frequency), is run with all
+    candidates as evaluation lines. If the boulders need more than half of `memory` [bytes]
+    (default: the machine's memory), the candidates are distributed over several runs with the same
+    boulders. `max_height` [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the
+    fraction of the boulders that may pass around its ends. Alignments closer to the line than the
+    braking distance `space` [m] are refused. `volume`, `factors`, `costs` and the conditions of
+    the standard are as in `rockfall.design`; `given` are arrays and layers as in `rockfall.run`.
 
     The resulting barrier is verified by a run with the same boulders, or by a run for each
-    &scenario. If more than `acceptable` boulders a year still arrive, by the upper limit of the 95
-    % interval, the next cheapest alignments are tried.
+    &scenario. If the upper limit of arriving boulders (95 % interval) exceeds `acceptable` per
+    year, the next cheapest alignments are tried.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -174,7 +173,7 @@ def site(
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = standard, case.boulder["density"], volume
     results: dict[str, xr.Dataset] = {}
-    held: list[Iterable[AtAlignment]] = []  # boulders of the completed runs with a batch
+    held: list[Iterable[AtAlignment]] = []  # boulders of the runs, by batch
 
     def numbers(key: tuple[int, str], result: xr.Dataset) -> list[dict[str, Any]]:
         k, name = key
@@ -287,8 +286,8 @@ def _capacity(ead_class: float) -> float | None:
 
 def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
     """Cost of an alignment over its length, with the cheapest barrier of at least the required
-    class and height; NaN if there is none. Without prices, cost is class energy x height x length
-    [kJ m2]."""
+    class and height; NaN if there is none. Without prices, the cost is class energy x height x
+    length [kJ m2]."""
     ead_class, high = row[f"ead_class{end}"], row[f"height_needed{end}"]
     if math.isnan(ead_class) or math.isnan(high):
         return math.nan
@@ -297,7 +296,7 @@ def _cost(row: Mapping[str, Any], end: str, prices: Costs | None) -> float:
 
 
 def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
-    """Verdict over the intervals of requirements; with an unknown upper limit it is undecided."""
+    """Verdict from the intervals of the requirements; undecided if an upper limit is unknown."""
     checks = {"height": ("height_needed", limits.height), "class": ("ead_class", limits.ead_class),
               "bypass": ("bypass", limits.bypass)}  # fmt: skip
     verdicts = {}
@@ -316,8 +315,8 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Verdict on an alignment with unconfirmed assumptions about its loads, for table and texts:
-    within the limits it is unproven, beyond a limit it stays refused."""
+    """Verdict on an alignment whose loads rest on unconfirmed assumptions, for tables and texts:
+    unproven within the limits, refused beyond a limit."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))
@@ -326,9 +325,9 @@ def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
 
 
 def choose(rows: list[dict[str, Any]]) -> None:
-    """Mark the cheapest alignment among those within the limits (or undecided, if none is), and
-    alignments without a significant difference. Overlapping intervals count as not significant,
-    although common boulders would allow more; this is conservative."""
+    """Mark the cheapest alignment within the limits (or, if there is none, the cheapest undecided
+    alignment), and those whose cost does not differ significantly. Overlapping intervals count as
+    not significant, which is conservative because of common boulders."""
     for row in rows:
         row["choice"] = ""
     open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]
@@ -338,7 +337,7 @@ def choose(rows: list[dict[str, Any]]) -> None:
     best = min(sure or open_ones, key=lambda row: (row["cost"], row["distance"]))
     highest = math.inf if math.isnan(best["cost_high"]) else best["cost_high"]
     for row in open_ones:
-        if not row["cost_low"] > highest:  # unknown limits decide nothing
+        if not row["cost_low"] > highest:  # unknown limits exclude nothing
             row["choice"] = NOT_DISTINGUISHED
     best["choice"] = BEST
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders at candidate alignments, from one run, or weighted from one run per scenario."""
+"""Boulders at candidate alignments, from a single run, or weighted from a run for each scenario."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ class Population(NamedTuple):
 
 class AtAlignment(NamedTuple):
     """Boulders of a run at an alignment: crossings, and masks (boulders,) of boulders that cross
-    it, that reach the protected line, and that reach the line without crossing the alignment."""
+    it, that reach the protected line, and that reach the line without crossing it."""
 
     came: Crossings
     crossed: np.ndarray
     comes: np.ndarray
     around: np.ndarray
-    source: Sources | Weighted  # sources of all boulders
+    source: Sources | Weighted  # of all boulders
 
 
 def sited_case(case: Case) -> Case:
-    """Case whose scene is shared by all runs of a siting."""
+    """Case for the scene that all runs of a siting share."""
     return base_case(case, ROWS_ONLY) if case.scenario else case.replace(output=ROWS_ONLY)
 
 
 def populations(scene: Scene) -> dict[str, Population]:
-    """Runs of a siting by scenario, with the scene's lines; one run named "" without scenarios."""
+    """Runs of a siting by scenario, with the scene's lines; without scenarios, a single run ""."""
     if not scene.case.scenario:
         return {"": Population(scene, 1.0)}
     return {
@@ -68,15 +68,15 @@ def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
 
 
 def _bytes(scene: Scene) -> int:
-    """Memory for the boulders at a line [bytes]. Boulders of scenarios are pooled, so results, and
-    copies of the boulders that cross, are in memory at once."""
+    """Memory for the boulders at a line [bytes]. The boulders of all scenarios are pooled, so
+    results and copies of the crossing boulders are in memory together."""
     scenarios = len(scene.case.scenario)
     return BYTES_AT_LINE * scene.boulders * (1 + 2 * scenarios)
 
 
 def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
-    """Boulders of several runs pooled by frequency [1/year]. Each represents its run's frequency
-    divided by the number released. A single run is unchanged."""
+    """Boulders of several runs, pooled by frequency [1/year]. A boulder represents the frequency
+    of its run divided by the number of boulders released. A single run is unchanged."""
     if len(each) == 1:
         return each[0]
     weights = [often / at.crossed.size for at, often in zip(each, yearly, strict=True)]
@@ -100,8 +100,8 @@ def pooled(each: Sequence[AtAlignment], yearly: Sequence[float]) -> AtAlignment:
 def in_batches(
     scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
 ) -> list[list[Alignment]]:
-    """Alignments in batches whose boulders, with the boulders at other lines, need at most half of
-    the memory [bytes]. Raises RockfallError if a single alignment needs more."""
+    """Split alignments into batches whose boulders, including those at other lines, need at most
+    half of the memory [bytes]. RockfallError if a single alignment needs more."""
     others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
     each = _bytes(scene)
     most = int(ROOM * memory / each) - others
@@ -118,7 +118,7 @@ def in_batches(
 def scene_with(
     scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
 ) -> Scene:
-    """Scene with only some of the alignments, and the lines of the case."""
+    """Scene with only these alignments, and the lines of the case."""
     left_out = {alignment.name for alignment in alignments} - {item.name for item in drawn} - {line}
     if not left_out:
         return scene
@@ -129,7 +129,7 @@ def scene_with(
 def memory_note(
     scene: Scene, alignments: Sequence[Alignment], batches: Sequence[Sequence[Alignment]]
 ) -> str:
-    """Note that a case runs several times, and the memory that a single run would need."""
+    """Note that a case runs several times, with the memory that a single run would need."""
     need, scenarios = _bytes(scene) * len(alignments) / 1e9, len(scene.case.scenario) or 1
     return (
         f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} "

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Engine for all studies: named scenes with common random numbers, run in sequence.
+"""Engine for all studies: runs of named scenes in sequence, with common random numbers.
 
-A study lists its scenes and the numbers that it takes from each result. A boulder has the same
-random words in all scenes, so that results can be compared boulder by boulder (see
+A study lists its scenes and the values to take from each result. A boulder has the same random
+numbers in all scenes, so that results can be compared boulder by boulder (see
 `rockfall.analysis.precision.paired`). This module handles progress, checkpoints and warnings. Each
-result is freed before the next run, unless the study keeps the result itself.
+result is freed before the next run, unless the study keeps it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Name = TypeVar("Name", bound=Hashable)
 Numbers = TypeVar("Numbers")
 
-#: Changes of &output for scenes that are compared only by boulders.
+#: Changes of &output for scenes whose results are compared only by boulders.
 ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
 NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 
@@ -38,8 +38,8 @@ NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 class Study:
     """Runs of named scenes; within a `with` block they share a progress bar.
 
-    The bar counts up to `total`, in boulders or another unit. Without a total each run has its own
-    bar. A run resumes from the checkpoint with its name. `how`: see
+    The bar counts to `total`, in boulders or another unit; without a total, each run has a
+    separate bar. A run resumes from the checkpoint of its name. For `how` see
     `rockfall.simulation.simulate.simulate`.
     """
 
@@ -52,7 +52,7 @@ class Study:
         checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
         **how: Any,
     ) -> None:
-        self._limits: dict[Any, list[Text]] = {}  # warnings by scene name
+        self._limits: dict[Any, list[Text]] = {}  # warnings by scene
         self._bar = progress_bar(total or 0, progress and total is not None, unit)
         self._advance: Callable[..., None] = lambda *_: None
         self._counts_boulders = unit == "boulders"
@@ -68,7 +68,7 @@ class Study:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Model warnings of the runs, without repeats."""
+        """Model warnings of the runs without duplicates."""
         return tuple(joined_warnings(self._limits))
 
     def run(
@@ -78,12 +78,12 @@ class Study:
         *,
         compared: bool = True,
     ) -> Iterator[tuple[Name, Numbers]]:
-        """Run the scenes and yield their names, each with the numbers from its result.
+        """Run the scenes and yield the name of each, with the values taken from its result.
 
-        Scenes may be made on demand: each is freed before the next is made. `compared` scenes use
-        the seed of the first, and their warnings are collected; others, such as members of a
-        sample, keep their own seed. A result in place of a scene is used unchanged. Ctrl-C raises
-        `Interrupted`, with the result of the run that it stopped.
+        Scenes may be created on demand; each is freed before the next is created. `compared`
+        scenes use the seed of the first scene, and their warnings are collected; otherwise, as for
+        members of a sample, each scene keeps its seed. A result instead of a scene is used
+        unchanged. Ctrl-C raises `Interrupted` with the result of the stopped run.
         """
         seed: int | None = None
         for name, scene in scenes:
@@ -104,7 +104,7 @@ class Study:
 
 
 def with_numbers(scene: Scene, **numbers: Any) -> Scene:
-    """Scene with these values in &case, such as its seed."""
+    """Scene with these values in &case, such as a seed."""
     if all(scene.case.case.get(key) == number for key, number in numbers.items()):
         return scene
     return replace(scene, case=scene.case.replace(case=numbers))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Validation at a site with observed boulders: all rebound models with several seeds."""
+"""Validation at a site with observed boulders, for all rebound models and several seeds."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 SEEDS = 5
-FEWEST = 2  # minimum seeds for an error, and boulders for a distribution
-BOUNDS = {"mean": 0.10, "std": 0.25}  # limits of the error relative to the observation
+FEWEST = 2  # minimum seeds for an error, and minimum boulders for a distribution
+BOUNDS = {"mean": 0.10, "std": 0.25}  # limits of the relative error
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-APART = "ks", "p", "wasserstein"  # distances between both distributions
+APART = "ks", "p", "wasserstein"  # distances between observed and simulated distribution
 RUN_OUT, AT_REST = "stopping_distance", "at_rest"
 LOG_DENSITY = "log_density"  # mean at observed blocks of simulated boulders at rest [m-2]
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
@@ -45,7 +45,7 @@ Key = tuple[str, str, str]  # line, quantity, statistic
 
 
 class Number(NamedTuple):
-    """A statistic: number of observed boulders, observed value and its error, simulated value."""
+    """A statistic: number of observed boulders, observed value with its error, simulated value."""
 
     n: float
     observed: float
@@ -55,13 +55,13 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class Validation:
-    """Distributions at a site, observed and by each rebound model, in SI units.
+    """Distributions at a site, observed and from each rebound model, in SI units.
 
     `table` has COLUMNS, with a row for each model, place (a line, or "" for the run-out), quantity
     and statistic: mean, std, q05, q50, q95; for run-outs lateral_std (perpendicular to the line to
-    the mean of the observed places); ks and its p, wasserstein; for blocks at rest without a known
-    release log_density, the mean logarithm of the density of simulated boulders there [m-2]. Errors
-    are standard errors: of observations from resampled boulders, of simulations over seeds.
+    the mean observed position); ks with its p, wasserstein; and for blocks at rest without a known
+    release log_density, the mean log density of simulated boulders there (density in m-2). Errors
+    are standard errors, for observations from resampled boulders, for simulations over seeds.
     Verdicts refer to `BOUNDS`.
     """
 
@@ -71,7 +71,7 @@ class Validation:
     laws: tuple[str, ...]
     table: pd.DataFrame
     notes: tuple[str, ...]
-    warnings: tuple[str, ...] = ()  # model warnings with the first seed, without repeats
+    warnings: tuple[str, ...] = ()  # model warnings for the first seed, without duplicates
 
 
 def validate(
@@ -81,13 +81,14 @@ def validate(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Validation:
-    """Run a case with its own rebound model, its impact sets, each classical model, and each impact
-    table (the named tables, by default all shipped ones), over seeds that follow the case's seed.
-    Compare each with the observations: places or distances of rest, samples and numbers at lines.
-    Models differ on the same ground as in `run_models`; the notes list exceptions.
+    """Run a case with its own rebound model, its impact sets, each classical model, and each
+    impact table (`tables`, by default all included tables), with `seeds` seeds from the case's
+    seed on. Compare the results with the observations: stopping points or distances, samples and
+    statistics at lines. Models differ on the same ground as in `run_models`; the notes list
+    exceptions.
 
-    Raises a RockfallError if no observation can be compared with a run, no ground can have another
-    model, or a named table needs rock sizes that the case lacks.
+    Raises a RockfallError if no observation can be compared, no ground can have another model, or
+    a table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
@@ -123,9 +124,9 @@ def validate(
 
 
 def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key, Number]:
-    """Statistics of results from one site that can be compared with their observations, by line,
-    quantity and statistic. Several results, such as different kinds of blocks, count as one sample,
-    with each source weighted by its observed frequency."""
+    """Statistics of results from a site that are comparable with its observations, by line,
+    quantity and statistic. Several results, such as different kinds of blocks, are pooled, with
+    each source weighted by its observed frequency."""
     by_key: dict[Key, Number] = {}
     stopped = pooled_samples(pairs)
     if stopped is not None:
@@ -162,7 +163,7 @@ def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key
 
 
 def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
-    """Mean logarithm of the density of simulated boulders [m-2] at blocks at rest without a known
+    """Mean log density of simulated boulders, density in m-2, at blocks at rest without a known
     release; None without such blocks, or with too few boulders at rest."""
     rests = [rest for pair in pairs for rest in agreement(*pair)]
     if not rests:
@@ -175,8 +176,8 @@ def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
 def run_out_numbers(
     observed: Sample, simulated: Sample, one_frame: bool = False
 ) -> dict[str, Number]:
-    """Statistics of stopping distances, and of lateral offsets if several boulders came from each
-    source, or all share one frame."""
+    """Statistics of stopping distances, and of lateral offsets if each source has several boulders
+    or all share a frame."""
     share = weights(observed, simulated)
     numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
     alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]
@@ -187,7 +188,7 @@ def run_out_numbers(
 
 
 def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
-    """Values of the boulders that crossed a line; None if the case lacks the line."""
+    """Values of the boulders that crossed a line; None for a line missing in the case."""
     lines = line_names(result)
     if line not in lines:
         return None
@@ -198,8 +199,8 @@ def _crossed(result: xr.Dataset, line: str, quantity: str) -> np.ndarray | None:
 def distribution_numbers(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> dict[str, Number]:
-    """Statistics of an observed and a weighted simulated sample, and their distances. Observation
-    errors come from resampled boulders."""
+    """Statistics of an observed sample and a weighted simulated sample, and their distances.
+    Errors of observations come from resampled boulders."""
     random, weights = np.random.default_rng(0), np.ones(len(seen))
     drawn = [_numbers(random.choice(seen, len(seen)), weights) for _ in range(RESAMPLES)]
     enough = min(len(seen), len(made)) >= FEWEST
@@ -227,7 +228,8 @@ def _numbers(values: np.ndarray, share: np.ndarray) -> dict[str, float]:
 
 
 def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str, Number]]:
-    """Comparison with a published mean and standard deviation, exact without their number."""
+    """Comparison with a published mean and standard deviation, which count as exact if the number
+    of boulders is unknown."""
     n, std = row["n"], row["std"]
     errors = {"mean": std / np.sqrt(n), "std": std / np.sqrt(2 * max(n - 1, 1))}
     made_numbers = _numbers(crossed, np.ones(len(crossed))) if len(crossed) >= FEWEST else {}
@@ -237,7 +239,7 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
-    """Rows (COLUMNS without the model): means over runs, standard errors, verdicts."""
+    """Rows (COLUMNS except model): means over runs, standard errors, verdicts."""
     for key, number in runs[0].items():
         values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
@@ -247,7 +249,7 @@ def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
 
 
 def _verdict(statistic: str, seen: Number, simulated: float, error: float) -> str:
-    """Verdict on a bound, if any: undecided if the interval of the error contains it."""
+    """Verdict on a bound, if any; undecided if the interval of the error contains the bound."""
     if statistic not in BOUNDS or not seen.observed > 0 or simulated != simulated:
         return ""
     off = abs(simulated / seen.observed - 1)

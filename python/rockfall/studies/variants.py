@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variants of a protection: their runs, and paired differences from the first variant at lines.
+"""Protection variants: runs, and paired differences from the first variant at lines.
 
 Variants with the same sources, boulders and seed have common random numbers; see
 `rockfall.analysis.precision.paired`.
@@ -56,12 +56,12 @@ def run_variants(
     memory: float | None = None,
     **arrays: Any,
 ) -> dict[str, xr.Dataset]:
-    """Run each &variant of a case. Returns results by name, for `compare_variants` and
+    """Run each &variant of a case. Return results by name, for `compare_variants` and
     `report_variants`.
 
-    All variants use the seed of the case, hence common random numbers. All are read and checked
-    before the first run. Variants with other boulder starts or volumes are refused. `arrays` are
-    the same for all; arguments are as in `rockfall.run`.
+    All variants use the seed of the case and thus common random numbers. All are read and checked
+    before the first run; variants with different release points or volumes raise a RockfallError.
+    `arrays` apply to all variants; other arguments are as in `rockfall.run`.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -91,16 +91,16 @@ def run_each(
     **given: Any,
 ) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
     """Results of variants checked by `check_variant_scenes`, and model warnings; each run resumes
-    from its checkpoint. `given`: see `read_scene`."""
-    shared = "stages" in given  # rasters that the next variant also uses
+    from its checkpoint. For `given` see `read_scene`."""
+    shared = "stages" in given  # the next variant uses the same rasters
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints, keep=shared)
     scenes = ((name, read_scene(own, **given)) for name, own in variants(case).items())
     return dict(study.run(scenes, lambda _, result: result)), study.warnings
 
 
 def check_variant_scenes(case: Case, **how: Any) -> list[str]:
-    """Read every variant, one at a time, and return remarks on likely mistakes. Variants that
-    cannot be compared raise a RockfallError. `how`: see `read_scene`."""
+    """Read each variant in turn and return remarks on likely mistakes. RockfallError for variants
+    that cannot be compared. For `how` see `read_scene`."""
     cases = variants(case)
     if len(cases) < 2:
         raise RockfallError(
@@ -131,7 +131,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
 
 
 def _starts(scene: Scene) -> dict[str, Any]:
-    """Inputs that determine boulder starts and volumes, by their names in messages."""
+    """Inputs that determine release points and volumes, by their names in messages."""
     own = None if scene.source_boulders is None else scene.source_boulders.volume
     features = scene.features
     of_case = {key: value for key, value in scene.case.boulder.items() if "volume" in key}
@@ -144,12 +144,12 @@ def _starts(scene: Scene) -> dict[str, Any]:
 
 
 def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
-    """Mean, deviation and limits of volumes from a layer."""
+    """Mean, deviation and limits of the volumes in a layer."""
     return of_layer[2][:, :4] if of_layer and of_layer[2] is not None else None
 
 
 def _same(first: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Return True if all values of two tuples, numbers or arrays are equal."""
+    """Return True if two tuples, numbers or arrays are equal in all values."""
     return len(first) == len(other) and all(map(_equal, first, other))
 
 
@@ -160,21 +160,21 @@ def _equal(first: Any, other: Any) -> bool:
 
 
 def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
-    """Table with COLUMNS by line, variant, quantity and statistic, in SI units: the fraction of all
-    boulders that pass the line, in total and above each energy in &hazard thresholds [kJ]; for
-    boulders that pass, mean and 95 % quantile of speed, highest point and total energy; and the
-    difference from the first variant, with the limits of its 95 % interval.
+    """Table with COLUMNS by line, variant, quantity and statistic, in SI units: the fraction of
+    all boulders that pass the line, in total and above each energy in &hazard thresholds [kJ];
+    mean and 95 % quantile of speed, highest point and total energy of passing boulders; and the
+    difference from the first variant, with its 95 % interval.
 
     Protection is selective: only fast boulders may pass a net. Means of passing boulders may thus
     increase although each boulder is slower or stopped; fractions above an energy avoid this bias.
 
-    A boulder that a barrier stops at the line does not pass it. `verdict` is less, more, or
-    undecided if the interval contains 0 or too few boulders pass for an interval. Lines in only
-    some variants have no difference. Variants must have the same sources, boulders and seed.
+    A boulder that a barrier stops at the line does not pass it. `verdict` is less or more; it is
+    undecided if the interval contains 0, or if too few boulders pass for an interval. Lines that
+    some variants lack have no difference. Variants must have the same sources, boulders and seed.
 
-    Differences of fractions have the limits of Newcombe (1998, Statistics in Medicine 17, 2635,
-    method 10) with the correlation of boulders within their sources; limits for means and quantiles
-    are linearised.
+    Limits for differences of fractions follow Newcombe (1998, Statistics in Medicine 17, 2635,
+    method 10), with the correlation of boulders within sources; limits for means and quantiles are
+    linearised.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -201,7 +201,7 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
 
 def check_variants(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results that are not variants of one run: other site, boulders or seed."""
+    """Refuse results that are not variants of the same run: different site, boulders or seed."""
     check_same_site(results)
     (name, first), *others = results.items()
     for other_name, other in [(name, first), *others]:
@@ -244,7 +244,8 @@ def _rows(
     source: Sources,
     thresholds: Sequence[float],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `before`: values of the first variant, None if missing."""
+    """Rows of a variant at a line; `before` are the values of the first variant, None if
+    missing."""
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:
@@ -271,7 +272,7 @@ def _rows(
 
 
 def verdict_on(value: float, low: float, high: float) -> dict[str, object]:
-    """Difference with its limits, and the verdict: less, more or undecided."""
+    """Difference with limits, and verdict: less, more or undecided."""
     verdict = LESS if high < 0 else MORE if low > 0 else UNDECIDED
     return {
         "difference": value, "difference_low": low, "difference_high": high, "verdict": verdict,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Annual frequencies at the lines of each variant of a case, over all scenarios."""
+"""Annual frequencies at the lines of each variant, over all scenarios of a case."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from rockfall.studies.variants import COLUMNS, at_line, verdict_on
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
-Three = tuple[float, float, float]  # value and the limits of its interval
+Three = tuple[float, float, float]  # value and interval limits
 
 
 class Yearly(NamedTuple):
-    """Frequencies at the lines of variants, and the model warnings of their runs."""
+    """Frequencies at the lines of variants, and model warnings of the runs."""
 
     table: pd.DataFrame
     warnings: tuple[str, ...]
 
 
 class YearlyRun(NamedTuple):
-    """Energies [J] of all boulders of a scenario at each place, NaN if they do not pass."""
+    """Energies [J] of a scenario's boulders at each place, NaN if they do not pass."""
 
     energies: dict[str, np.ndarray]
     source: Sources
-    per_cluster: dict[str, float]  # boulders per independent cluster, by place
+    per_cluster: dict[str, float]  # number of boulders that count as one observation, by place
     yearly: float  # annual frequency of the scenario [1/year]
 
 
@@ -59,11 +59,11 @@ def yearly_variants(
     """Run the &scenario groups of each &variant of a case, with common random numbers.
 
     The table has the columns of `rockfall.compare_variants`, by line and variant: `frequency`
-    [1/year] of boulders that pass (statistic all, above_E for each &hazard threshold E [kJ]),
+    [1/year] of passing boulders (statistic all, and above_E for each &hazard threshold E [kJ]),
     summed over scenarios, with the difference from the first variant; and `energy_by_period` [J]
-    (statistic T [year]). Limits of sums are sums of limits, since scenarios share random numbers. A
-    boulder that a barrier stops at a line does not pass it. `checkpoints` are by `run_name`;
-    `given`: see `read_scene`.
+    (statistic T [year]). Limits of sums are sums of limits, because scenarios share random
+    numbers. A boulder that a barrier stops at a line does not pass it. `checkpoints` have the keys
+    of `run_name`; for `given` see `read_scene`.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -88,7 +88,8 @@ def yearly_variants(
 def yearly_table(
     by_variant: Mapping[str, Sequence[YearlyRun]], hazard: Mapping[str, Any]
 ) -> pd.DataFrame:
-    """Table of `yearly_variants` from the runs of each variant; `hazard` is &hazard of the case."""
+    """Table of `yearly_variants` from the runs of each variant; `hazard` is the case's &hazard
+    group."""
     first = next(iter(by_variant.values()), ())
     rows = [
         {"line": line, "variant": name, **row}
@@ -108,7 +109,7 @@ def run_name(variant: str, scenario: str) -> str:
 def _scenes(
     case: Case, of_runs: dict[str, tuple[str, float]], given: Mapping[str, Any]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes by run name; their variants and frequencies are added to `of_runs`."""
+    """Scenes by run name; the variant and frequency of each are added to `of_runs`."""
     for variant, own in variants(case).items():
         scene = read_scene(base_case(own, ROWS_ONLY), **given)
         for scenario in scenarios_of(scene, scene.case.line):
@@ -123,8 +124,8 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Numbers from a result with its frequency [1/year], at all lines or the given lines, and at
-    objects with the energies [J] and heights [m] of all boulders there, (2, boulders)."""
+    """Energies from a result with its frequency [1/year] at all or some lines, and at objects,
+    given the energies [J] and heights [m] of all boulders there, (2, boulders)."""
     names, clusters = line_names(result), Clusters.of(result)
     at_places = {line: hits_at(result, line) for line in (names if lines is None else lines)}
     at_places |= objects
@@ -137,7 +138,8 @@ def yearly_run(
 
 
 def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
-    """Energies [J] and centre heights [m] at a line, (2, boulders), NaN if not passed."""
+    """Energies [J] and centre heights [m] at a line, (2, boulders); NaN for boulders that do not
+    pass."""
     at = at_line(result, line)
     assert at is not None
     height = line_values(result, "passing_height", line_names(result).index(line))
@@ -150,7 +152,8 @@ def _rows(
     first: Sequence[YearlyRun] | None,
     hazard: Mapping[str, Any],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `first` has the runs of the first variant, None for itself."""
+    """Rows of a variant at a line; `first` has the runs of the first variant (None for the first
+    variant itself)."""
     factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
     energies = [run.energies[line] for run in runs]
     before = [run.energies[line] for run in first or () if line in run.energies]
@@ -185,9 +188,8 @@ def _rows(
 def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
-    """Sum over scenarios of frequency [1/year] times the fraction of boulders, or a difference of
-    such sums, with limits. The limits include the lowest and highest `factor` on the
-    frequencies."""
+    """Sum over scenarios of frequency [1/year] times fraction of boulders, or of differences, with
+    limits. The limits include the lowest and highest `factor` on the frequencies."""
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

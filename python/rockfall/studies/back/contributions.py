@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contribution of each set of data to the posterior, and conflicts between them.
+"""Contribution of each data set to the posterior, and conflicts between data sets.
 
-For set k with the log-likelihood l_k, the posterior from this set alone weights the same members by
-its likelihood. Its loss with the others is E_alone(l_k) - E(l_k). If the likelihoods are normal and
-the sets agree, the loss has expectation 0, and twice the loss plus d is at most chi-square
-distributed with d degrees of freedom, the number of parameters: beyond its 95 % quantile the set
-conflicts with the others. Each member has its own boulders, so the standard error of the loss, from
-the weighted members, covers the variation between seeds. If its 95 % interval contains the limit,
-the verdict is undecided.
+For set k with the log-likelihood l_k, the posterior from this set alone weights the same members
+by this likelihood. Combining it with the other sets causes the loss E_alone(l_k) - E(l_k). If the
+likelihoods are normal and the sets agree, the expected loss is 0, and twice the loss plus d is at
+most chi-square distributed with d degrees of freedom (the number of parameters). Beyond the 95 %
+quantile the set conflicts with the others. Each member has its own boulders, so the standard error
+of the loss, from the weighted members, includes the variation between seeds. If the 95 % interval
+of the loss contains the limit, the verdict is undecided.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from rockfall.studies.back.smoothing import smoothed
 
 LEVEL = 0.95
 SIGMAS = 1.96  # standard errors in half a 95 % interval
-FEWEST = 10.0  # minimum effective members with one set alone for a verdict
+FEWEST = 10.0  # minimum effective members, with one data set alone, for a verdict
 AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
 class Contribution(NamedTuple):
-    """Weights of the members from one set of data alone, its loss with the others and standard
-    error, and the verdict ("" for a single set)."""
+    """Weights of the members from a data set alone, its loss in combination with the others, the
+    standard error of the loss, and the verdict ("" for a single set)."""
 
     alone: np.ndarray
     loss: float
@@ -48,8 +48,8 @@ def contributions(
     weight: np.ndarray,
     log_likelihood: np.ndarray,
 ) -> list[Contribution]:
-    """Contribution of each set of data, from log-likelihoods (sets, members), with dependent data
-    down-weighted. `points` (members, parameters) and `levels` belong to a `Sampler`;
+    """Contribution of each data set, from log-likelihoods (sets, members) in which dependent data
+    are down-weighted. `points` (members, parameters) and `levels` belong to a `Sampler`;
     `log_prior_weights` are log weights without a likelihood; `weight` are the weights from all
     sets.
     """
@@ -72,7 +72,7 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0
     """
-    # with weight 0, or for members without weights
+    # for weight 0, and for members without weights
     finite = np.where(np.isfinite(values), values, 0.0)
     first, second = float(alone @ finite), float(weight @ finite)
     error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())
@@ -80,7 +80,7 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
 
 
 def verdict_of(loss: float, error: float, parameters: int) -> str:
-    """Verdict on the loss of a set of data with the others.
+    """Verdict on the loss of a data set in combination with the others.
 
     >>> verdict_of(9.0, 1.0, 2), verdict_of(0.1, 0.2, 2), verdict_of(2.0, 1.0, 2)
     ('conflict', 'agrees', 'undecided')

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Likelihood of blocks mapped at rest, given the boulders at rest of a run.
 
-Each block has the predictive density of `rockfall.analysis.observed.deposits` at its place. In the
-underlying urn model, earlier blocks count as much as simulated boulders; since blocks may come in
-any order, half of the other blocks count. With bins in place of kernels, the product over the
-blocks is then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence`, by the
-midpoint rule. Few boulders leave the density uncertain, and adjacent blocks are one surprise rather
-than many.
+Each block has the predictive density of `rockfall.analysis.observed.deposits` at its position. In
+the underlying urn model, earlier blocks count like simulated boulders; as the order of the blocks
+is arbitrary, half of the other blocks count. With bins instead of kernels, the product over the
+blocks is then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence` (midpoint
+rule). With few boulders the density is uncertain, and adjacent blocks act as a single surprise.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ HALF = 0.5  # fraction of the other blocks that count
 
 @dataclass
 class Deposited(Witnesses):
-    """Blocks at rest, by their source, with sums of kernels, squares and weights."""
+    """Blocks at rest by source, with sums of kernels, squares and weights."""
 
     SUMS, AGAIN = 3, 4
 
@@ -55,7 +54,7 @@ class Deposited(Witnesses):
 
     @classmethod
     def of_run(cls, sets: list[Blocks], base: xr.Dataset, cell: float) -> Deposited:
-        """Blocks with the kernels from the boulders of a run."""
+        """Blocks with kernels from the boulders of a run."""
         origins = _starts(base, sets)
         rests = [at_rest(base, impact_set, origins) for impact_set in sets]
         kernels = [fitted_kernel(*pair, cell) for pair in zip(sets, rests, strict=True)]
@@ -88,7 +87,7 @@ class Deposited(Witnesses):
         return np.concatenate([np.full(len(block.place), kernel.floor) for kernel, block in pairs])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs with the same inputs."""
+        """Set the weight of a simulated boulder, from repeated runs with equal inputs."""
         near, squares, boulders = self._sums(runs)
         part = near / np.maximum(boulders, 1)
         expected = (squares / np.maximum(boulders, 1) - part**2) / np.maximum(boulders, 1)
@@ -100,15 +99,15 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of an equal number of boulders from the same run minus the log-density of the
-        blocks (a parameter-dependent discrepancy, Gelman, Meng and Stern 1996)."""
+        """Log-density of an equal number of boulders from the same run minus the log-density of
+        the blocks: a parameter-dependent discrepancy (Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)
         return -densities, -runs[picked, runs.shape[1] - self.AGAIN + which]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
-        """Remarks on blocks outside all deposits of the weighted runs, and on kernel widths."""
+        """Remarks on blocks outside the deposits of all weighted runs, and on kernel widths."""
         near = weight @ self._sums(runs)[0]
         first, notes = 0, []
         for kernel, blocks, widths in zip(self.kernels, self.sets, self.widths, strict=True):
@@ -128,7 +127,7 @@ class Deposited(Witnesses):
 
 
 def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
-    """Starts of the boulders of a result, if some blocks have a known source."""
+    """Start points of the boulders in a result, if the source of some blocks is known."""
     return starts(result) if any(impact_set.source for impact_set in sets) else None
 
 
@@ -140,7 +139,7 @@ def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
 
 
 def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of kernels and weights over half of the other blocks, for each block."""
+    """For each block, sums of kernels and weights over half of the other blocks."""
     both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume, blocks.shape), widths)
     for overlap in both:
         np.fill_diagonal(overlap, 0.0)
@@ -148,7 +147,7 @@ def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndar
 
 
 def _noise(kernel: Kernel, blocks: Blocks, rest: Rest, widths: np.ndarray) -> float:
-    """Variance of the log-likelihood over samples of boulders, to first order (delta method)."""
+    """Variance of the log-likelihood between samples of boulders, to first order (delta method)."""
     own_near, own_count = _others(kernel, blocks, widths)
     alike, near = kernel_values(kernel, blocks, rest, kernel_widths(kernel, rest)[0])
     influence = near / (near.sum(axis=1) + own_near + kernel.floor)[:, None]

@@ -1,24 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likelihood of observations given the boulders of a run, and a check whether a run explains them.
+"""Likelihood of observations given the boulders of a run, and a test whether a run explains them.
 
-Quantiles of the observed boulders define bins. Bin k contains s_k of the S simulated boulders, and
-c_k of the observed boulders. The frequencies of the bins are only known from the simulated
-boulders, so with Jeffreys' prior (1/2 for each bin) the observed counts have the
-Dirichlet-multinomial probability
+Quantiles of the observed boulders define bins. Bin k contains s_k of the S simulated boulders and
+c_k observed boulders. Bin frequencies are known only from the simulated boulders, so with
+Jeffreys' prior (1/2 for each bin) the observed counts have the Dirichlet-multinomial probability
 
     p(c | s) ~ B(c + s + 1/2) / B(s + 1/2),    B(a) = prod Gamma(a_k) / Gamma(sum a_k)
 
-which includes the Monte Carlo noise of the run: few boulders make it flat. For a printed mean and
-standard deviation the probabilities are normal, with the sampling errors of both numbers.
+which includes the Monte Carlo noise of the run: with few boulders it is flat. For a published mean
+and standard deviation, the probabilities are normal, with the sampling errors of both values.
 
-Inputs drawn for each member that are not parameters, such as terrain errors, add differences
-between runs with the same parameters. Replicates measure these as an equivalent smaller number of
-boulders, S'. A member and the field each have such a deviation, so the s_k count as 1/(2/S' - 1/S)
-boulders.
+Inputs that are drawn for each member but are not parameters, such as terrain errors, add
+differences between runs with the same parameters. Replicates measure these differences as an
+equivalent smaller number of boulders, S'. The member and the field each have such a deviation, so
+the s_k count as 1/(2/S' - 1/S) boulders.
 
-Dependent sets of data, such as speed and energy, are down-weighted by the inverse of the sum of
-squared rank correlations with all sets, including the set itself, among the simulated boulders.
-Blocks at rest without a known release, and marks, come from other boulders, and count in full.
+Dependent data sets, such as speed and energy, are divided by the sum of squared rank correlations
+with all sets (including the set itself) among the simulated boulders. Blocks at rest without a
+known release, and marks, come from other boulders and count fully.
 """
 
 from __future__ import annotations
@@ -47,24 +46,24 @@ from rockfall.studies.back.deposited import Deposited
 from rockfall.studies.back.marked import Marked
 from rockfall.studies.back.witnesses import worth_of
 
-#: Values of the boulders of a result, NaN without a value.
+#: Values of the boulders in a result; NaN if a boulder has none.
 Take = Callable[[xr.Dataset], np.ndarray]
 
-MIN_CROSSED = 20  # minimum number of simulated boulders for a run to explain observed boulders
+MIN_CROSSED = 20  # minimum simulated boulders for a run to explain observed boulders
 PRIOR = 0.5  # Jeffreys' prior for each bin
 MAX_BINS = 6
 REPLICATES = 1000
-MIN_PRINTED = 2  # minimum number of boulders behind a printed mean
+MIN_PRINTED = 2  # minimum boulders behind a published mean
 
 
 @dataclass
 class Counted:
-    """Observed values of boulders, as counts in bins.
+    """Observed boulder values, as counts in bins.
 
-    Methods: `kept`: data kept from a run; `counted`: counts of its values; `log_likelihood`: by run
-    (runs, numbers kept); `remarks`: notes on the data and the weighted runs; `discrepancy`:
-    distance of the data, and of an equal number of boulders from selected runs, from the weighted
-    prediction of all runs.
+    Methods: `kept` returns the data to keep from a run, `counted` the counts of its values,
+    `log_likelihood` a value for each row of kept data (runs, kept), and `remarks` notes on the
+    data and the weighted runs. `discrepancy` returns the distance from the weighted prediction of
+    all runs, for the data and for an equal number of boulders from selected runs.
     """
 
     name: str
@@ -72,7 +71,7 @@ class Counted:
     take: Take
     edges: np.ndarray = field(init=False)
     counts: np.ndarray = field(init=False)
-    worth: float = 1.0  # weight of a simulated boulder, smaller if runs with the same inputs differ
+    worth: float = 1.0  # weight of a simulated boulder; < 1 if runs with equal inputs differ
 
     def __post_init__(self) -> None:
         bins = int(np.clip(round(2 * self.n**0.4), 2, MAX_BINS))
@@ -85,7 +84,7 @@ class Counted:
         return self.values.size
 
     def _in_bins(self, values: np.ndarray) -> np.ndarray:
-        """Number of boulders in each bin; a boulder on an edge counts half in each."""
+        """Number of boulders in each bin; a boulder on an edge counts half in both bins."""
         sides = [np.searchsorted(self.edges, values, side) for side in ("left", "right")]
         both = [np.bincount(side, minlength=self.edges.size + 1) for side in sides]
         return (both[0] + both[1]) / 2
@@ -109,7 +108,7 @@ class Counted:
         return np.where(runs.sum(axis=1) >= MIN_CROSSED, likelihood, -np.inf)
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs with the same inputs."""
+        """Set the weight of a simulated boulder, from repeated runs with equal inputs."""
         size = runs.sum(axis=1).mean()
         if not size:
             return
@@ -120,7 +119,8 @@ class Counted:
         self.worth = worth_of(times)
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
+        order."""
         return (self.counts.size - 1) * self.n / (self.worth * boulders + self.n)
 
     def discrepancy(
@@ -134,7 +134,8 @@ class Counted:
 
 
 class Passing(Counted):
-    """Fractions of a number of boulders that travel at least these distances; see `Counted`."""
+    """Observed fractions that travel at least these distances, and the number of boulders behind
+    them; see `Counted`."""
 
     def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
         self.name, self.take, self.edges, self.worth = name, take, distance, 1.0
@@ -144,7 +145,8 @@ class Passing(Counted):
 
 @dataclass
 class Printed:
-    """Mean, and standard deviation if known, of a known number of boulders; see `Counted`."""
+    """Published mean, and standard deviation if known, of a known number of boulders; see
+    `Counted`."""
 
     name: str
     mean: float
@@ -168,13 +170,14 @@ class Printed:
         return np.array([values.size, values.mean(), std, (apart**4).mean() / std**4])
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs with the same inputs."""
+        """Set the weight of a simulated boulder, from repeated runs with equal inputs."""
         size, mean, std, _ = runs.T
         times = mean.var(ddof=1) / (std**2 / size).mean()
         self.worth = worth_of(times) if np.isfinite(times) else 1.0
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
+        order."""
         return 2 * self.n / (self.worth * boulders + self.n)
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -216,8 +219,8 @@ Evidence = Counted | Printed | Deposited | Marked
 def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
-    """Sets of data for a back-analysis, and notes on data that cannot be used; `result` is a run of
-    the case with a line at each mark."""
+    """Data sets for a back-analysis, and notes on unusable data; `result` is a run of the case
+    with a line at each mark."""
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),
@@ -319,7 +322,7 @@ def _at_line(line: int, quantity: str) -> Take:
 
 
 def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
-    """Weight of each set of data."""
+    """Weight of each data set."""
     from scipy.stats import spearmanr
 
     values = [item.take(result) if isinstance(item, Counted | Printed) else None for item in data]
@@ -337,15 +340,15 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """Posterior predictive probability that an equal number of simulated boulders deviates from the
+    """Posterior predictive probability that equally many simulated boulders deviate from the
     prediction at least as much as the observed boulders (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
-    if np.array_equal(observed, again):  # no difference to compare
+    if np.array_equal(observed, again):  # nothing to compare
         return np.nan
     return (1 + int(np.count_nonzero(again >= observed))) / (1 + REPLICATES)
 
 
 def as_record(data: Evidence, share: float, p: float) -> dict[str, Any]:
-    """Row of a set of data in the evidence table."""
+    """Row of a data set in the evidence table."""
     return {"data": data.name, "n": data.n, "counts": share, "predictive_p": p}

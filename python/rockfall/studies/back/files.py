@@ -29,7 +29,7 @@ MARK = "! Made by `rockfall back`"
 def write_back(
     analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING; all files or none."""
+    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING: all files or none."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(analysis.case)]
     check_back(folder, inputs)
@@ -45,7 +45,7 @@ def write_back(
 
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
-    """Refuse a folder whose files may not be overwritten, before the work starts."""
+    """Refuse a folder with files that must not be overwritten, before the work starts."""
     check_folder(folder)
     check_outputs([folder / name for name in (TABLE, DRAWN, ALONE, ALL, DRAWING, CASE)], inputs)
 
@@ -79,7 +79,7 @@ def _contents(analysis: Back) -> Contents:
 
 
 def _case_text(analysis: Back, folder: Path) -> str:
-    """Case text with the posterior as its uncertain inputs, and file names relative to a folder."""
+    """Case text that has the posterior as uncertain inputs, and file names relative to a folder."""
     ensemble = {"source_shift": 0.0, "draws": DRAWN}
     ensemble |= {key: 1.0 for key in analysis.case.ensemble if key.endswith("_factor")}
     case = _seen_from(folder, analysis.case).replace(ensemble=ensemble)
@@ -88,7 +88,7 @@ def _case_text(analysis: Back, folder: Path) -> str:
 
 
 def _seen_from(folder: Path, case: Case) -> Case:
-    """Case with the names of existing files made relative to a folder."""
+    """Case in which the names of existing files are relative to a folder."""
 
     def moved(name: str) -> str:
         path = case.path(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likelihood of marks at known heights, given the boulders of a run that pass there."""
+"""Likelihood of impact marks at known heights, given the boulders of a run that pass there."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from rockfall.analysis.observed.marks import (
 from rockfall.quantities import count
 from rockfall.studies.back.witnesses import Witnesses, worth_of
 
-FEW = 20  # number of boulders at a mark, below which it is reported
+FEW = 20  # maximum boulders at a mark for a remark
 
 
 @dataclass
 class Marked(Witnesses):
-    """Marks with their lines in the case, with sums of kernels, squares and distribution functions,
-    and boulders. Log-densities of hits follow log-densities of marks from the same boulders."""
+    """Marks with their lines in the case, sums of kernels, squares and distribution functions, and
+    boulders. Log-densities of simulated hits follow the log-densities of marks."""
 
     SUMS, AGAIN = 4, 8
 
     marks: list[Mark]
     kernels: list[Heights]
-    boulders: int  # number of boulders of a run
+    boulders: int  # number of boulders in a run
     name: str = "marks"
 
     @classmethod
     def of_run(cls, marks: list[Mark], base: xr.Dataset) -> Marked:
-        """Marks with the kernels from the boulders of a run."""
+        """Marks with kernels from the boulders of a run."""
         passing = [passing_at(base, mark) for mark in marks]
         every = [mark.height for mark in marks]
         greatest = max([*every, *(crossing.heights.max(initial=0.0) for crossing in passing)])
@@ -73,7 +73,7 @@ class Marked(Witnesses):
         return likelihood
 
     def learn_noise(self, runs: np.ndarray) -> None:
-        """Set the weight of a simulated boulder from runs with the same inputs."""
+        """Set the weight of a simulated boulder, from repeated runs with equal inputs."""
         near, squares, _, crossed = self._sums(runs)
         n = np.maximum(crossed, 1)
         part = near / n
@@ -89,14 +89,14 @@ class Marked(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of an equal number of simulated hits minus the log-density of the marks,
-        where at least two boulders of the run pass."""
+        """Log-density of equally many simulated hits minus the log-density of the marks, where at
+        least two boulders of the run pass."""
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
-        """Remarks on marks where few boulders of the weighted runs pass."""
+        """Remarks on marks that few boulders of the weighted runs pass."""
         crossed = weight @ self._sums(runs)[3]
         notes = [f"{count(self.n, 'mark')}, {crossed.min():,.0f} to {crossed.max():,.0f} boulders "
                  "of a run pass there."]  # fmt: skip
@@ -118,8 +118,8 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-densities of a mark and of simulated hits (2, AGAIN), each given the others; 0 below
-    two."""
+    """Log-densities (2, AGAIN) of a mark and of simulated hits, each given the other hits; 0 with
+    fewer than two."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

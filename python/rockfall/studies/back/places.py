@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check that observed places can be reached by boulders."""
+"""Check that boulders can reach the observed places."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Refuse the first place [m] off the terrain; `where` gives the row of each place."""
+    """Refuse places off the terrain [m], reporting the first; `where` gives the row of each
+    place."""
     if not len(x):
         return
     grid = scene.grid

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Posterior of each parameter of a back-analysis: tables, draws, and reasons not to trust it."""
+"""Posterior of each parameter of a back-analysis: tables, draws, and reasons to distrust it."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rockfall.studies.back.study import Back
 from rockfall.studies.ensemble.uncertain_inputs import PAIR
 
 LEVELS = (0.05, 0.5, 0.95)
-KS = 1.63  # critical Kolmogorov-Smirnov value at 1 %, times root n; 1 % allows for smoothing
-EDGE = 0.5  # posterior fraction beyond the prior's 5 or 95 % quantile
-NOISY = 1.0  # variance of the log-likelihood above which more boulders help more than members
+KS = 1.63  # critical Kolmogorov-Smirnov value times root n, at 1 % because of smoothing
+EDGE = 0.5  # minimum posterior fraction beyond the prior's 5 or 95 % quantile for a warning
+NOISY = 1.0  # variance of the log-likelihood; above it, boulders help more than members
 DRAWS = 256  # rows in the file of draws
-ALONE = "by_data.csv"  # file of posteriors from each set of data alone
-TRADED = 0.7  # correlation of strength and relief of a ground, above which to warn
-CONTRADICTED = 0.05  # p-value for all sets of data together
+ALONE = "by_data.csv"  # file of posteriors from each data set alone
+TRADED = 0.7  # correlation of strength and relief of a ground; above it, a warning is given
+CONTRADICTED = 0.05  # minimum p-value of all data sets together
 
 
 class Parameter(NamedTuple):
-    """Parameter of the back-analysis: its column among the members, its name, its units, and its
-    value in the case if it is a factor, else None."""
+    """Parameter of the back-analysis: its column in the members, name, units, and value in the
+    case if it is a factor, else None."""
 
     column: str
     label: str
@@ -39,7 +39,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(analysis: Back) -> Iterator[Parameter]:
-    """Parameters by column of the cube, without the impact set, because sets have no order."""
+    """Parameters by column of the cube, except the impact set, because sets have no order."""
     inputs, case = analysis.inputs, analysis.case
     sought = set(analysis.sought.tolist())
     volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()
@@ -79,12 +79,12 @@ def _zones(analysis: Back) -> list[str]:
 
 
 def posterior_table(analysis: Back) -> pd.DataFrame:
-    """Table with one row for each parameter: parameter, units, case (value in the case), 5, 50 and
-    95 % quantiles of prior and posterior, ratio (5-95 % range of posterior over prior, in
-    logarithms for factors), moved (Kolmogorov-Smirnov distance of the two), verdict, and for
-    strength and relief of a ground their correlation (of logarithms, in the posterior). For impact
-    sets, ratio is the effective number (exp of the entropy) over the prior's, and set_best is
-    the most likely set, from 0."""
+    """Table with a row for each parameter: parameter, units, case (value in the case), 5, 50 and
+    95 % quantiles of prior and posterior, ratio (5-95 % range of the posterior divided by that
+    range of the prior, for factors in logarithms), moved (Kolmogorov-Smirnov distance between
+    both), verdict, and correlation (between the logarithms of a ground's strength and relief, in
+    the posterior). For impact sets, ratio compares effective numbers (exp of the entropy), and
+    set_best is the most likely set, from 0."""
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
     for ridge in ridges(analysis):
         for row in rows:
@@ -98,7 +98,7 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
 
 
 def alone_table(analysis: Back) -> pd.DataFrame:
-    """Rows of `posterior_table` for each set of data alone (column data)."""
+    """Rows of `posterior_table` from each data set alone (column data)."""
     tables = []
     for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
         if weight.any():
@@ -137,7 +137,7 @@ def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
 
 
 def _informed(analysis: Back, moved: bool) -> str:
-    """Interpretation of a posterior, from its distance to the prior."""
+    """Interpretation of a posterior from its distance to the prior."""
     return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
 
 
@@ -176,15 +176,16 @@ def _set_row(analysis: Back) -> dict[str, Any]:
 
 
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
-    """Value with a given fraction of the weight below it, interpolated between the middles of the
-    steps. With n effective draws the rank is level (n + 1) (Weibull 1939), so that another draw, or
-    the true value, is below it with this probability; ranges are wider for small n."""
+    """Value that has a given fraction of the weight below it, interpolated between the middles of
+    the steps. With n effective draws the rank is level (n + 1) (Weibull 1939), so that another
+    draw, or the true value, is below the result with this probability; ranges are wider for small
+    n."""
     n = effective(weight)
     return value_at(values, weight, (level * (n + 1) - 0.5) / n)
 
 
 def warnings(analysis: Back) -> Iterator[str]:
-    """Reasons not to trust the posterior."""
+    """Warnings that give reasons to distrust the posterior."""
     if not analysis.is_enough:
         more = "--boulders" if analysis.noise > NOISY else "--members"
         yield (

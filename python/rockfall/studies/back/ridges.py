@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ridges of a posterior: on one slope, hard and rough ground can give the same speed and run-out as
+"""Ridges of a posterior: on a slope, hard and rough ground can give the same speed and run-out as
 soft and smooth ground."""
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from rockfall.studies.ensemble.uncertain_inputs import PAIR, PAIR_FACTORS
 
 
 class Ridge(NamedTuple):
-    """Trade-off between strength and relief of a ground in a posterior."""
+    """Trade-off between a ground's strength and relief in a posterior."""
 
     ground: str
     correlation: float  # correlation of their logarithms
-    degrees: float  # change of relief along the ridge that compensates a doubled strength
+    degrees: float  # change of relief along the ridge that compensates for doubling the strength
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:
-    """Ridge of each ground whose strength and relief are both parameters."""
+    """Ridge of each ground for which both strength and relief are parameters."""
     inputs, sought = analysis.inputs, {*analysis.sought.tolist()}
     weight, first = analysis.weight, int(inputs.ends[-2])
     for i, k in enumerate(inputs.pairs):
@@ -33,7 +33,7 @@ def ridges(analysis: Back) -> Iterator[Ridge]:
         spreads = np.log([inputs.given[key] for key in PAIR_FACTORS])
         scores = np.log([strength, relief]) / spreads[:, None]
         covariance = np.cov(scores, aweights=weight)
-        # widest direction relative to the prior
+        # direction in which the posterior is widest, relative to the prior
         along = spreads * np.linalg.eigh(covariance)[1][:, -1]
         yield Ridge(
             inputs.scene.grounds[k].name,

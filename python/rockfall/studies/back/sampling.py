@@ -2,11 +2,11 @@
 """Adaptive importance sampling (Cornuet et al. 2012) in the space of normal scores, where the prior
 is normal with mean 0 and variance 1 in each direction.
 
-The first points are draws from the prior. Later points come from a mixture: a fifth from the prior,
-so that weights are bounded; the rest from normal kernels around the existing points, with their
-weights (West 1993). Every point is weighted by prior times likelihood over the density of all
-mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points, because
-otherwise points with favourable noise would have the largest weights. If few points carry the
+The first points are draws from the prior. Later points come from a mixture: one fifth from the
+prior, which bounds the weights, and the rest from normal kernels around the existing points, with
+their weights (West 1993). The weight of a point is prior times likelihood, divided by the density
+of all mixtures combined (Owen and Zhou 2000). The likelihood is smoothed over all points, because
+otherwise points with favourable noise would get the largest weights. If few points carry the
 weight, the likelihood is tempered, but only for the kernels.
 """
 
@@ -23,19 +23,19 @@ WIDEST = 0.9  # kernel width relative to the standard deviation of all points
 
 
 class Sampler:
-    """Points whose likelihood is required, and their weights. `levels` is the number of values in a
-    direction without order, otherwise 0."""
+    """Points at which the likelihood is required, and their weights. `levels` is the number of
+    values in a direction without order, else 0."""
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), drawn from the prior
         self.log_likelihood = np.empty(0)  # in run order
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
-        self.densities = [_log_prior(first)]  # density of each mixture at all points
+        self.densities = [_log_prior(first)]  # of each mixture, at all points
         self.mixtures: list[_Mixture] = []
 
     def learn(self, log_likelihood: np.ndarray) -> None:
-        """Add the log-likelihoods of the last points."""
+        """Add the log-likelihoods of the points proposed last."""
         self.log_likelihood = np.append(self.log_likelihood, log_likelihood)
         self.smooth = smoothed(self.points, self.levels, self.log_likelihood)
 
@@ -43,7 +43,7 @@ class Sampler:
         return self.log_prior_weights() + self.smooth
 
     def log_prior_weights(self) -> np.ndarray:
-        """Logarithms of the prior divided by the density of all mixtures."""
+        """Logarithms of the prior divided by the combined density of the mixtures."""
         shares = np.log(np.array(self.sizes) / sum(self.sizes))[:, None]
         mixed = np.logaddexp.reduce(np.array(self.densities) + shares, axis=0)
         return _log_prior(self.points) - mixed
@@ -53,7 +53,7 @@ class Sampler:
         return normalised(self.log_weights())
 
     def propose(self, n: int, random: np.random.Generator) -> np.ndarray:
-        """Propose more points, concentrated where the likelihood is high."""
+        """Propose further points, concentrated where the likelihood is high."""
         weight = self._tempered()
         mixture = _Mixture(self.points, weight)
         new = mixture.draw(n, random)
@@ -64,7 +64,7 @@ class Sampler:
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
-        """Add points from the prior, if no point is likely yet."""
+        """Add points from the prior, if no point has a likelihood yet."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
         self.densities = [density(self.points) for density in self._all()]
@@ -73,7 +73,7 @@ class Sampler:
         return [_log_prior, *(mixture.log_density for mixture in self.mixtures)]
 
     def _tempered(self) -> np.ndarray:
-        """Weights with the likelihood tempered enough to leave enough points for the kernels."""
+        """Weights whose likelihood is tempered so that enough points remain for the kernels."""
         enough = min(len(self.points) / 4, 5.0 * (self.points.shape[1] + 1))
         logs = self.log_weights()
         part, step = 1.0, 0.5
@@ -99,7 +99,7 @@ class _Mixture:
         apart = points[is_weighted] - centre
         spread = (self.weight[:, None] * apart).T @ apart
         n = effective(weight)
-        # regularisation: few points give a poor estimate
+        # regularisation, because few points give a poor estimate
         spread += np.diag(np.full(dimensions, 1 / n + 1e-6))
         width = min(WIDEST, (4 / ((dimensions + 2) * n)) ** (1 / (dimensions + 4)))
         self.centres = centre + np.sqrt(1 - width**2) * apart
@@ -132,7 +132,7 @@ def _log_prior(points: np.ndarray) -> np.ndarray:
 
 
 def normalised(logs: np.ndarray) -> np.ndarray:
-    """Weights that add up to 1, from their logarithms; all 0 if none is finite."""
+    """Weights that add up to 1, from logarithms; all 0 if none is finite."""
     if not np.isfinite(logs).any():
         return np.zeros(logs.size)
     weights = np.exp(logs - logs[np.isfinite(logs)].max())
@@ -140,5 +140,5 @@ def normalised(logs: np.ndarray) -> np.ndarray:
 
 
 def effective(weight: np.ndarray) -> float:
-    """Number of equally weighted points with the same information (Kong 1992)."""
+    """Number of equally weighted points with equal information (Kong 1992)."""
     return float(1 / (weight**2).sum()) if weight.any() else 0.0

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Smoothing of the log-likelihood of members, to remove the noise of their runs: a Gaussian process
-through all of them (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
+"""Smoothing of the log-likelihoods of members, which removes the noise of their runs, by a
+Gaussian process (Rasmussen and Williams 2006, chapter 2; Järvenpää et al. 2021).
 
-The mean is a quadratic in each direction; departures from it are a Matérn process of smoothness 5/2
-with a length in each direction. The deficit t below the maximum has noise of variance a + b t,
-since far from the observations each boulder matters more. Lengths, amplitude, a and b are
-maximum-likelihood estimates. Members do not share boulders, because common boulders would make the
-noise common, too.
+The mean is quadratic in each direction; departures from it follow a Matérn process of smoothness
+5/2 with a length in each direction. At a deficit t below the maximum, the noise has the variance a
++ b t, because each boulder matters more far from the observations. Lengths, amplitude, a and b are
+maximum-likelihood estimates. Members do not share boulders, because this would correlate their
+noise.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FAR = 10.0  # larger deficits do not affect the posterior and are compressed logarithmically
+FAR = 10.0  # larger deficits do not affect the posterior, and are compressed logarithmically
 FITTED = 200  # members used to fit the hyperparameters
-TREND = 100.0  # prior variance of the coefficients of the quadratic: uninformative
+TREND = 100.0  # prior variance of the quadratic's coefficients: uninformative
 LENGTH, AMPLITUDE, NOISE, SLOPE = (0.1, 30.0), (0.1, 100.0), (1e-3, 30.0), (1e-3, 3.0)
 FIRST = (2.0, 5.0, 1.0, 0.3)  # initial values of the hyperparameters
 
 
 def smoothed(points: np.ndarray, levels: np.ndarray, log_likelihood: np.ndarray) -> np.ndarray:
-    """Smoothed log-likelihoods of points (n, dimensions), -inf where the input is; a direction with
-    `levels`, such as impact sets, has unordered values."""
+    """Smoothed log-likelihoods of points (n, dimensions), -inf where the input is -inf. The values
+    in a direction with `levels`, such as impact sets, are unordered."""
     is_finite = np.isfinite(log_likelihood)
     smooth = np.full(is_finite.size, -np.inf)
     if not is_finite.any():
@@ -52,8 +52,8 @@ def _process(points: np.ndarray, levels: np.ndarray, y: np.ndarray) -> _Process:
 
 @dataclass
 class _Process:
-    """Values, squared distances in each direction, and the covariance of the quadratic. `numbers`
-    are the logarithms of lengths, amplitude, a, b."""
+    """Values, squared distances in each direction, and covariance of the quadratic. `numbers` are
+    the logarithms of the lengths, amplitude, a and b."""
 
     y: np.ndarray
     squares: list[np.ndarray]
@@ -81,7 +81,7 @@ class _Process:
         return cho_factor(smooth + np.diag(noise - slope * self.y), lower=True)
 
     def _matern(self, numbers: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Covariance, and its derivatives with respect to the logarithms of the lengths."""
+        """Covariance, with derivatives with respect to the logarithms of the lengths."""
         *lengths, amplitude = np.exp(numbers[:-2])
         parts = [square / length**2 for square, length in zip(self.squares, lengths, strict=True)]
         r = np.sqrt(5 * sum(parts))
@@ -89,7 +89,7 @@ class _Process:
         return near * (1 + r + r**2 / 3), [near * 5 / 3 * (1 + r) * part for part in parts]
 
     def _cost(self, numbers: np.ndarray) -> tuple[float, np.ndarray]:
-        """Negative log marginal likelihood, and its gradient."""
+        """Negative log marginal likelihood, with its gradient."""
         from scipy.linalg import cho_solve
 
         matern, by_length = self._matern(numbers)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis of a case: ensemble members weighted by the likelihood of the observations, with
-more members where it is high."""
+"""Back-analysis of a case: ensemble members are weighted by the likelihood of the observations,
+and more members are run where the likelihood is high."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ from rockfall.studies.ensemble.uncertain_inputs import (
 from rockfall.studies.study import Study
 
 MEMBERS, EFFECTIVE = 1024, 100
-ROUND = 128  # members per round; double in the first
-REPLICATES = 24  # runs of the unchanged case, with new draws of inputs that are not parameters
-NOT_MEMBERS = 2**30  # draw numbers from here on are not members
+ROUND = 128  # members per round; twice as many in the first
+REPLICATES = 24  # runs of the unchanged case, with new draws of non-parameter inputs
+NOT_MEMBERS = 2**30  # draw numbers from here on do not belong to members
 STREAM = 1  # random stream, distinct from the ensemble's streams
 
 
@@ -54,23 +54,23 @@ STREAM = 1  # random stream, distinct from the ensemble's streams
 class Back:
     """Results of a back-analysis.
 
-    `members` has a row for each run: the drawn numbers, in the order of `inputs.kept_names`, its
+    `members` has a row for each run: the drawn values in the order of `inputs.kept_names`,
     `log_likelihood`, the smoothed log-likelihood `smooth`, and `weight`. `data` has a row for each
-    set of data: n, its weight, the posterior predictive p, and its `contributions`. `effective` is
-    the number of equally weighted members with the same information.
+    data set: n, weight, the posterior predictive p, and its `contributions`. `effective` is the
+    number of equally weighted members with equal information.
     """
 
     case: Case
     inputs: Uncertain
-    sought: np.ndarray  # columns of the cube that are parameters; others are averaged out
-    points: np.ndarray  # (members, numbers) in the cube
+    sought: np.ndarray  # columns of the cube that are parameters; the other inputs are averaged out
+    points: np.ndarray  # (members, numbers): coordinates in the cube
     members: pd.DataFrame
     data: pd.DataFrame
     notes: tuple[str, ...]
     asked: int  # requested effective members
-    noise: float  # variance of the log-likelihood due to the boulders of a member
+    noise: float  # variance of the log-likelihood due to the boulders in a member
     boulders: int
-    alone: np.ndarray  # (data, members): weights by each set of data alone
+    alone: np.ndarray  # (data, members): weights from each data set alone
     model_warnings: tuple[str, ...]  # warnings of the unchanged case
 
     @property
@@ -94,13 +94,13 @@ def back_analysis(
     progress: bool = False,
     **arrays: Any,
 ) -> Back:
-    """Posterior of the uncertain inputs in the group &ensemble of a case, given observations: CSV
-    files (docs/observed.md), or one `Observed`.
+    """Posterior of the uncertain inputs in a case's group &ensemble, given observations: CSV files
+    (docs/observed.md), or an `Observed`.
 
-    Members are drawn and run until `enough` of them are effective, or their number is `members`.
-    The prior is the distribution of the ensemble; terrain errors, and rocks that no boulder
-    reaches, are drawn for each member and are not parameters (docs/back_analysis.md). On Ctrl-C it
-    raises `Interrupted`, whose `result` is the posterior of the completed rounds.
+    Members are drawn and run until the effective number reaches `enough`, or the total reaches
+    `members`. The prior is the distribution of the ensemble. Terrain errors, and rocks that no
+    boulder reaches, are drawn for each member but are not parameters (docs/back_analysis.md).
+    Ctrl-C raises `Interrupted`; its `result` is the posterior from the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -128,7 +128,7 @@ def back_analysis(
 
 
 def _check_request(case: Case, members: int, enough: int) -> None:
-    """Refuse numbers that do not allow a study, and cases whose members have no likelihood."""
+    """Refuse numbers of members that are too small, and cases whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:
@@ -149,9 +149,9 @@ class _Read:
     case: Case
     scene: Scene
     inputs: Uncertain
-    sought: np.ndarray  # columns of parameters, as in `Back`
+    sought: np.ndarray  # columns that are parameters, as in `Back`
     data: list[Evidence]
-    counts: np.ndarray  # weight of each set of data in the likelihood
+    counts: np.ndarray  # weight of each data set in the likelihood
     notes: list[str]
     model_warnings: tuple[str, ...]
 
@@ -159,7 +159,7 @@ class _Read:
 def _read(
     case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
 ) -> _Read:
-    """Case and observations, with a run of the unchanged case."""
+    """Case and observations, and a run of the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
@@ -183,19 +183,20 @@ def _read(
 
 
 class _Rounds:
-    """Members of a study, run in rounds: each uses the likelihood of earlier members."""
+    """Members of a study, run in rounds; each round uses the likelihoods from earlier rounds."""
 
     def __init__(self, read: _Read) -> None:
         inputs, sought = read.inputs, read.sought
         self.read = read
-        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # one row per member
+        self.cube = inputs.design.reshape(-1, inputs.design.shape[-1])  # a row for each member
         is_set = sought == inputs.ends[INPUTS.index("sets")]
         self.levels = np.where(is_set, len(inputs.sets), 0)
         self.sampler = Sampler(normal_scores(self.cube[:, sought]), self.levels)
         self.random = np.random.default_rng((read.case.case["seed"], STREAM))
-        self.rows: list[dict[str, float]] = []  # numbers drawn for each member
-        self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # data kept for each set
-        # Complete rounds: log-likelihoods by data set, weights, and weights from the prior alone.
+        self.rows: list[dict[str, float]] = []  # values drawn for each member
+        self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # kept data of each data set
+        # From complete rounds: log-likelihoods by data set, weights, and weights from the prior
+        # alone.
         self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)
 
@@ -220,7 +221,7 @@ class _Rounds:
         self.weight, self.ahead = self.sampler.weights(), self.sampler.log_prior_weights()
 
     def _scenes(self) -> Iterator[tuple[int, Scene]]:
-        """Scenes of the members in a round, by number; the draws of each are appended to `rows`."""
+        """Scenes of a round's members, by number; the drawn values are added to `rows`."""
         scene, inputs = self.read.scene, self.read.inputs
         for number in range(len(self.rows), len(self.cube)):
             draws = [inputs.at(name, self.cube[number], number) for name in inputs.names]
@@ -228,7 +229,8 @@ class _Rounds:
             yield number, drawn_scene(scene, draws, inputs.boulders_seed(number))
 
     def propose(self) -> None:
-        """Add the members of the next round: near members of high likelihood, or from the prior."""
+        """Add the members of the next round: near members with a high likelihood, or from the
+        prior."""
         seed, sought = self.read.case.case["seed"], self.read.sought
         shape = ROUND, self.cube.shape[1]
         points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
@@ -239,7 +241,7 @@ class _Rounds:
         self.cube = np.concatenate([self.cube, points])
 
     def posterior(self, enough: int) -> Back:
-        """Result of the complete rounds; raises KeyboardInterrupt if none is complete."""
+        """Result from the complete rounds; KeyboardInterrupt if there are none."""
         read, sampler, weight = self.read, self.sampler, self.weight
         if not (done := sampler.log_likelihood.size):
             raise KeyboardInterrupt
@@ -272,7 +274,7 @@ def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
-    """Measure the variation between runs with the same parameters but different other inputs."""
+    """Measure the variation between runs that differ only in non-parameter inputs."""
     scenes = (
         (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
         for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
@@ -283,7 +285,7 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
 
 
 def _row(draws: Iterable[Draw]) -> dict[str, float]:
-    """Numbers drawn for a member."""
+    """Values drawn for a member."""
     row: dict[str, float] = {}
     for draw in draws:
         for name, value in draw.kept.items():
@@ -295,7 +297,7 @@ def _row(draws: Iterable[Draw]) -> dict[str, float]:
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that are parameters; rock sizes only if boulders reach them."""
+    """Columns of the cube that are parameters; rock sizes count only if boulders reach them."""
     all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)
@@ -315,7 +317,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Columns of uncertain strength and relief, in pairs for each ground where boulders
+    """Columns of uncertain strength and relief: a pair for each ground on which boulders
     rebounded."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Base class for blocks at rest and marks: evidence without its own boulder."""
+"""Base class for blocks at rest and marks: observations of unknown boulders."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def worth_of(times: float) -> float:
 
 @dataclass(kw_only=True)
 class Witnesses:
-    """Base class for data of witnesses; see `evidence.Counted` for the methods. The data kept from
-    a run are sums over boulders for each witness, and log-densities of the run's own boulders, for
-    the noise."""
+    """Base class of `Deposited` and `Marked`; see `evidence.Counted` for the methods. The data
+    kept from a run are sums over boulders for each block or mark, and log-densities of the run's
+    own boulders, which give the noise."""
 
-    SUMS: ClassVar[int]  # number of sums over boulders for each witness
+    SUMS: ClassVar[int]  # number of sums over boulders for each block or mark
     AGAIN: ClassVar[int]  # samples of equal size from each run, for predictive probabilities
 
-    noise_alone: float = 0.0  # variance of the log-likelihood due to the boulders of a run
+    noise_alone: float = 0.0  # variance of the log-likelihood due to the boulders in a run
     worth: float = 1.0
 
     @property
@@ -32,10 +32,11 @@ class Witnesses:
         raise NotImplementedError
 
     def _sums(self, runs: np.ndarray) -> np.ndarray:
-        """Sums over boulders (SUMS) by run and witness."""
+        """Sums over boulders (SUMS) by run, and by block or mark."""
         kept = runs[:, : self.SUMS * self.n].reshape(len(runs), self.SUMS, self.n)
         return np.moveaxis(kept, 1, 0)
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the boulders of a run, to first order."""
+        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
+        order."""
         return self.noise_alone / self.worth

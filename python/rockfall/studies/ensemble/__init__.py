@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs over the uncertain inputs of a case: uncertainty of a result, and its causes."""
+"""Runs with uncertain inputs: uncertainty of a result, and its causes."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the differences between runs over uncertain inputs."""
+"""Maps of the differences between runs with uncertain inputs."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import xarray as xr
 
 from rockfall.scene.scene import Scene
 
-REACHED = 0.01  # fraction of the boulders that defines the outline of a hazard map
-RANGED = ("energy_mean", "energy_max")  # maps of the case with quantiles over the runs
+REACHED = 0.01  # fraction of boulders at the outline of a hazard map
+RANGED = ("energy_mean", "energy_max")  # maps for which quantiles over the runs are stored
 LEVELS = {"q05": 0.05, "q95": 0.95}
-AT_ONCE = 2**22  # numbers held in memory at a time to make maps
+AT_ONCE = 2**22  # map values in memory
 
 
 class MemberMaps:
@@ -50,7 +50,7 @@ class MemberMaps:
         return variables
 
     def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
-        """Values, meaning and units of the maps derived from one map, in some cells."""
+        """Values, meaning and units of the maps derived from a map, in some cells."""
         members = self._dense(name, part)
         if name != "passages":
             attrs = self.attrs[name]
@@ -68,13 +68,13 @@ class MemberMaps:
     def _quantiles(
         self, name: str, members: np.ndarray, long_name: str, units: str
     ) -> Iterator[tuple[str, tuple[np.ndarray, str, str]]]:
-        """Quantiles over the members; the energy is 0 where no boulder passes."""
+        """Quantiles over the members; energies are 0 where no boulder passes."""
         for label, level in LEVELS.items():
             text = f"{long_name}: {level:.0%} quantile over the runs"
             yield f"{name}_{label}", (np.quantile(members, level, axis=0), text, units)
 
     def _dense(self, name: str, part: np.ndarray) -> np.ndarray:
-        """Map values of all members in these cells (members, cells), 0 where no boulder passed."""
+        """Map values of all members in some cells (members, cells), 0 where no boulder passes."""
         dense = np.zeros((len(self.cells), part.size))
         for row, cells, values in zip(dense, self.cells, self.values[name], strict=True):
             place = np.searchsorted(part, cells)

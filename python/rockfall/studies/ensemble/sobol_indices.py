@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Causes of the variance of a result: the number of boulders, and the uncertain inputs.
+"""Causes of the variance of a result: the finite number of boulders, and the uncertain inputs.
 
-A run gives Y = f(X) + e: f is the result for infinitely many boulders with the inputs X, and e the
-error from their finite number. The variance of e is the Monte Carlo variance, and the variance of f
-the epistemic variance.
+A run gives Y = f(X) + e: f is the result for infinitely many boulders with the inputs X, and e is
+the error due to their finite number. The variance of e is the Monte Carlo variance; the variance
+of f is the epistemic variance.
 
-Each block of runs has its own inputs and boulders. In a block the same boulders run through A and
-B, two independent draws of all inputs, and through A_i, which takes input i from B and all others
-from A. The same boulders behave similarly but not equally, so the errors of two runs P and Q of a
-block are correlated. Hence
+Each block of runs has its own inputs and boulders. Within a block the same boulders are simulated
+with A and B, two independent draws of all inputs, and with A_i, which has input i from B and all
+other inputs from A. Equal boulders behave similarly but not identically, so the errors of two runs
+P and Q in a block are correlated. Hence
 
     E (Y_P - Y_Q)^2     = E (f_P - f_Q)^2 + Var e_P + Var e_Q - 2 Cov(e_P, e_Q)
     E Y_B (Y_Ai - Y_A)  = E f_B (f_Ai - f_A) + Cov(e_B, e_Ai) - Cov(e_B, e_A)
 
-These covariances are known from the boulders of the two runs (see `deviations`); after their
-subtraction, the estimators of Saltelli et al. (2010) and Jansen (1999) are unbiased for f, for any
-number of boulders.
+These covariances are known from the boulders of the two runs (see `deviations`). After subtracting
+them, the estimators of Saltelli et al. (2010) and Jansen (1999) are unbiased for f, for any number
+of boulders.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.kernel_rules import Z
 
 MIN_CROSSED = 20  # minimum boulders at a line for their mean
-MIN_ABOVE = 5  # minimum boulders above a quantile for its value
-RESAMPLES = 500  # number of resamples of the blocks for the errors
+MIN_ABOVE = 5  # minimum boulders above a quantile
+RESAMPLES = 500  # number of resamples of the blocks, for standard errors
 RESOLVED = 0.25  # maximum half-width of the 95 % interval of a resolved index
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
-    """Deviations of the boulders of a run. Their product with the deviations of another run of the
-    same boulders is the covariance of the two errors; their product with themselves is the
-    variance. NaN where too few boulders crossed.
+    """Deviations of the boulders in a run. Their product with the deviations in another run of the
+    same boulders is the covariance of both errors; their product with themselves is the variance.
+    NaN if too few boulders crossed.
 
-    `values` are the values of the boulders at a line (NaN if they did not cross), `row` their
-    `line_numbers`, `name` is fraction, mean or a quantile such as q95.
+    `values` are the boulders' values at a line (NaN if they did not cross), `row` their
+    `line_numbers`; `name` is fraction, mean, or a quantile such as q95.
 
-    To first order, a result deviates by the mean influence of its boulders (Hampel 1974). The
-    boulders of a source are a stratum: other samples would have the same sources.
+    To first order, a result deviates by the mean influence of its boulders (Hampel 1974). Each
+    source is a stratum, because other samples would have the same sources.
     """
     crossed = ~np.isnan(values)
     if name == "fraction":
@@ -54,7 +54,7 @@ def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sou
 
 
 def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.ndarray | float:
-    """Influence of each boulder that crossed on a mean or quantile.
+    """Influence of each crossing boulder on a mean or quantile.
 
     The influence on a quantile depends on the density there, estimated from boulders within one
     standard error of its rank (Siddiqui 1960). With 500 to 2000 boulders its variance is
@@ -71,8 +71,8 @@ def _conditional(values: np.ndarray, name: str, row: dict[str, float]) -> np.nda
 
 
 def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
-    """Values minus the mean of their stratum, scaled so that their squares sum to the variance of
-    the overall mean; NaN for a stratum of one boulder."""
+    """Values minus the mean of their stratum, scaled so that the sum of their squares is the
+    variance of the overall mean; NaN for a stratum with a single boulder."""
     n = source.released
     mean = np.bincount(source.stratum, numbers, n.size) / np.maximum(n, 1)
     few = np.where(n > 1, np.sqrt(n / np.maximum(n - 1, 1)), np.nan)
@@ -80,23 +80,23 @@ def _apart(numbers: np.ndarray, source: Sources) -> np.ndarray:
 
 
 class Parts(NamedTuple):
-    """Parts of the variance, each (..., results)."""
+    """Parts of the variance, each of shape (..., results)."""
 
-    monte_carlo: np.ndarray  # variance due to the boulders of a run
+    monte_carlo: np.ndarray  # due to the boulders in a run
     epistemic: np.ndarray
-    first: np.ndarray  # (inputs, results): epistemic variance removed if the input were known
-    total: np.ndarray  # (inputs, results): epistemic variance left if only this input is unknown
+    first: np.ndarray  # (inputs, results): epistemic variance that knowing the input would remove
+    total: np.ndarray  # (inputs, results): epistemic variance if all other inputs were known
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
     """Unbiased parts of the variance, from results (blocks, 2 + inputs, results) of the runs A, B,
-    A_1, A_2 ... and error covariances (blocks, 2 + inputs, 2 + inputs, results).
+    A_1, A_2 ..., and error covariances (blocks, 2 + inputs, 2 + inputs, results).
 
-    The epistemic variance is the variance over all A and B less the Monte Carlo variance. The
-    errors of a pair within a block are correlated; each run is in one such pair out of 2 blocks -
-    1. In the first-order part (Saltelli et al. 2010) the mean of the other blocks is subtracted
-    from Y_B, which leaves its expectation unchanged and lowers its variance. The total part follows
-    Jansen (1999).
+    The epistemic variance is the variance over all A and B minus the Monte Carlo variance. The
+    errors within a block are correlated; this concerns 1 of the 2 blocks - 1 pairs that a run
+    belongs to. In the first-order part (Saltelli et al. 2010) the mean of the other blocks is
+    subtracted from Y_B, which reduces the variance without changing the expectation. The total
+    part follows Jansen (1999).
     """
     a, b, mixed = y[:, 0], y[:, 1], y[:, 2:]
     pairs, two = 2 * len(y), y[:, :2].reshape(2 * len(y), -1)
@@ -125,9 +125,9 @@ class Indices(NamedTuple):
 def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
     """First-order and total Sobol' indices: parts as fractions of the epistemic variance.
 
-    Standard errors come from resampled blocks (Efron 1979), and for an index from the linearised
-    ratio. They assume independent blocks, so an even design has smaller errors. Indices are given
-    where the epistemic variance is significantly above zero (95 %).
+    Standard errors come from resampled blocks (Efron 1979); for indices, the ratio is linearised.
+    Blocks are assumed independent, so the errors of an evenly distributed design are smaller. An
+    index is given if the epistemic variance is significantly above zero (95 %).
     """
     estimate = parts(y, covariance)
     random = np.random.default_rng(0)
@@ -145,8 +145,8 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, both clipped to 0 and 1. NaN if undecided, because the
-    interval is longer than half of that range."""
+    """An index with its 95 % interval, all clipped to 0 to 1; NaN (undecided) if the interval is
+    longer than 0.5."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan
@@ -155,5 +155,5 @@ def limits(value: float, error: float) -> tuple[float, float, float]:
 
 
 def runs_needed(error: np.ndarray, runs: int) -> int:
-    """Number of draws that would resolve the least certain index, given these errors."""
+    """Number of draws needed to resolve the least certain index, given these errors."""
     return int(np.ceil(runs * (Z * np.nanmax(error) / RESOLVED) ** 2))

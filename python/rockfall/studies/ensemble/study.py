@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uncertainty of a result: runs over uncertain inputs, and the influence of each input."""
+"""Uncertainty of a result: runs with uncertain inputs, and the influence of each input."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ RESULTS = {
     },
 }
 KINDS = ("first_order", "total")  # kinds of Sobol' indices
-KEPT = {  # kept numbers of the draws: units, meaning
+KEPT = {  # values stored for each draw: units, meaning
     "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
     "volume": ("1", "factor on all volumes"),
     "volume_std": ("1", "factor on the standard deviation of the volume"),
@@ -64,19 +64,18 @@ KEPT = {  # kept numbers of the draws: units, meaning
 
 
 def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dataset:
-    """Run a case over the uncertain inputs in its group &ensemble. The xarray.Dataset returned has
-    the result of the unchanged case, and more.
+    """Run a case over the uncertain inputs in its group &ensemble. The returned xarray.Dataset
+    extends the result of the unchanged case.
 
     For each line and result it has the value for the unchanged case, the mean over the runs, and
-    two standard deviations: `monte_carlo_std`, due to the number of boulders in a run, which more
-    boulders reduce, and `epistemic_std`, due to the uncertain inputs, which they do not. It also
-    has the fractions of the epistemic variance that each input explains (`first_order`, `total`).
-    docs/ensemble.md explains them, `rockfall.studies.ensemble.sobol_indices` their estimation.
-    Values are NaN where too few boulders pass in some run, or where the epistemic variance is not
-    significant. The Dataset also has the draws, the results of every run, and, if the case requests
-    passages or reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. On Ctrl-C
-    it raises `Interrupted`, whose `result` is the ensemble of the completed draws, if there are
-    enough.
+    two standard deviations: `monte_carlo_std`, due to the finite number of boulders in a run, and
+    `epistemic_std`, due to the uncertain inputs; more boulders reduce only the first.
+    `first_order` and `total` are the fractions of the epistemic variance that each input explains
+    (see docs/ensemble.md; for their estimation, `rockfall.studies.ensemble.sobol_indices`). Values
+    are NaN if too few boulders pass in some run, or if the epistemic variance is not significant.
+    The Dataset also has the draws, the results of all runs and, if the case requests passages or
+    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. Ctrl-C raises
+    `Interrupted`; its `result` is the ensemble of the completed draws, if there are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -132,7 +131,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     done = len(seeds)
     try:
         case = case.replace(ensemble={"runs": done})
-    except RockfallError:  # too few for an ensemble
+    except RockfallError:  # too few draws for an ensemble
         raise KeyboardInterrupt from None
     of_inputs = indices(y[:done], covariance[:done])
     data = _dataset(line_names(base), own, names, y[:done], of_inputs)
@@ -147,7 +146,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """Scene without the outputs that studies do not use, except these maps."""
+    """Scene without outputs that studies do not use, except these maps."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
     output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
@@ -156,7 +155,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
 
 
 def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
-    """Draws A and B, and A with one input at a time from B."""
+    """Draws A and B, and for each input A with this input from B."""
     yield a
     yield b
     for i in range(len(a)):
@@ -164,9 +163,9 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Results of a run (lines * RESULTS), each with its `sobol_indices.deviations`."""
+    """Results of a run (lines * RESULTS), and their `sobol_indices.deviations`."""
     source, values, deviates = sources(result), [], []
-    # a single source, because intervals are not used
+    # a single source, because the intervals are unused
     alone = Sources.alone(result.sizes["boulder"])
     samples = LineSamples(result, alone)
     for k in range(len(line_names(result))):
@@ -185,7 +184,7 @@ def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
 def _dataset(
     lines: list[str], own: np.ndarray, names: list[str], y: np.ndarray, indices: Indices
 ) -> dict[str, Any]:
-    """Dataset of results and parts of their variance, by run, variant, input, line, result."""
+    """Dataset of results and parts of their variance, by run, variant, input, line and result."""
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:
@@ -237,7 +236,7 @@ def _units(quantity: str, number: str) -> str:
 
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
-    """Drawn numbers for A and B in each run; dimensions run, side (and zone)."""
+    """Drawn values for A and B in each run; dimensions run, side (and zone)."""
     kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
     data: dict[str, Any] = {
         "side": ("side", np.array(["A", "B"], dtype=object)),
@@ -272,8 +271,8 @@ def _with_attributes(
 
 
 def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
-    """Table with one row for each line and result: its statistics, then the variance fraction of
-    each input with its 95 % interval, NaN where undecided.
+    """Table with a row for each line and result: its statistics, then the variance fraction of
+    each input with its 95 % interval, NaN if undecided.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -301,7 +300,8 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 
 def write_ensemble(data: xr.Dataset, path: Path) -> None:
-    """Write the ensemble as netCDF, or its table as CSV, by file extension; atomically."""
+    """Write the ensemble as netCDF, or its table as CSV, depending on the file extension;
+    atomically."""
     check_place(path, data.sizes["line"], files_behind(data))
     if path.suffix == ".nc":
         write_result(data, path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uncertain inputs of a case, and scenes with drawn inputs."""
+"""Uncertain inputs of a case, and scenes with drawn values."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from rockfall.scene.releases.source_attributes import VALUES, VOLUMES
 from rockfall.scene.scene import Scene
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws", "ground")
-#: Random numbers per draw of an input; radius: one for each zone; ground: two for each ground with
-#: strength and relief.
+#: Random numbers for a draw of an input; radius: one for each zone; ground: two for each ground
+#: with strength and relief.
 NUMBERS = (2, 1, 2, 1, 0)
 PAIR = ("strength", "relief")
 PAIR_FACTORS = tuple(f"{key}_factor" for key in PAIR)
-STREAMS = ("boulders", "design", "dem", "source")  # random streams; append new streams at the end
-REACH = 6  # in correlation lengths; exp(-6) is a quarter of a per cent
-BITS = 30  # bits per number of the design
-TRIES = 1000  # maximum number of shifts tried before the sources are refused
+STREAMS = ("boulders", "design", "dem", "source")  # random streams; add new streams only at the end
+REACH = 6  # [correlation lengths] exp(-6) is a quarter of a per cent
+BITS = 30  # bits of each number in the design
+TRIES = 1000  # maximum shifts tried before an error is raised
 
 
 class Operator(NamedTuple):
-    """A drawn random operator."""
+    """A drawn set of rebound models."""
 
-    sets: SetFile | None  # replaces the impact sets of the case
-    grounds: dict[str, GroundRule]  # replacement grounds, by the name of the case's ground
+    sets: SetFile | None  # replaces the case's impact sets
+    grounds: dict[str, GroundRule]  # replacement grounds by original name
 
 
 @dataclass
 class Draw:
-    """A drawn input: its changes to a scene, and its numbers for the output."""
+    """A drawn input: its changes to a scene, and its values for the output."""
 
     arrays: dict[str, Any] = field(default_factory=dict)  # changes by attribute of Scene
     groups: dict[str, dict[str, Any]] = field(default_factory=dict)  # arguments of Case.replace
@@ -59,7 +59,7 @@ class Draw:
     kept: dict[str, Any] = field(default_factory=dict)
 
     def __or__(self, other: Draw) -> Draw:
-        """Combine two draws that change different items."""
+        """Combine two draws that change different inputs."""
         pairs = ((getattr(self, item.name), getattr(other, item.name)) for item in fields(Draw))
         return Draw(*(own | theirs for own, theirs in pairs))
 
@@ -87,7 +87,7 @@ class Uncertain:
         self.set_checksums: dict[str, str] = {}
         self.sets = self._operators()
         self.radii = 1 if scene.rasters.values is not None else len(scene.rasters.sizes)
-        #: Grounds with strength and relief, counted from 0.
+        #: Grounds with strength and relief, from 0.
         self.pairs = [k for k, rule in enumerate(scene.grounds) if rule.plane is not None]
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
@@ -114,9 +114,9 @@ class Uncertain:
             )
 
     def _operators(self) -> list[Operator]:
-        """Random operators for the names in `sets`, one per draw. Impact sets replace the case's
-        set; tables replace its grounds: for `talus` each draw of `talus-ensemble`, for the default
-        ground any other table."""
+        """Rebound models for the names in `sets`, one for each draw. Impact sets replace the
+        case's impact sets; tables replace its grounds: each draw in `talus-ensemble` replaces
+        `talus`, any other table the default ground."""
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -147,7 +147,7 @@ class Uncertain:
         return list(starmap(Operator, product(sets, together)))
 
     def _table(self, name: str) -> Path | None:
-        """File of the table with a name in `sets`; None for impact sets."""
+        """File of a table named in `sets`; None for impact sets."""
         case = self.scene.case
         path, is_table = find_operator(case, name)
         if case.impact["form"] == "table" and not is_table:
@@ -159,8 +159,8 @@ class Uncertain:
         return path if is_table else None
 
     def _check_factors(self) -> None:
-        """Refuse factors on values that a source layer does not give (for cases without a layer the
-        kernel does so), and on rocks absent from all zones."""
+        """Refuse factors on values that a source layer does not give (the kernel checks cases
+        without a layer), and on rocks if no zone has any."""
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -180,7 +180,7 @@ class Uncertain:
                 )
 
     def _check_pairs(self) -> None:
-        """Refuse factors for grounds without strength and relief, or replaced by `sets`."""
+        """Refuse factors for grounds that have no strength and relief, or that `sets` replaces."""
         given = [key for key in PAIR_FACTORS if self.given[key] > 1]
         given += ["draws"] * ("strength_1" in dict(*self.rows[:1]))
         for key in given[:1]:
@@ -207,7 +207,7 @@ class Uncertain:
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
-        (Owen 1998), independent of the choice of uncertain inputs, which more runs extend."""
+        (Owen 1998) that does not depend on the choice of uncertain inputs; more runs extend it."""
         from scipy.stats import qmc
 
         numbers, runs = int(self.ends[-1]), self.given["runs"]
@@ -220,16 +220,16 @@ class Uncertain:
         points = qmc.Sobol(2 * numbers, seed=random, bits=BITS).random_base2(
             (runs - 1).bit_length()
         )
-        return points[:runs].reshape(runs, 2, numbers) + 0.5 ** (BITS + 1)  # avoids 0
+        return points[:runs].reshape(runs, 2, numbers) + 0.5 ** (BITS + 1)  # excludes 0
 
     def draw(self, name: str, run: int, side: int) -> Draw:
-        """Draw of an input for a run, as in A (side 0) or B (side 1). It depends on the case's
-        seed, the input, run and side, not on the number of runs or other uncertain inputs."""
+        """Draw of an input for a run, for A (side 0) or B (side 1). It depends on the case's seed,
+        the input, run and side, but not on the number of runs or on other uncertain inputs."""
         return self.at(name, self.design[run, side], 2 * run + side)
 
     def at(self, name: str, point: np.ndarray, number: int) -> Draw:
         """Draw of an input at a point of the unit cube (uniform numbers of all inputs). `number`
-        seeds the other random numbers: terrain errors, repeated shifts."""
+        seeds the other random numbers, for terrain errors and repeated shifts."""
         k = INPUTS.index(name)
         numbers = point[self.ends[k] : self.ends[k + 1]]
         if name in STREAMS:
@@ -238,19 +238,19 @@ class Uncertain:
         return getattr(self, f"_{name}")(numbers)
 
     def boulders_seed(self, run: int) -> int:
-        """Seed for the boulders in all variants of a run."""
+        """Seed of the boulders in all variants of a run."""
         return int(self._sequence("boulders", run).generate_state(1, "u8")[0]) >> 2
 
     def _sequence(self, name: str, number: int) -> np.random.SeedSequence:
         return np.random.SeedSequence((self.scene.case.case["seed"], STREAMS.index(name), number))
 
     def _factor(self, numbers: np.ndarray, key: str) -> np.ndarray:
-        """Log-normal factors with median 1 and the geometric standard deviation of a key."""
+        """Log-normal factors with median 1 and the geometric standard deviation from a key."""
         return self.given[key] ** normal_scores(numbers)
 
     def _radius(self, numbers: np.ndarray) -> Draw:
-        """Draw of one factor per row of the zone table, on R_m or on its three Rg; a single factor
-        if rasters or one value give the sizes."""
+        """Draw of a factor on R_m or the three Rg for each row of the zone table, or of a single
+        factor if rasters or uniform values give the sizes."""
         return self._radii_by(self._factor(numbers, "radius_factor"))
 
     def _radii_by(self, factor: np.ndarray) -> Draw:
@@ -260,7 +260,8 @@ class Uncertain:
         return Draw({"sizes": cells.sizes * factor[:, None]}, kept={"radius": factor})
 
     def _volume(self, numbers: np.ndarray) -> Draw:
-        """Draw of a factor on all volumes of case, layer or rasters, and another on deviations."""
+        """Draw of a factor on all volumes of the case, layer or rasters, and a factor on standard
+        deviations."""
         size = self._factor(numbers[0], "volume_factor")
         spread = self._factor(numbers[1], "volume_std_factor")
         return self._volumes_by(float(size), float(spread))
@@ -290,7 +291,7 @@ class Uncertain:
         )
 
     def _draws(self, numbers: np.ndarray) -> Draw:
-        """Draw from a row of the file of draws, which gives inputs jointly."""
+        """Draw from a row of the file of joint draws."""
         k = int(numbers[0] * len(self.rows))
         row, draw = self.rows[k], Draw(kept={"draw": k})
         if "radius_1" in row:
@@ -313,12 +314,12 @@ class Uncertain:
         return draw
 
     def _ground(self, numbers: np.ndarray) -> Draw:
-        """Draw of factors on strength and relief, for each ground that has them."""
+        """Draw of factors on strength and relief for each ground that has them."""
         deviations = np.log([self.given[key] for key in PAIR_FACTORS])
         return self._pairs_by(np.exp(deviations * normal_scores(numbers.reshape(-1, 2))))
 
     def _pairs_by(self, factors: np.ndarray) -> Draw:
-        """Grounds with these factors (grounds, 2) on strength and relief."""
+        """Grounds after applying factors (grounds, 2) to strength and relief."""
         scene = self.scene
         grounds = [*scene.grounds]
         for k, (strength, relief) in zip(self.pairs, factors.tolist(), strict=True):
@@ -331,7 +332,7 @@ class Uncertain:
         return Draw({"z": (z + error).astype(z.dtype)})
 
     def _source(self, numbers: np.ndarray, random: np.random.Generator) -> Draw:
-        """Draw of a common shift of all sources, repeated until all lie on known terrain."""
+        """Draw of a common shift of all sources, repeated until all are on known terrain."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
             shift = deviation * (random.standard_normal(2) if tried else normal_scores(numbers))
@@ -343,7 +344,7 @@ class Uncertain:
         )
 
     def _shifted(self, east: float, north: float) -> Draw | None:
-        """Shifted sources [m]; None if a source would leave the known terrain."""
+        """Shifted sources [m]; None if any would leave the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
         if not self.scene.known_at(x, y).all():
             return None
@@ -362,15 +363,15 @@ class Uncertain:
 
 
 def has_rocks(sizes: np.ndarray) -> bool:
-    """Return True if a row of rock sizes, R_m or three Rg [m], is known and positive."""
+    """Return True if any row of rock sizes, R_m or three Rg [m], is known and positive."""
     return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
 def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, float]]:
-    """Read joint draws of inputs from a CSV file, one per row: factors radius_1 ... (for each row
-    of the zone table), volume and volume_std, drop_height, strength_1, relief_1 ... (for each
-    ground that has them); source_east, source_north [m]; set, from 0; and draw, a number that is
-    not used. A group of columns may be missing, but only as a whole."""
+    """Read joint draws of inputs from a CSV file, a draw in each row. Columns: factors radius_1
+    ... (for each row of the zone table), volume and volume_std, drop_height, strength_1, relief_1
+    ... (for each ground that has them); source_east, source_north [m]; set, from 0; and draw, a
+    number that is ignored. A group of columns may be missing, but only entirely."""
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],
@@ -395,7 +396,7 @@ def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, 
 
 
 def normal_scores(uniform: np.ndarray) -> np.ndarray:
-    """Standard normal quantiles of uniform numbers."""
+    """Standard normal quantiles for uniform numbers."""
     from scipy.special import ndtri
 
     return ndtri(uniform)
@@ -404,13 +405,13 @@ def normal_scores(uniform: np.ndarray) -> np.ndarray:
 def gaussian_field(
     shape: tuple[int, int], length: float, random: np.random.Generator
 ) -> np.ndarray:
-    """Gaussian field (ny, nx) with mean 0, variance 1, and correlation exp(-r/length); length in
+    """Gaussian field (ny, nx) with mean 0, variance 1 and correlation exp(-r/length); `length` in
     cells.
 
     White noise is filtered by FFT on a torus larger than the raster, so that opposite edges are
-    uncorrelated (circulant embedding, Dietrich and Newsam 1997). On a raster of at least `REACH`
-    lengths the correlation is exact within exp(-REACH); on any raster, the variance is exact within
-    2 %. Takes 50 bytes per cell, up to 150 if `length` is as long as the raster.
+    uncorrelated (circulant embedding, Dietrich and Newsam 1997). The correlation is accurate
+    within exp(-REACH) on a raster of at least `REACH` lengths, the variance within 2 % on any
+    raster. Needs 50 bytes per cell, or up to 150 if `length` is as long as the raster.
     """
     torus = tuple(size + min(size, int(np.ceil(REACH * length))) for size in shape)
     y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in torus)
