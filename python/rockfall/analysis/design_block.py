@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design block of a return period, from a survey of blocks (De Biagi et al. 2017).
+"""Design block of a return period, from a block survey (De Biagi et al. 2017).
 
-The annual frequency of blocks above a threshold comes from the dated blocks; a generalised Pareto
-distribution (GPD) of volumes is fitted to all deposited blocks. On average one block in T years
-exceeds the block of return period T. Intervals come from the joint profile likelihood of volumes
+Dated blocks give the annual frequency of blocks above a threshold; a generalised Pareto
+distribution (GPD) of volumes is fitted to all deposited blocks. The block of return period T is
+exceeded once in T years on average. Intervals come from the joint profile likelihood of volumes
 and number: no random numbers, and better than resampling for few blocks.
 """
 
@@ -26,22 +26,22 @@ from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
 from rockfall.quantities import number
 
-PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year], in each table
-MIN_BLOCKS = 20  # deposited blocks above the threshold
-MIN_DATED = 3  # dated blocks above the threshold
-HEAVIEST = 4.0  # shape of a GPD; rockfall volumes have up to 1/0.4
-MAX_PLACE = 6.0  # search range of the fit: shapes are larger than in `return_levels`
-REJECTED = 0.05  # p-value below which a distribution or a comparison is in doubt
-WIDE = 10  # ratio of the upper limit to the block above which there is a warning
-BEYOND = 10  # return periods after which a block larger than volume_max is expected
-FARTHEST = 1e6  # search range for an upper limit: ratio of excesses
+PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year] listed in each table
+MIN_BLOCKS = 20  # minimum deposited blocks above the threshold
+MIN_DATED = 3  # minimum dated blocks above the threshold
+HEAVIEST = 4.0  # maximum shape of the GPD; rockfall volumes have up to 1/0.4
+MAX_PLACE = 6.0  # search range of the fit; shapes are larger than in `return_levels`
+REJECTED = 0.05  # p-value; below it a distribution or comparison is in doubt
+WIDE = 10  # ratio of upper limit to block that triggers a warning
+BEYOND = 10  # number of return periods in which a block above volume_max is expected
+FARTHEST = 1e6  # search range of an upper limit, as a ratio of excesses
 _PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # grid for the profile likelihood
 _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
 
 
 class Rate(NamedTuple):
-    """Annual number of blocks larger than the threshold with a 95 % interval, from `dated` blocks;
-    `dispersion` is above 1 for clustered blocks."""
+    """Annual number of blocks above the threshold with its 95 % interval, from `dated` blocks;
+    clustered blocks have a `dispersion` above 1."""
 
     value: float
     low: float
@@ -51,8 +51,8 @@ class Rate(NamedTuple):
 
 
 class PowerLaw(NamedTuple):
-    """Annual number of blocks larger than V as activity V**-exponent: exponent with its 95 %
-    interval, and `p_value` of a test against the GPD."""
+    """Annual number of blocks larger than V as activity V**-exponent: the exponent with its 95 %
+    interval, and the `p_value` of a test against the GPD."""
 
     exponent: float
     low: float
@@ -71,9 +71,9 @@ class PowerLaw(NamedTuple):
 class DesignBlock:
     """Design block [m3] of a return period [year] with its 95 % interval, and its components.
 
-    `levels` has a row for each return period. `volume` is NaN where `refused` gives a reason, and
-    `extrapolated` is True where it exceeds every surveyed block; `power_law` is the volume from the
-    power law. `scenario` has the keys of `&scenario`, None if the power law gives no scenario.
+    `levels` has a row for each return period. `volume` is NaN if `refused` gives a reason;
+    `extrapolated` is True if it exceeds all surveyed blocks; `power_law` is the volume from the
+    power law. `scenario` has the keys of `&scenario`; None if the power law gives no scenario.
     """
 
     survey: Survey
@@ -104,13 +104,13 @@ def design_block(
     threshold: float | None = None,
     volume_max: float | None = None,
 ) -> DesignBlock:
-    """Design block of a return period [year], from a survey of blocks.
+    """Design block for a return period [year], from a block survey.
 
     `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m]. Rows
     with a `year` fell within the observation period of `years`; alternatively, `events` is a table
-    of these blocks. Both may also be plain volumes. Only blocks larger than `threshold` [m3] count;
-    the default is the lowest above which a generalised Pareto distribution fits. `volume_max` [m3]
-    is the largest block of the scenario.
+    of these blocks. Both may also be lists of volumes. Only blocks larger than `threshold` [m3]
+    count (default: the lowest threshold with an acceptable fit of the generalised Pareto
+    distribution). `volume_max` [m3] is the largest block of the scenario.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
@@ -169,7 +169,7 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """Fit a GPD above the threshold, by default the lowest above which a GPD fits."""
+    """Fit a GPD above the threshold (default: the lowest threshold with an acceptable fit)."""
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)
@@ -211,7 +211,8 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above rising thresholds, from the smallest dated block: smaller blocks have no dates."""
+    """Fits above increasing thresholds, from the smallest dated block on, because smaller blocks
+    have no dates."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
@@ -223,8 +224,8 @@ def _tried(survey: Survey) -> Iterator[Fit]:
 
 
 def _rate(survey: Survey, threshold: float) -> Rate:
-    """Annual frequency of larger blocks with the exact interval of a Poisson number (Garwood 1936);
-    clustered blocks count as fewer independent blocks."""
+    """Annual frequency of blocks above the threshold, with the exact interval of a Poisson number
+    (Garwood 1936); clustered blocks count as fewer independent blocks."""
     from scipy.stats import chi2
 
     above = survey.dated > threshold
@@ -237,7 +238,8 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Variance of the yearly numbers over their mean; 1 unless a Poisson process is rejected."""
+    """Variance of the yearly numbers divided by their mean; 1 unless a Poisson process is
+    rejected."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1
@@ -272,7 +274,7 @@ def _levels(
     for period in periods:
         row: dict[str, Any] = dict.fromkeys(_LEVELS, math.nan)
         row |= {"return_period": period, "extrapolated": False, "refused": ""}
-        expected = rate.value * period  # blocks above the threshold
+        expected = rate.value * period  # expected number of blocks above the threshold
         if expected <= 1:
             row["refused"] = (
                 f"blocks larger than {fit.threshold:g} m3 fall every {number(1 / rate.value)} "
@@ -314,12 +316,12 @@ class _Likelihood:
         self.least += self.dated * (1 - math.log(rate.value))
 
     def loss(self, excess: float, period: float) -> float:
-        """Twice the drop of the log-likelihood below its maximum, for a given excess of the return
-        period.
+        """Twice the decrease of the log-likelihood from its maximum, for a given excess at the
+        return period.
 
         For each theta = shape / scale the cost is convex in z = log(1 + theta excess) / shape, the
-        logarithm of the number of blocks above the threshold in a period; Newton's steps from
-        above converge to its minimum."""
+        logarithm of the number of blocks above the threshold in a period; Newton steps from above
+        converge to the minimum."""
         inside = self.theta * excess > -1
         theta, total = self.theta[inside], self.total[inside]
         growth = np.abs(np.log1p(theta * excess))
@@ -387,7 +389,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _beyond_keys(scenario: dict[str, Any]) -> str | None:
-    """Message for a value outside the range in the table of keys."""
+    """Message about a value outside its range in the key table."""
     for key in key_table():
         if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
             if rule := broken_rule(key.group, key.name, value):
@@ -421,7 +423,7 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
     """p-value of a test that dated and undated blocks above the threshold have the same
-    distribution; NaN if a list has too few."""
+    distribution; NaN if there are too few of either."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

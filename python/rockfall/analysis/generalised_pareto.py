@@ -2,8 +2,8 @@
 """Generalised Pareto distribution (GPD) of values above a threshold: fit, test, threshold
 selection.
 
-The fit is implemented here: SciPy's takes four times as long, and it has no test of a GPD whose
-parameters were fitted to clustered values.
+The fit is implemented here, because SciPy's fit takes four times as long, and SciPy has no test
+for a GPD fitted to clustered values.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 FALSE = 0.05  # rate of falsely rejected thresholds
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
-NEAR_ZERO = 1e-6  # |theta| x largest value below which the GPD is taken as exponential
-SHAPES = -0.49, 2.0  # range of the tables of `_p_value`; the covariance of the fit ends at -0.5
+NEAR_ZERO = 1e-6  # |theta| x largest value, below which the GPD counts as exponential
+SHAPES = -0.49, 2.0  # range of the tables in `_p_value`; the covariance of the fit ends at -0.5
 IMHOF = 0.25 + 0.5 * np.arange(400)  # grid for Imhof's integral
 
 
 class Fit(NamedTuple):
-    """GPD of the values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` belongs to its Anderson-Darling test."""
+    """GPD of values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
+    shape); `p_value` is from its Anderson-Darling test."""
 
     threshold: float
     exceedances: int
@@ -39,8 +39,8 @@ class Fit(NamedTuple):
 def fit_gpd(
     excess: np.ndarray, threshold: float, weight: float = 1.0, max_place: float = MAX_PLACE
 ) -> Fit:
-    """Maximum-likelihood GPD of ordered values, found by a search along the curve of `best_of` with
-    the variable of `theta_at`. `weight` is the fraction of independent values."""
+    """Maximum-likelihood GPD of sorted values, found by a search along the curve of `best_of` with
+    the variable of `theta_at`. `weight` is the fraction of values that are independent."""
     place = _stationary(excess, max_place)
     if place is None:
         from scipy.optimize import minimize_scalar
@@ -55,13 +55,13 @@ def fit_gpd(
 
 
 def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
-    """Theta = shape / scale, never 0, for the search variable log(1 + theta max) / log(n)."""
+    """Theta = shape / scale, never 0, from the search variable log(1 + theta max) / log(n)."""
     grown = np.expm1(np.multiply(place, np.log(excess.size)))
     return np.where(np.abs(grown) > NEAR_ZERO, grown, NEAR_ZERO) / excess[-1]
 
 
 def _stationary(excess: np.ndarray, max_place: float) -> float | None:
-    """Search variable at the optimum, by Newton's method; None if it leaves the bounds."""
+    """Search variable at the optimum, by Newton's method; None if it leaves its bounds."""
     place, n, largest = 0.0, excess.size, excess[-1]
     reach = np.log(n)
     for _ in range(20):
@@ -69,7 +69,7 @@ def _stationary(excess: np.ndarray, max_place: float) -> float | None:
         inverse = 1 / (1 + theta * excess)
         shape, lost = -np.log(inverse).sum() / n, 1 - inverse
         mean, more = lost.sum() / n, 1 + 1 / shape
-        slope = mean * more - 1  # slope times theta, like the curvature times theta squared
+        slope = mean * more - 1  # slope times theta (curvature: theta squared)
         curvature = 1 - (lost @ lost) / n * more - (mean / shape) ** 2
         growth = reach * (1 + 1 / (theta * largest))  # derivative of log(theta)
         bend = growth * (curvature * growth + slope * reach)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Statistics of the boulders at the evaluation lines, with their uncertainty.
+"""Statistics of boulders at evaluation lines, with uncertainty.
 
-Intervals are 95 % confidence intervals from `rockfall.analysis.precision.intervals`; they cover the
-Monte Carlo error.
+Intervals are 95 % confidence intervals from `rockfall.analysis.precision.intervals`; they cover
+the Monte Carlo error.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ QUANTITIES = (
     "position",
 )
 
-FRAGMENTS = "fragments"  # additional quantity for boulders that may break
+FRAGMENTS = "fragments"  # additional quantity if boulders may break
 
 SIGNED = ("omega", "position")  # signed quantities, unbounded in both directions
 
@@ -108,8 +108,8 @@ def line_statistics(
 def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
-    """Row of `line_statistics` for a quantity at the line with this index; `source` gives the
-    source of each boulder if it differs from the result's."""
+    """Row of `line_statistics` for a quantity at the line with this index; `source` replaces the
+    source of each boulder in the result."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
@@ -122,7 +122,7 @@ def numbers_at(samples: LineSamples, line: int, quantity: str) -> dict[str, floa
 
 
 def numbers(sample: Sample, quantity: str) -> dict[str, float]:
-    """Statistics of a quantity of boulders."""
+    """Statistics of a quantity from a sample."""
     row: dict[str, float] = {"n": sample.n, "fraction": sample.n / max(1, sample.released)}
     if sample.released:
         row["fraction_low"], row["fraction_high"] = fraction_limits(
@@ -132,9 +132,10 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 
 
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
-    """Mean, standard deviation, quantiles and maximum of values of boulders from these sources,
-    with their intervals. Statistics undefined for a single value are absent; limits from too few
-    values are NaN. Unless `signed`, means and limits are at least 0, which keeps the coverage."""
+    """Mean, standard deviation, quantiles and maximum of boulder values from these sources, with
+    intervals. Statistics that a single value does not define are absent; limits from too few
+    values are NaN. Unless `signed`, means and limits are at least 0, which preserves the
+    coverage."""
     return numbers_of(Values(v, source), signed)
 
 
@@ -158,7 +159,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Names of the statistics in a row without a complete interval: too few boulders."""
+    """Names of statistics in a row that lack a complete interval, because of too few boulders."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))
@@ -173,7 +174,7 @@ def quantile_name(level: float) -> str:
 
 
 def with_limits(name: str) -> list[str]:
-    """Names of a statistic and its 95 % limits."""
+    """Names of a statistic and of its 95 % limits."""
     return [name, f"{name}_low", f"{name}_high"]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulder populations behind the numbers of a case and of its hazard."""
+"""Boulder populations behind the results of a case and its hazard."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OF_VOLUMES = (  # keys of &boulder, except the list of volumes, which may be lon
 
 
 def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
-    """Notes on the boulders behind the numbers of a case; `yearly` numbers cover its scenarios."""
+    """Notes on the boulders behind results of a case; `yearly` results cover its scenarios."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]
     yield say("variants.population", boulders=", ".join(volumes))
@@ -24,6 +24,6 @@ def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
 
 
 def scenario_note(case: Case) -> Iterator[Text]:
-    """Note that run numbers do not cover the scenarios of the case, if it has scenarios."""
+    """Note that results of the run do not cover the scenarios of the case, if there are any."""
     if case.scenario:
         yield say("variants.other_population")

@@ -47,22 +47,22 @@ QUANTITIES = (
     "energy_rotational",
     "energy_total",
 )
-UPPER = 0.05  # fraction above the lowest threshold; 0.1 and 0.25 give biased levels
-#: minimum and maximum number of independent boulders above a threshold
+UPPER = 0.05  # fraction of values above the lowest threshold; 0.1 and 0.25 give biased levels
+#: Minimum and maximum number of independent boulders above a threshold.
 MIN_ABOVE, MAX_ABOVE = 50, 2000
 THRESHOLDS = 12  # number of thresholds tried
-ENOUGH = 25  # independent boulders beyond a level that make a fitted tail unnecessary
+ENOUGH = 25  # independent boulders beyond a level, from which no fitted tail is needed
 MAX_PERIOD = 10  # maximum period divided by the number of independent boulders
 MAX_SHAPE = 0.5  # limit of |shape|: fit theory (-0.5) and variance (+0.5) end there
-BARTLETT = 12  # factor over the number above the threshold: see _profiled
-#: grid of theta, and polynomial degree of the scale: levels accurate to 1e-5
+BARTLETT = 12  # divided by the number above the threshold: see _profiled
+#: Grid of theta, and polynomial degree of the scale: levels are accurate to 1e-5.
 POINTS, DEGREE = 64, 16
 TINY = 1e-14
 MAX_HIGH = 3  # maximum ratio of upper limit to level
 
 
 class Level(NamedTuple):
-    """Value exceeded by one in N boulders, with its 95 % interval; NaN if `refused`."""
+    """Value that one in N boulders exceeds, with its 95 % interval; NaN if `refused`."""
 
     value: float = np.nan
     low: float = np.nan
@@ -72,10 +72,10 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Tail:
-    """Upper tail of a sample: the GPD above the chosen threshold, and the level for each N.
+    """Upper tail of a sample: GPD above the chosen threshold, and level for each N.
 
-    `tried` contains the fits above all thresholds, from the lowest. If `refused` gives a reason,
-    only levels within the sample are given, and `fit` may be None.
+    `tried` has the fits above all thresholds, lowest first. If `refused` gives a reason, levels
+    are given only within the sample, and `fit` may be None.
     """
 
     n: int
@@ -84,7 +84,7 @@ class Tail:
     fit: Fit | None
     refused: str | None
     levels: dict[int, Level]
-    #: upper end point and its upper limit; infinite if unbounded
+    #: Upper end point and its upper limit; infinite if unbounded.
     end: tuple[float, float] = (np.inf, np.inf)
 
     @property
@@ -100,11 +100,11 @@ def return_levels(
     levels: Sequence[int] = LEVELS,
     lines: Sequence[str | int] | None = None,
 ) -> pd.DataFrame:
-    """Table with one row for each line (or each of the `lines`, by name or index) and quantity, in
-    the units of the result: n, max, and `level_N`, the value exceeded by one in N of the boulders
-    that pass, with the limits of its 95 % interval. Further columns describe the GPD: threshold,
-    boulders above it, shape with its limits, scale, p of the fit, upper end point of the tail and
-    its upper limit. Refused values are NaN, with the reason in `refused`, else empty.
+    """Table with a row for each line (or each of `lines`, by name or index) and quantity, in the
+    units of the result: n, max, and `level_N`, the value that one in N passing boulders exceeds,
+    with the limits of its 95 % interval. Further columns describe the GPD: threshold, number of
+    boulders above it, shape with its limits, scale, p-value of the fit, upper end point of the
+    tail and its upper limit. Refused values are NaN; `refused` gives the reason, else it is empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample.
 
@@ -143,14 +143,14 @@ def _row(sample: Sample, tail: Tail) -> dict[str, float | str]:
         for N, level in tail.levels.items()
         if level.refused
     ]
-    # text in every row, because pandas versions differ on missing texts
+    # Text in every row, because pandas versions differ on missing texts.
     row["refused"] = tail.refused or "; ".join(alone)
     return row
 
 
 def tail(values: np.ndarray, source: Sources | None = None, levels: Sequence[int] = LEVELS) -> Tail:
-    """Upper tail of the values (>= 0) of boulders; `source` gives the source of each, as from
-    `rockfall.analysis.precision.intervals.sources`, None for one source."""
+    """Upper tail of boulder values (>= 0); `source` gives the source of each, as from
+    `rockfall.analysis.precision.intervals.sources` (None: a single source)."""
     return tail_of(Values(values, Sources.alone(values.size) if source is None else source), levels)
 
 
@@ -221,7 +221,7 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
 
 
 def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str | None:
-    """Reason for refusing a tail; None for a valid tail."""
+    """Reason to refuse a tail; None if it is valid."""
     if not tried and UPPER * independent >= MIN_ABOVE:
         return say("level.ties", needed=MIN_ABOVE)
     if not tried:
@@ -236,7 +236,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels that increase with N, although some come from the sample, others from its tail."""
+    """Levels that increase with N, although some come from the sample and others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):
@@ -253,7 +253,8 @@ def _level(
     beyond: dict[int, Level],
     refused: str | None,
 ) -> Level:
-    """Level exceeded by one in N: from the sample if enough values lie beyond, else its tail."""
+    """Level exceeded by one in N: from the sample if enough values exceed it, else from the
+    tail."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))
@@ -263,8 +264,8 @@ def _level(
 def _beyond(
     levels: Sequence[int], sample: Sample, independent: float, fit: Fit, highest: Fit
 ) -> dict[int, Level]:
-    """Levels from the tail. The interval covers the intervals above the chosen and the highest
-    threshold, because an undetected misfit in few values may still shift the level (heights of
+    """Levels from the tail. The interval includes the intervals above the chosen and the highest
+    threshold, because an undetected misfit of few values may still shift the level (heights of
     cases/vaujany: 89 % coverage without, 93 % with)."""
     made = _profiled(levels, sample, independent, fit)
     if highest.shape > -MAX_SHAPE and highest is not fit:
@@ -285,9 +286,9 @@ def _profiled(
     to the independent boulders (Chandler and Bate 2007). Bartlett's factor, measured on GPD
     samples, corrects for few values: without it intervals from 50 values cover 92 to 94 %.
 
-    A limit is the extreme level over all parameters whose log-likelihood lies within `allowed` of
-    the maximum. For each theta = shape / scale, Lagrange's condition gives the logarithm of the
-    fraction above the threshold, by Newton's method. The grid is dense at the ends, where limits
+    A limit is the extreme level over all parameters with a log-likelihood within `allowed` of the
+    maximum. For each theta = shape / scale, Lagrange's condition gives the logarithm of the
+    fraction above the threshold, by Newton's method. The grid is dense at its ends, where limits
     change fast.
     """
     n, k = sample.n, fit.exceedances
@@ -306,30 +307,30 @@ def _profiled(
     )
 
     def scales(places: np.ndarray) -> np.ndarray:
-        """Maximum-likelihood scale for each theta, a smooth function."""
+        """Maximum-likelihood scale for each theta, as a smooth function."""
         return np.array([best_of(theta, excess)[1] for theta in theta_at(places, excess)])
 
     places = (west + east - (east - west) * np.cos(np.linspace(0, np.pi, POINTS))) / 2
     theta = theta_at(places, excess)
     scale = np.polynomial.Chebyshev.interpolate(scales, DEGREE, [west, east])(places)
-    # remaining allowance of each value
+    # Remaining allowance for each value.
     left = np.maximum(allowed - np.log(scale) - theta * scale, TINY)
     log_n = np.log(levels)[:, None]
     start, others = math.log(k / n), n / k - 1
     further = log_n + start  # log distance above the 1-in-N level
     bend = 1 / (1 - k / n)
     move = np.sqrt(2 * left / (1 + 1 / (further**2 * bend))) / (further * bend)
-    # log fraction; (2, levels, grid points)
+    # Log fraction; (2, levels, grid points).
     fraction = start + np.array([-1, 1])[:, None, None] * move
     for _ in range(6):
         odds = 1 / np.expm1(-fraction)
         slope = others * odds - 1
-        # ratio of the best shape for this theta to the shape
+        # Ratio of the best shape for this theta to the shape.
         inverse = 1 - (fraction + log_n) * slope
         cost = inverse - 1 - np.log(inverse) + start - fraction
         cost -= others * np.log(-np.expm1(fraction) / (1 - k / n))
         change = slope + (fraction + log_n) * others * odds * (1 + odds)
-        root = np.sqrt(np.maximum(cost, TINY))  # nearly linear function for Newton's method
+        root = np.sqrt(np.maximum(cost, TINY))  # nearly linear, for Newton's method
         fraction -= 2 * root * (root - np.sqrt(left)) / (slope - (1 - 1 / inverse) * change)
     inverse = 1 - (fraction + log_n) * (others / np.expm1(-fraction) - 1)
     above = np.expm1(theta * scale * (fraction + log_n) / inverse) / theta

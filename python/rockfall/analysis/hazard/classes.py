@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.case import Case, keys_of
 from rockfall.kernel_rules import count_limits
 
-#: Class labels by number; the first label if no boulder passes.
+#: Class labels by number; the first means that no boulder passes.
 CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))
 RESIDUAL = 1
 
@@ -42,8 +42,8 @@ def frequencies(
     parts: Iterable[tuple[np.ndarray, int, float | np.ndarray, float]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
-    """Combine scenarios. Each has counts, the number of boulders, `boulders_per_cluster` (number of
-    boulders that count as one; an array has a value for each place, the last dimension), and an
+    """Combine scenarios, each with counts, number of boulders, `boulders_per_cluster` (number of
+    boulders that count as one; an array has a value for each place, the last dimension), and
     annual frequency.
 
     The limits are sums of the Wilson limits of the scenarios: scenarios share random numbers, so
@@ -59,13 +59,14 @@ def frequencies(
 
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
-    """Intensity reached at least once in each period (periods, ...): 0 none, then from the weakest.
-    `frequency` (intensities, ...) counts each intensity and stronger ones."""
+    """Intensity reached at least once in each period (periods, ...): 0 is none, 1 the weakest.
+    `frequency` (intensities, ...) counts each intensity and all stronger ones."""
     return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """Highest class over all intensities and periods; residual if boulders pass less often."""
+    """Highest class over all intensities and periods; residual if boulders pass less often than
+    once in any period."""
     highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(highest, matrix.classes[intensity, column], out=highest)
@@ -73,8 +74,8 @@ def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) ->
 
 
 class Classes(NamedTuple):
-    """Classes by the estimated frequencies, and by the lower and upper limits of their intervals,
-    which bound the class because no class decreases with frequency."""
+    """Classes from the estimated frequencies, and from the limits of their intervals. The latter
+    bound the class, because no class decreases with frequency."""
 
     value: np.ndarray
     low: np.ndarray
@@ -82,12 +83,12 @@ class Classes(NamedTuple):
 
     @property
     def certain(self) -> np.ndarray:
-        """True where the intervals allow no other class."""
+        """True where the intervals allow only one class."""
         return self.low == self.high
 
 
 def classify(rates: Frequencies, matrix: Matrix) -> Classes:
-    """Classify frequencies (intensities, ...), where the first row counts all passages."""
+    """Classify frequencies (intensities, ...); the first row counts all passages."""
     passed = rates.value[0] > 0
     value, low, high = (hazard_classes(rate, matrix, passed) for rate in rates)
     return Classes(value, low, high)
@@ -101,7 +102,7 @@ def intensity_words(case: Case) -> list[str]:
 
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
-    """Upper limit of the frequency [1/year] of an event not observed in any simulation, from the
+    """Upper limit of the frequency [1/year] of an event that no simulation has shown, from the
     numbers of boulders and the frequencies of the scenarios."""
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
@@ -109,8 +110,8 @@ def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1
 
 
 def boulders_needed(yearly: float, period: float) -> int:
-    """Number of boulders per scenario needed to show that an unobserved event is rarer than once in
-    a period: the upper limit of 0 in n is z2/(n + z2)."""
-    upper = unseen([(1, 1.0)])  # equals z2/(1 + z2)
+    """Boulders needed for each scenario to show that an event without an occurrence is rarer than
+    once in a period: the upper limit of 0 in n is z2/(n + z2)."""
+    upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

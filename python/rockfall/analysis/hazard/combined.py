@@ -66,23 +66,23 @@ class HazardInputs:
     case: Case
     scene: Scene
     scenarios: list[Scenario]
-    #: evaluation lines of the case, listed after lines of objects and segments
+    #: Evaluation lines of the case, listed after the lines of objects and segments.
     lines: list[dict[str, Any]]
     objects: Objects
     segments: Segments
-    remarks: list[str] = field(default_factory=list)  # likely mistakes, one line each
+    remarks: list[str] = field(default_factory=list)  # likely mistakes, a line each
     warnings: list[InputWarning] = field(default_factory=list)  # warnings of all scenes
 
 
 class ScenarioRun:
-    """Numbers kept from the result of one scenario."""
+    """Values kept from the result of a scenario."""
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
         clusters = Clusters.of(result)
-        self.per_cluster = clusters.most  # applies to cells
+        self.per_cluster = clusters.most  # for cells
         self.sample = self.boulders, self.per_cluster, self.yearly
-        # cell counts (intensities, y, x)
+        # Cell counts (intensities, y, x).
         self.passages = _counts(result, "passages", "energy_exceeded")
         self.hits = _counts(result, "hits", "hits_energy_exceeded")
         self.extremes = {name: result[name].values for name in EXTREMES}
@@ -107,7 +107,7 @@ class ScenarioRun:
         at_lines = [
             (boulders_at(result, k), at) for k, at in zip(lines, self.at_lines, strict=True)
         ]
-        #: Boulders that count as one at each place.
+        #: Number of boulders that count as one, by place.
         self.per_place = {
             "line": np.array(
                 [clusters.at(boulders, at.energy, at.height) for boulders, at in at_lines]
@@ -127,7 +127,8 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read boulders at lines and barriers, except lying logs; return their indices."""
+        """Read the boulders at lines and barriers, except lying logs; return the indices of
+        these."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -206,7 +207,7 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
 
 
 def _grounds(runs: Runs) -> dict[str, np.ndarray]:
-    """Grounds, their models and rebounds over all scenarios; empty if all use impact sets."""
+    """Grounds, with their models and rebounds over all scenarios; empty if all use impact sets."""
     counts: dict[tuple[str, str], int] = {}
     for ground in (ground for run in runs for ground in run.grounds):
         key = ground.name, ground.model
@@ -219,7 +220,7 @@ def _grounds(runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str, tuple]:
-    """Coordinates, and the grid mapping."""
+    """Coordinates and grid mapping."""
     names = np.array([scenario.name for scenario in inputs.scenarios], dtype=object)
     attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
     return {
@@ -248,7 +249,7 @@ def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
-    """Cell frequencies with their limits, and quantities derived from them."""
+    """Frequencies of cells with limits, and derived quantities."""
     values = _with_ends("passage_frequency", "exceedance_frequency", rates, "f4")
     with np.errstate(divide="ignore"):
         periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")
@@ -299,7 +300,8 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies, energies and heights at lines and barriers, and boulders past each barrier."""
+    """Frequencies, energies and heights at lines and barriers, and boulders that pass each
+    barrier."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
@@ -318,7 +320,7 @@ def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 def _rates(
     kind: str, runs: Runs, counts: Sequence[np.ndarray], factor: Sequence[float]
 ) -> Frequencies:
-    """Frequencies from counts (..., places) of each run at lines, objects or segments (`kind`)."""
+    """Frequencies from counts (..., places) of each run, at lines, objects or segments (`kind`)."""
     parts = (
         (count, run.boulders, run.per_place[kind], run.yearly)
         for count, run in zip(counts, runs, strict=True)
@@ -332,7 +334,8 @@ def _by_period(
     runs: Runs,
     places: Sequence[Sequence[Passing | None]],
 ) -> dict[str, np.ndarray]:
-    """Energies and heights by return period at places, and counts above levels of both."""
+    """Energies and heights by return period at places, and counts above levels of energy and
+    height."""
     samples = [run.samples(kind) for run in runs]
     numbers = exceedance_numbers(places, samples, inputs.case.hazard["frequency_factor"])
     numbers["boulders_per_cluster"] = np.stack([run.per_place[kind] for run in runs])
@@ -340,7 +343,7 @@ def _by_period(
 
 
 def _levels() -> dict[str, tuple]:
-    """Coordinates of energies and heights by return period, and of the exceedance counts."""
+    """Coordinates for energies and heights by return period, and for exceedance counts."""
     periods = {"units": "year", "long_name": "return period of an event"}
     return {"event_period": ("event_period", np.array(PERIODS), periods)} | {
         f"exceeded_{name}": (
@@ -353,7 +356,7 @@ def _levels() -> dict[str, tuple]:
 
 
 def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.ndarray]:
-    """Frequencies, classes and numbers of the segments of roads."""
+    """Frequencies, classes and statistics of road segments."""
     segments, factor = inputs.segments, inputs.case.hazard["frequency_factor"]
     rates = _rates("segment", runs, [run.segment_counts for run in runs], factor)
     values = {
@@ -377,7 +380,7 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
 
 
 def _assumptions(texts: Sequence[Text]) -> dict[str, str]:
-    """Assumptions of the risk, one per line, and as message ids with values."""
+    """Assumptions of the risk, as one text with a line each, and as message ids with values."""
     messages = json.dumps([packed(text) for text in texts])
     return {"risk_assumptions": "\n".join(texts), "risk_messages": messages}
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energies and heights by return period, and frequencies by energy, at lines, objects and segments.
-They cover all scenarios, with boulders weighted by their annual frequency."""
+"""Energies and heights by return period, and frequencies by energy, at lines, objects and
+segments, over all scenarios, with boulders weighted by annual frequency."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders that reach the line with this index and that no barrier stops."""
+    """Number of boulders that reach the line with this index and are not stopped by a barrier."""
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size
@@ -39,7 +39,7 @@ def behind(result: xr.Dataset, line: int) -> int:
 
 def class_behind(at: Passing) -> np.ndarray:
     """Number of boulders (classes, heights) that would pass through or over a barrier of each EAD
-    340059 class and each height of `EXCEEDED`, by the rule of the kernel."""
+    340059 class and each height in `EXCEEDED`, by the kernel's rule."""
     counts = np.empty((CLASS_ENERGY.size, EXCEEDED["height"].size), "i4")
     for row, capacity in zip(counts, CLASS_ENERGY, strict=True):
         held = np.sort(at.height[at.energy <= capacity])
@@ -47,7 +47,7 @@ def class_behind(at: Passing) -> np.ndarray:
     return counts
 
 
-#: Boulders of a run, boulders that count as one, and frequency of its scenario [1/year].
+#: Number of boulders of a run, number that count as one, and scenario frequency [1/year].
 Sample = tuple[int, float, float]
 
 
@@ -56,10 +56,10 @@ def exceedance_numbers(
     runs: Sequence[Sequence[Sample]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
-    """Values for the hazard table at places, by name without the prefix: energies and heights by
-    return period with their limits, and counts above each of `EXCEEDED`, from the boulders of each
-    run that pass each place; None where only counts are known. `runs` has a sample for each place
-    of each run. `factor`: as in `rockfall.analysis.hazard.classes.frequencies`."""
+    """Hazard variables at places, by name without the prefix: energies and heights by return
+    period with their limits, and counts above each level of `EXCEEDED`, from the boulders of each
+    run that pass each place (None if only counts are known). `runs` has a sample for each place of
+    each run. `factor` is as in `rockfall.analysis.hazard.classes.frequencies`."""
     places = [*zip(*passing, strict=True)]
     by_place = [*zip(*runs, strict=True)]
     values: dict[str, np.ndarray] = {}
@@ -83,18 +83,18 @@ def exceedance_numbers(
 def levels_by_period(
     values: Sequence[np.ndarray], runs: Sequence[Sample], factor: Sequence[float] = (1.0, 1.0)
 ) -> np.ndarray:
-    """Value reached once in each of `PERIODS` with its 95 % limits, (3, periods), from the values
-    of passing boulders in each run.
+    """Value exceeded once in each of `PERIODS`, with its 95 % limits, (3, periods), from the
+    values of passing boulders in each run.
 
-    The value is 0 if boulders pass less often. At each limit, the same limit of the frequency
-    (`frequencies`) is once per period. The upper limit is infinite if even unobserved values may be
-    that frequent.
+    The value is 0 if boulders pass less often. At each limit of the value, the same limit of its
+    frequency (`frequencies`) equals once per period. The upper limit is infinite if values above
+    all simulated ones may be that frequent.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
-    # starts with a row for no boulders
+    # The first row is for no boulders.
     counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])
     rates = frequencies(((counts[:, k], *run) for k, run in enumerate(runs)), factor)
     steps = np.concatenate([[np.inf], sample[order], [0.0]])

@@ -19,11 +19,11 @@ from rockfall.result.dataset import DAMAGED
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-ENERGIES = np.geomspace(1.0, 1e9, 64)  # energies [J] at which curves are compared
+ENERGIES = np.geomspace(1.0, 1e9, 64)  # [J] at which curves are compared
 
 
 def layers_checksum(objects: Objects, segments: Segments) -> str:
-    """SHA-256 checksum of decoded objects with attributes and curves, and of segments."""
+    """SHA-256 checksum of the decoded objects (with attributes and curves) and segments."""
     harms = [
         (quantity, harm and (harm.scale, harm.length, harm.curve.fraction(ENERGIES).tolist()))
         for quantity, all_harms in objects.exposed.harms.items()
@@ -38,8 +38,8 @@ def layers_checksum(objects: Objects, segments: Segments) -> str:
 
 
 def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments: Segments) -> bool:
-    """Return True if a file is a hazard made from this case and these inputs by this version.
-    Return False for any other or damaged file."""
+    """Return True if a file is a hazard made from this case and these inputs by this version;
+    False for other or damaged files."""
     expected = {
         "version": __version__,
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),

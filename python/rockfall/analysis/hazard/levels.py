@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Queries of a hazard at one line, object or segment: frequencies by energy or height, return
+"""Queries of a hazard at a line, object or segment: frequencies by energy or height, return
 periods, and energies and heights by return period."""
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def return_period(
     hazard: xr.Dataset, place: str, *, energy: float | None = None, height: float | None = None
 ) -> Period:
     """Return period [year] of boulders above an energy [J] or a height [m] at a line, object or
-    segment, or of all boulders if neither is given. Between two counted levels the frequency
-    follows a power law; its limits are the limits at the two levels.
+    segment; of all boulders if neither is given. Between two counted levels, the frequency is
+    interpolated by a power law; its limits are those at the two levels.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -82,9 +82,9 @@ def return_period(
 
 
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table with one row for each line, object and segment, and each return period: `place` (line,
-    object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with their
-    limits. 0 means that boulders arrive less often; an empty or infinite upper limit means too few
+    """Table with a row for each line, object or segment and each return period: `place` (line,
+    object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with limits.
+    0 means that boulders arrive less often; an empty or infinite upper limit means too few
     boulders."""
     rows = [
         {
@@ -141,7 +141,7 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
-    """Kind (from the given kinds) and index of the place with this name."""
+    """Kind (one of `among`) and index of the place with this name."""
     if "frequency" not in hazard:
         raise RockfallError(
             f"{place}: a run has no annual frequencies: add &scenario groups to the case, and use "

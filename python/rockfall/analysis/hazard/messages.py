@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stored warnings on the models of the scenarios of a hazard."""
+"""Stored model warnings of the scenarios in a hazard."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rockfall.language import Text, unpacked
 
 
 def messages_of(hazard: xr.Dataset) -> dict[str, list[Text]]:
-    """Warnings on the model of each scenario, in the current language."""
+    """Model warnings of each scenario, in the current language."""
     names, messages = (hazard[f"scenario{end}"].values for end in ("", "_messages"))
     by_name: dict[str, list[Text]] = {}
     for name, packed_texts in zip(names, messages, strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Origins of the boulders that reach a line or object: annual number and energy from each cell."""
+"""Origins of boulders that reach a line or object: annual number and energy from each cell."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ if TYPE_CHECKING:
 
     from rockfall.io.rasters.grid import Grid
 
-SOURCES = ("line", "object")  # kinds of places with known sources
+SOURCES = ("line", "object")  # kinds of places for which sources are known
 LEVEL = 0.95
-#: energies of arriving boulders [J]
+#: Energies of arriving boulders [J].
 ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))
 
 
 class Arrivals(NamedTuple):
     """Boulders that reach a place."""
 
-    start: np.ndarray  # grid number of each start cell; here, index of the boulder
+    start: np.ndarray  # grid index of each start cell; in `of` first the index of the boulder
     energy: np.ndarray  # kinetic energy [J]
 
 
 class Origins(NamedTuple):
-    """Start cells of the boulders of a run, and the boulders that reach each place, by kind of
-    place. None for a place with known counts only."""
+    """Start cells of a run's boulders, and the boulders that reach each place, by kind of place.
+    None for a place where only counts are known."""
 
-    cells: np.ndarray  # grid numbers, ascending
-    boulders: np.ndarray  # number of boulders that start in each cell
+    cells: np.ndarray  # grid indices, ascending
+    boulders: np.ndarray  # number of boulders from each cell
     at: Mapping[str, Sequence[Arrivals | None]]
 
     @classmethod
     def of(
         cls, result: xr.Dataset, grid: Grid, at: Mapping[str, Sequence[Arrivals | None]]
     ) -> Origins:
-        """Origins of the boulders of a result; `at`: boulders that reach each place, by index."""
+        """Origins of a result's boulders; `at` has the boulders that reach each place, by index."""
         rows, columns = grid.cells(*(result[f"start_{axis}"].values for axis in "xy"))
         cells = rows * grid.nx + columns
         places = {
@@ -59,7 +59,7 @@ def origin_numbers(
 ) -> dict[str, np.ndarray]:
     """Origin variables of a hazard, from the runs and the frequency [1/year] that each boulder
     represents: cell centres, annual number of boulders that start in each cell, and for each place
-    the annual number from each cell that reaches it, with energies [J]."""
+    the annual number and energies [J] of the boulders that arrive from each cell."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -80,8 +80,8 @@ def origin_numbers(
 def _arriving(
     runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Annual number of boulders that reach a place from each cell, and mean and 95 % quantile of
-    their energies with its interval; NaN without boulders, or with known counts only."""
+    """Annual number of boulders that reach a place from each cell, and the mean and 95 % quantile
+    of their energies with its interval; NaN without boulders, or if only counts are known."""
     arrivals = [run for run in runs if run is not None]
     if len(arrivals) < len(runs):
         return dict.fromkeys(("frequency", *ENERGIES), np.full(cells.size, np.nan))
@@ -135,6 +135,6 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
     columns["share"] = rates[order] / rates.sum() if order.size else rates[order]
     columns["reach"] = rates[order] / hazard["source_frequency"].values[order]
     for name in ENERGIES:
-        if f"{kind}_source_{name}" in hazard:  # missing in older files
+        if f"{kind}_source_{name}" in hazard:  # absent in older files
             columns[name] = hazard[f"{kind}_source_{name}"].values[k][order]
     return pd.DataFrame(columns)

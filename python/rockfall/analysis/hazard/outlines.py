@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised outlines of hazard zones: smooth, with no part narrower than a given width.
+"""Generalised outlines of hazard zones: smooth, without parts narrower than a given width.
 
-Every step errs on the safe side: an outline encloses all cells of its class and higher classes, and
+Every step errs on the safe side: an outline encloses all cells of its class and of higher classes;
 narrow parts are widened, or get the next higher class if it is adjacent.
 """
 
@@ -17,13 +17,13 @@ ARC = 4  # segments per quarter circle
 TOLERANCE = 0.25  # tolerance of simplified outlines, in cells
 NEGLIGIBLE = 0.01  # area attributed to rounding, in cells
 TOUCHING = 1e-6  # distance at which parts count as touching [m]
-GRID = 2.0**-20  # coordinate grid, in cells: without it overlays fail with some builds of GEOS
-PASSES = 2  # passes that raise narrow parts: a raised part may narrow its neighbours
+GRID = 2.0**-20  # coordinate grid, in cells; without it, overlays fail with some GEOS builds
+PASSES = 2  # repetitions, because raising a narrow part may narrow its neighbours
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
-    """Generalise the areas of classes, from the lowest class. The results do not overlap, and cover
-    the same area to coordinate resolution. `width` and `cell` are in metres."""
+    """Generalise the areas of classes, lowest class first. The resulting areas do not overlap, and
+    cover the same area to coordinate resolution. `width` and `cell` are in metres."""
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
@@ -59,8 +59,8 @@ def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
     """Smooth outline around an area that fills gaps narrower than the width. Simplification may
-    deviate by the tolerance, so it starts from an outline offset by that distance; straight
-    segments may still cut a curved corner."""
+    deviate by the tolerance, so the outline is first offset by this distance; straight segments
+    may still cut a curved corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)
@@ -69,7 +69,8 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area, larger than `least` [m2], too narrow for a disc of this width."""
+    """Parts of an area, larger than `least` [m2], that are too narrow for a disc with this
+    width."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

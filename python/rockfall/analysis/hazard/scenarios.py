@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenarios of a case: boulder classes with their runs and frequencies."""
+"""Scenarios of a case: boulder classes with runs and frequencies."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OUTPUT: dict[str, Any] = {  # output needed for a hazard
     ],
     "map_extent": "terrain", "rebounds": False, "trajectories": 0,
 }  # fmt: skip
-KM2 = 1e6  # area in m2
+KM2 = 1e6  # 1 km2 [m2]
 
 
 class Scenario(NamedTuple):
@@ -42,7 +42,7 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; invalid scenarios raise an error."""
+    """Case common to all scenarios, with this output; raises an error for invalid scenarios."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -63,8 +63,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties given by both the scenarios and the source layer; an error if the layer
-    gives a property for every source."""
+    """Remarks on properties that both the scenarios and the source layer give; raises an error if
+    the layer gives a property for all sources."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:
@@ -81,7 +81,7 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and in its scenarios (with their names), each listed once."""
+    """Likely mistakes in a case and its scenarios (with their names), without duplicates."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         own = replace(scene, case=scenario.case, findings=Findings())
@@ -96,7 +96,7 @@ def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[Input
 
 def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]:
     """Properties that both a source layer and a scenario may give: name, scenario keys, and a mask
-    of sources for which the layer gives the property."""
+    of the sources for which the layer gives the property."""
     features = scene.features
     if features is not None and features.law is not None and features.value is not None:
         yield "volume", VOLUMES, features.law[features.number - 1] > 0
@@ -105,7 +105,7 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
     """Case with the boulders of a scenario. A volume distribution in the scenario replaces all
-    volume keys; otherwise the scenario changes single keys of &boulder."""
+    volume keys; other scenario keys replace single keys of &boulder."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}
@@ -129,7 +129,7 @@ def _frequency(scenario: dict[str, Any], scene: Scene) -> float:
 
 
 def source_area(scene: Scene) -> float:
-    """Area of the source cells [m2]: the surface area if cells release boulders in proportion to
-    it; the plan area if all cells release equally."""
+    """Area of the source cells [m2]: surface area if cells release boulders in proportion to it,
+    plan area if all cells release equally."""
     cells = scene.x.size if scene.area is None else scene.area.sum()
     return float(cells) * scene.grid.cell**2

@@ -24,8 +24,8 @@ EXTREMES = {  # maps with the extreme over the scenarios
     "travel_time_min": np.fmin,
 }
 YEARLY, YEARS, PART = "year-1", "year", "1"
-PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # return periods of energies and heights [year]
-LEVELS = {  # units and meaning of quantities listed by return period
+PERIODS = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [year] for energies and heights
+LEVELS = {  # unit and meaning of quantities by return period
     "energy": ("J", "kinetic energy"),
     "height": ("m", "vertical height of the centre above the ground"),
 }
@@ -58,16 +58,16 @@ class Variable(NamedTuple):
     dims: tuple[str, ...]
     units: str
     long_name: str
-    words: str = ""  # kind of words for the numbers: hazard, intensity, certain or risk
+    words: str = ""  # type of words for the numbers: hazard, intensity, certain or risk
     comment: str = ""
 
     @property
     def is_map(self) -> bool:
-        """Return True if the variable is one or several maps in plan."""
+        """Return True if the variable is a plan map, or several."""
         return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
 
     def about(self, case: Case) -> dict[str, Any]:
-        """Attributes of the variable."""
+        """Attributes for the variable in a file."""
         texts = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
         attrs: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.words:
@@ -78,7 +78,7 @@ class Variable(NamedTuple):
 
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
-    """Words for the numbers, counted from 0."""
+    """Words for the numbers, from 0."""
     words = {"hazard": CLASSES, "certain": ("no", "yes"), "risk": RISK_CLASSES}
     return intensity_words(case) if kind == "intensity" else words[kind]
 
@@ -102,7 +102,7 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
     """Energies and heights by return period, counts for exceedance curves, and the number of
-    boulders that count as one in their limits."""
+    boulders that count as one for their limits."""
     what = f"boulders {where} that count as one independent boulder in the intervals"
     yield f"{prefix}boulders_per_cluster", Variable(("scenario", *dims), PART, what)
     for name, (units, quantity) in LEVELS.items():
@@ -175,7 +175,7 @@ def _table() -> Iterator[tuple[str, Variable]]:
 
 
 def _sources() -> Iterator[tuple[str, Variable]]:
-    """Cells in which boulders start."""
+    """Variables of cells in which boulders start."""
     dims, where = ("source",), "that start in the cell"
     for axis in "xy":
         yield f"source_{axis}", Variable(dims, "m", f"{axis} of the centre of a cell with sources")
@@ -191,7 +191,7 @@ def _sources() -> Iterator[tuple[str, Variable]]:
 
 
 def _lines() -> Iterator[tuple[str, Variable]]:
-    """Evaluation lines and barriers of the case."""
+    """Variables of evaluation lines and barriers."""
     dims = ("scenario", "line")
     what = "annual frequency of boulders that reach the line or barrier"
     yield from _with_ends("line_frequency", ("line",), what)
@@ -212,7 +212,7 @@ def _lines() -> Iterator[tuple[str, Variable]]:
 
 
 def _segments() -> Iterator[tuple[str, Variable]]:
-    """Segments of roads."""
+    """Variables of road segments."""
     dims, where = ("segment",), "where they first touch the segment"
     yield "segment_geometry", Variable(dims, "", "axis of the segment, well-known text")
     yield "segment_road", Variable(dims, "", "road of the segment")
@@ -245,7 +245,7 @@ def _segments() -> Iterator[tuple[str, Variable]]:
 
 
 def _exposed() -> Iterator[tuple[str, Variable]]:
-    """Risk to property and persons."""
+    """Variables of risk to property and persons."""
     dims, all_of = ("object",), "objects; intervals account for boulders that hit several"
     yield "object_kind", Variable(dims, "", "kind of the object")
     damage = "expected annual damage to property, in the unit of the value"
@@ -266,7 +266,7 @@ CLASS_ENERGY = np.array(EAD_ENERGY)  # barrier energy of each class [J]
 
 
 def map_names(case: Case) -> Iterator[tuple[str, Variable]]:
-    """Names of the maps in plan in the hazard of a case."""
+    """Names of the plan maps in the hazard of a case."""
     places = {
         "threshold": [1000 * threshold for threshold in case.hazard["thresholds"]],
         "return_period": case.hazard["return_periods"],

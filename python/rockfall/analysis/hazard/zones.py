@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard classes as polygons: along cell edges, which add no false precision, and generalised."""
+"""Hazard classes as polygons: along cell edges, without false precision, or generalised."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 
 class Zones(NamedTuple):
-    """Polygons with their class and number of cells."""
+    """Polygons with their classes and numbers of cells."""
 
     shapes: np.ndarray
     number: np.ndarray
     cells: np.ndarray
-    patch: np.ndarray  # (y, x): number of the polygon at the centre of each cell, from 1; 0 if none
+    patch: np.ndarray  # (y, x): polygon number at each cell centre, from 1; 0 if none
 
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class along cell edges, each at least the case's `minimum_area`: GDAL's
-    sieve merges smaller patches into their largest neighbour."""
+    """Zones of a hazard class along cell edges, with the case's `minimum_area` or more: GDAL's
+    sieve merges smaller patches with their largest neighbour."""
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -45,8 +45,9 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 
 def zones_of(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class with generalised outlines, no part narrower than the case's
-    `minimum_width`; along cell edges if that is zero. Used for texts, files and figures."""
+    """Zones of a hazard class with generalised outlines, without parts narrower than the case's
+    `minimum_width`, or along cell edges if this width is zero; used for texts, files and
+    figures."""
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
@@ -71,7 +72,7 @@ def _generalised(content: bytes, grid: Grid, minimum_area: float, width: float) 
 
 
 def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Highest class on the map within each zone, before small patches were merged."""
+    """Highest class on the map within each zone, before small patches are merged."""
     numbers, _ = _north_up(hazard["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -79,21 +80,22 @@ def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Area [m2] of each class that the zones show in a lower class or omit."""
+    """Area [m2] of each class that the zones show with a lower class, or omit."""
     numbers, grid = _north_up(hazard["hazard_class"])
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells of uncertain class, numbered lowest * number of classes + highest."""
+    """Patches of cells with uncertain class, numbered lowest class * number of classes + highest
+    class."""
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)
 
 
 def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Fraction of the cells of each zone whose class is certain."""
+    """Fraction of the cells in each zone whose class is certain."""
     certain, _ = _north_up(hazard["hazard_class_certain"])
     patch = zones.patch.ravel()
     count = np.bincount(patch, certain.ravel(), len(zones.cells) + 1)[1:]
@@ -101,7 +103,7 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
-    """Classes with rows from the north, and their grid without CRS and path."""
+    """Classes with northernmost row first, and their grid without CRS and path."""
     values, grid = north_up(data)
     return values.astype("u1"), replace(grid, crs=None, path=None)
 
@@ -132,6 +134,6 @@ def _zones(
         held_cells(pairs, grid, patch)
     cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
     zones = Zones(np.array(polygons, dtype=object), number, cells, patch)
-    for values in zones:  # callers share these arrays
+    for values in zones:  # shared by callers
         values.flags.writeable = False
     return zones

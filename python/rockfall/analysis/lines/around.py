@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line past the ends of barriers."""
+"""Boulders that reach a line by passing around the ends of barriers."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from rockfall.terrain.polyline import lengths, sides
 if TYPE_CHECKING:
     import xarray as xr
 
-MAX_AROUND = 0.01  # fraction of the boulders of a line that may pass around the ends of barriers
+MAX_AROUND = 0.01  # maximum fraction of a line's boulders that may pass around barriers
 
 
 def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.ndarray:
-    """Mask (boulder,) of the boulders that reach a line without meeting any of these barriers
-    before. Lines and barriers are given by index."""
+    """Mask (boulder,) of boulders that reach a line without meeting any of these barriers before;
+    line and barriers are indices."""
     there = line_values(result, "time", line)
     around = np.isfinite(there)
     for barrier in barriers:
@@ -35,9 +35,9 @@ def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.nd
 
 
 def barriers_above(result: xr.Dataset, line: int) -> list[int]:
-    """Indices of the barriers above a line, without lying logs: boulders meet them, without having
-    met the line before, on a side of the line from which more than `MAX_AROUND` of its boulders
-    come. Beyond its ends, a line continues straight."""
+    """Indices of the barriers above a line, except lying logs: boulders meet them before the line,
+    on a side from which more than `MAX_AROUND` of the line's boulders come. Beyond its ends, a
+    line continues straight."""
     nets = {net["name"] for net in case_of(result).barrier if "diameter" not in net}
     there, vertices = line_values(result, "time", line), _vertices(result, line)
     uphill = _uphill(result, line, vertices)
@@ -59,7 +59,7 @@ def _vertices(result: xr.Dataset, line: int) -> np.ndarray:
 
 
 def _uphill(result: xr.Dataset, line: int, vertices: np.ndarray) -> list[int]:
-    """Sides of a line, as of `sides`, from which more than `MAX_AROUND` of its boulders come."""
+    """Sides of a line (see `sides`) from which more than `MAX_AROUND` of its boulders come."""
     step, at = np.diff(vertices), values_at(result, "distance", line)
     step = step[np.clip(np.searchsorted(lengths(vertices), at) - 1, 0, step.size - 1)]
     x, y = (values_at(result, f"velocity_{axis}", line) for axis in "xy")
@@ -70,9 +70,8 @@ def _uphill(result: xr.Dataset, line: int, vertices: np.ndarray) -> list[int]:
 def around_by_line(
     result: xr.Dataset, lines: Sequence[int]
 ) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Lines with more than `MAX_AROUND` of the boulders passing around barriers above them,
-    relative to the boulders that reach the line or a barrier: line, barriers, and the mask of
-    `goes_around`."""
+    """Lines for which more than `MAX_AROUND` of the boulders that reach the line or a barrier pass
+    around the barriers above: line, barriers, and the mask of `goes_around`."""
     for line in lines:
         if barriers := barriers_above(result, line):
             around = goes_around(result, line, barriers)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams that a section crosses, and the boulders that cross them near it."""
+"""Lines, barriers and dams that a section crosses, and the boulders that cross them nearby."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_name
 
 
 def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
-    """Table with one row for each place where a section (vertices x + iy) crosses a line, barrier
-    or dam of a result, in order: COLUMNS, with barrier height [m] and capacity [J]. The numbers
-    cover all boulders that cross the line within a distance [m] on either side; NaN unless all rows
+    """Table with a row for each place where a section (vertices x + iy) crosses a line, barrier or
+    dam of a result, in order: COLUMNS, with barrier height [m] and capacity [J]. The statistics
+    cover all boulders that cross the line within `within` [m] on either side; NaN unless all rows
     are kept."""
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
     return pd.DataFrame(sorted(rows, key=lambda row: row["distance"]), columns=COLUMNS)

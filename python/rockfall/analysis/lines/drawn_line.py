@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Line of a section as drawn by the user: pairs of coordinates, or the line of a layer."""
+"""Line of a section from the user: coordinate pairs, or the line of a layer."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Statistics of the boulders at a point of a section: mean, 95 % quantile and maximum."""
+"""Statistics of boulders at a point of a section: mean, 95 % quantile and maximum."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def envelope_names(prefix: str = "") -> list[str]:
 def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
-    """Statistics of the boulders with known (not NaN) quantities, by `envelope_names`. Statistics
-    without a complete interval are omitted; the maximum is given for any number of boulders."""
+    """Statistics of the known (not NaN) values, by `envelope_names`. Statistics without a complete
+    interval are omitted; the maximum is given for any number of boulders."""
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])
@@ -39,7 +39,7 @@ def envelopes(
 
 
 def fewest_for(level: float) -> int:
-    """Smallest number of independent boulders for which a quantile has both limits."""
+    """Minimum number of independent boulders for which a quantile has both limits."""
     return next(n for n in itertools.count(2) if _has_limits(n, level))
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 BY = ("source", "volume", "shape")
-MAX_SOURCES = 50  # with more sources, neighbours by number share a group
+MAX_SOURCES = 50  # with more sources, consecutive sources share a group
 RANGES = 20  # number of these shared groups
-MAX_VOLUMES = 6  # maximum number of distinct volumes that each get a class
+MAX_VOLUMES = 6  # maximum number of distinct volumes with a separate class each
 
 Group = tuple[str, np.ndarray]  # name, and mask of boulders
 
@@ -27,10 +27,10 @@ Group = tuple[str, np.ndarray]  # name, and mask of boulders
 def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
     """Groups of boulders: each boulder is in exactly one group, and no group is empty.
 
-    by = 'source': the polygons or points of the source layer, by name, or without a layer the
-    sources, by number. by = 'volume': `classes` are the edges between classes [m3]; the default is
-    the distinct volumes if few, else quarters of the boulders. An edge belongs to the class above
-    it. by = 'shape': the block shapes, in a run with several shapes.
+    by = 'source': the polygons or points of the source layer by name or, without a layer, the
+    sources by number. by = 'volume': `classes` are the edges between classes [m3] (default: the
+    distinct volumes if they are few, else quartiles of the boulders). An edge belongs to the class
+    above it. by = 'shape': the block shapes, in a run with several shapes.
     """
     check_by(by, classes)
     if by == "shape":
@@ -42,7 +42,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
-    """Refuse unknown groups, and classes for anything but volumes."""
+    """Refuse unknown groups, and classes for groups other than volumes."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":
@@ -65,7 +65,7 @@ def _by_source(result: Held) -> Iterator[Group]:
 
 
 def part_names(result: Held) -> list[str]:
-    """Names of the parts of samples: features, sources, or ranges of either."""
+    """Names of sample parts: features, sources, or ranges of features or sources."""
     last = result["sample_part_last"].values
     if last[-1] == last.size:
         return _names(result, last)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Distribution of boulders along a line: frequency, energy and height in windows."""
+"""Distribution of boulders along a line: frequency, energy and height by window."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths
 
 MAX_WINDOWS = 10_000  # maximum per line
-ROUNDING = 1e-9  # narrower windows, relative to the line length, are rounding errors
-WINDOWS = 40  # approximate number per line without a given width
+ROUNDING = 1e-9  # narrower windows, relative to the line length, count as rounding errors
+WINDOWS = 40  # approximate default number per line
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
 _COLUMNS = ["line", "start", "end", "n"]
@@ -31,7 +31,7 @@ _COLUMNS += [
 
 
 def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:
-    """Table with one row for each window of `width` [m] along a line, from its first vertex. The
+    """Table with a row for each window of `width` [m] along a line, from its first vertex. The
     last window may be shorter. The default is a round width that gives about 40 windows.
 
     `start` and `end` [m] of the window; `n` and `fraction` of boulders whose first crossing is in

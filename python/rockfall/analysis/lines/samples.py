@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the quantities at lines, for all boulders of a result or for groups, from boulder rows
-or, in a run without rows, from counts and sums."""
+"""Samples of the quantities at lines, for all boulders of a result or for groups. They come from
+boulder rows or, in a run without rows, from counts and sums."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class LineSamples:
     """Samples of the quantities at the lines of a result."""
 
     def __init__(self, result: Held, source: Sources | None = None) -> None:
-        """`source` gives the source of each boulder, if different from the result's."""
+        """`source` replaces the source of each boulder in the result."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
         self._has_kept = source is None and not self._counted
         if self._has_kept:
             source = sources(result)
         self._source = source
-        self._last: tuple[int, AtLine, Passing] | None = None  # for the last line requested
+        self._last: tuple[int, AtLine, Passing] | None = None  # for the line requested last
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property
@@ -49,7 +49,7 @@ class LineSamples:
 
     @property
     def sources(self) -> int:
-        """Number of sources; at most the number of groups for counts with unequal releases."""
+        """Number of sources; for counts with unequal releases, at most the number of groups."""
         if self._source is not None:
             return self._source.count
         case = case_of(self.result)
@@ -58,15 +58,15 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """Samples with the sources taken as given rather than sampled."""
+        """Samples in which the sources are fixed rather than sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         samples = LineSamples(self.result, source)
         samples.sampled = False
         return samples
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for boulders kept as
-        counts, the parts of the sources in each group."""
+        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for boulders stored
+        as counts, the parts of the sources in each group."""
         if not self._counted:
             return groups(self.result, by, classes)
         check_by(by, classes)
@@ -86,7 +86,7 @@ class LineSamples:
             return Values(values, passing)
         assert self._source is not None
         among = chosen[at.boulders]
-        places = np.cumsum(chosen) - 1  # positions among the chosen boulders
+        places = np.cumsum(chosen) - 1  # index among the chosen boulders
         which = places[at.boulders[among]]
         return Values(values[among], Passing(self._source[chosen], which))
 
@@ -110,7 +110,7 @@ class LineSamples:
         return Values(self.result[quantity].values, self._source)
 
     def _counts(self, line: int, quantity: str, parts: np.ndarray | None) -> Counts:
-        """Counts at the line with this index; -1 for the end of boulders."""
+        """Counts at the line with this index; -1 for the ends of boulders."""
         result, kind = self.result, int(line < 0)
         number = fields("end_quantity" if kind else "line_quantity").index(quantity)
         all_parts = np.full(result.sizes["sample_part"], True)
@@ -138,7 +138,7 @@ class LineSamples:
         return self._in_groups(0, 0, np.flatnonzero(chosen)).sum(axis=1)
 
     def _bins(self, place: int, quantity: int, parts: np.ndarray) -> np.ndarray:
-        """Counts (bins,) of these parts, including empty bins."""
+        """Counts (bins,) over these parts, including empty bins."""
         bins = np.zeros((SAMPLE_COARSE, SAMPLE_BINS // SAMPLE_COARSE), "i8")
         for part in parts:
             first = self._first(place, part, self.result.sizes["sample_part"], quantity)
@@ -159,5 +159,5 @@ class LineSamples:
 
     @staticmethod
     def _first(place: int, column: int, columns: int, quantity: int) -> int:
-        """First coarse bin for a line, part or group, and quantity."""
+        """First coarse bin of a quantity for a line, part or group."""
         return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section along a drawn line: the ground below it, and energies, speeds and heights of nearby
+"""Section along a drawn line: the ground below, and energies, speeds and heights of nearby
 boulders, from recorded trajectories, maps, and crossed lines.
 
 A station is a short line across the section. A recorded boulder counts where it first crosses the
@@ -32,7 +32,7 @@ from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
 
 PATHS = 200  # maximum number of trajectories kept
-RECORDED = "recorded_"  # prefix for numbers of recorded trajectories
+RECORDED = "recorded_"  # prefix of statistics from recorded trajectories
 COLUMNS = ["distance", "x", "y", "elevation", "crossed", "recorded_n", "unknown_energy"]
 COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
 
@@ -42,16 +42,16 @@ class Section:
     """A section of a result, in its units; intervals are 95 % confidence intervals.
 
     `table` has COLUMNS, with a row for each station: `recorded_...` for recorded trajectories that
-    cross it within the corridor, `cell_...` for all boulders in the map cell below it,
-    `corridor_..._max` for all boulders in the cells that it crosses; `crossed` lists the lines
-    crossed since the previous station. `lines` has a row for each place where the section crosses a
-    line, barrier or dam, with the numbers of all boulders that cross the line in the corridor.
-    `passages` has a row for each recorded boulder at each station: distance along the section,
-    boulder, elevation of its point, and QUANTITIES. `paths` are up to 200 of the trajectories
-    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded` is
-    the number of recorded trajectories, out of `boulders`; `has_maps` is True if the result has
+    cross it within the corridor, `cell_...` for all boulders in the map cell of the station,
+    `corridor_..._max` for all boulders in the cells that the station crosses; `crossed` lists the
+    lines crossed since the previous station. `lines` has a row for each crossing of the section
+    with a line, barrier or dam, with statistics of all boulders that cross the line in the
+    corridor. `passages` has a row for each recorded boulder at each station: distance along the
+    section, boulder, elevation of its point, and QUANTITIES. `paths` has up to 200 trajectories
+    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
+    is the number of recorded trajectories, out of `boulders`; `has_maps` is True if the result has
     maps of these quantities. `not_kept` is the number of other recorded trajectories, omitted
-    because sizes and masses of their boulders are not kept.
+    because the sizes and masses of their boulders were not kept.
     """
 
     line: SectionLine
@@ -66,12 +66,12 @@ class Section:
 
     @property
     def lacks_heights(self) -> bool:
-        """True if heights of recorded trajectories are unknown at some stations."""
+        """True if the heights of recorded trajectories are unknown at some stations."""
         return bool(self.passages["passing_height"].isna().any())
 
     @property
     def unknown_energies(self) -> int:
-        """Number of recorded passages without an energy, because the mass is unknown."""
+        """Number of recorded passages whose energy is unknown, because the mass is unknown."""
         return int(self.passages["energy_total"].isna().sum())
 
 
@@ -84,10 +84,10 @@ class _Known(NamedTuple):
 
 
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
-    """Section of a result along a line. Without terrain, or outside it, elevations and heights of
-    trajectories are NaN. Heights are also NaN if the terrain is coarser than in the run; energies
-    are NaN if neither the case nor a line crossing gives the mass. Raises RockfallError for a
-    result with neither trajectories of moving boulders nor maps of speeds, energies or heights."""
+    """Section of a result along a line. Elevations and trajectory heights are NaN without terrain,
+    or outside it; heights also if the terrain is coarser than in the run. Energies are NaN if
+    neither the case nor a line crossing gives the mass. Raises RockfallError for a result with
+    neither trajectories of moving boulders nor maps of speed, energy or height."""
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
     followed, boulders = motion_of(result), result["boulder"].values
@@ -146,12 +146,12 @@ def _crossed(lines: pd.DataFrame, distance: np.ndarray) -> list[str]:
 
 
 def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
-    """Return True if the terrain has the cell size of the run; large terrain is coarsened."""
+    """Return True if the terrain has the cell size of the run; large terrain may be coarsened."""
     return terrain is not None and terrain[1].cell <= 1.001 * corner_of(result["crs"].attrs)[2]
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Trajectories of some of these boulders near a section, clipped to its ends."""
+    """Trajectories of these boulders near a section, clipped to its ends."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):
@@ -165,8 +165,8 @@ def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.
 def _first_crossings(
     motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trajectory pieces in which boulders first cross a station, and the fraction of each piece
-    before the crossing (0 to 1)."""
+    """Trajectory pieces in which boulders first cross a station, and the fraction (0 to 1) of each
+    piece before the crossing."""
     start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
     before = ((start - place) * np.conj(direction)).real
     after = ((end - place) * np.conj(direction)).real
@@ -182,7 +182,7 @@ def _first_crossings(
 def _values(
     motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, context: _Known
 ) -> dict[str, np.ndarray]:
-    """QUANTITIES of these boulders within pieces, and elevations of their points."""
+    """QUANTITIES of these boulders within trajectory pieces, and elevations of their points."""
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(context.terrain, here, height))
@@ -195,7 +195,7 @@ def _values(
 def _ground(
     terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
 ) -> np.ndarray:
-    """Ground property (`height` or `steepness`) at places; NaN where unknown."""
+    """Property of the ground (`height` or `steepness`) at places; NaN where unknown."""
     ground = np.full(places.shape, np.nan)
     if terrain is not None:
         z, grid = terrain

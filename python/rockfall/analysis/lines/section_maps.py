@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of a result along a section: statistics of all boulders, by terrain cell.
+"""Maps of a result along a section: statistics of all boulders by terrain cell.
 
-In a map each boulder counts once in a cell, with its maximum there. Mean and quantile come from the
-cell below the section; the maximum comes from all cells that a station crosses.
+In a map each boulder counts once per cell, with its maximum there. Mean and quantile come from the
+cell at the section, the maximum from all cells that a station crosses.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
-    """COLUMNS at each station; NaN outside the maps, where the result lacks the map, and where too
+    """COLUMNS at each station; NaN outside the maps, if the result lacks the map, and where too
     few boulders passed."""
     columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
@@ -61,8 +61,8 @@ def has_maps(result: xr.Dataset) -> bool:
 
 
 def known(result: xr.Dataset, name: str) -> np.ndarray:
-    """Values of a map (y, x), NaN where too few boulders passed. Without a passage count, a
-    quantile is reliable where both its limits exist."""
+    """Map values (y, x), NaN where too few boulders passed. Without a passage count, a quantile
+    counts as known if both its limits exist."""
     values = result[name].values
     if (thin := thin_cells(result, name)) is not None:
         return np.where(thin, np.nan, values)
@@ -96,7 +96,7 @@ def _max_across(result: xr.Dataset, name: str, stations: Stations) -> np.ndarray
 
 
 def places_in_cells(grid: Grid, start: complex, end: complex) -> np.ndarray:
-    """A point within each cell that a straight line crosses, in order, as x + iy [m]."""
+    """A point in each cell that a straight line crosses, in order, as x + iy [m]."""
     parts = [0.0, 1.0]
     for low, high, edge in (
         (start.real, end.real, grid.west), (start.imag, end.imag, grid.north)

@@ -11,13 +11,13 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
 from rockfall.terrain.polyline import lengths
 
-STATIONS = 100  # approximate number without a given interval
+STATIONS = 100  # approximate default number
 MAX_STATIONS = 10_000
 
 
 class SectionLine(NamedTuple):
-    """A section: vertices as x + iy [m], the half-width of its corridor [m], and the interval
-    between stations [m]; None for a round interval that gives about 100 stations."""
+    """A section: vertices x + iy [m], half-width of its corridor [m], and interval between
+    stations [m] (None: a round interval that gives about 100 stations)."""
 
     vertices: np.ndarray
     within: float = 10.0
@@ -25,8 +25,8 @@ class SectionLine(NamedTuple):
 
 
 class Stations(NamedTuple):
-    """Short lines across a section that extend `within` [m] to either side: distances along the
-    section [m], places as x + iy [m], and unit vectors along the section there."""
+    """Short lines across a section that extend `within` [m] on either side: distances along the
+    section [m], positions x + iy [m], and unit vectors along the section."""
 
     distance: np.ndarray
     place: np.ndarray
@@ -35,8 +35,8 @@ class Stations(NamedTuple):
 
 
 def stations_of(line: SectionLine) -> Stations:
-    """Stations at equal intervals from the first vertex of a section, and one station at its end.
-    Raises RockfallError for a line without length, width or interval."""
+    """Stations at equal intervals from the first vertex of a section, plus a station at its end.
+    Raises RockfallError if length, width or interval is zero."""
     vertices, within, every = line
     if vertices.size < 2 or not np.isfinite(vertices).all():
         raise RockfallError("section: must have two or more vertices")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Objects at risk: boulder hits on houses and road segments, and the resulting risk."""
+"""Objects at risk: boulders that hit houses and road segments, and the resulting risk."""

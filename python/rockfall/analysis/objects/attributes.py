@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attributes of objects at risk, read from the columns of a layer and checked against their range.
-Errors give file, feature and attribute in one line."""
+"""Attributes of objects at risk, read from layer columns and checked against their ranges. Errors
+give file, feature and attribute in one line."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from rockfall.language import remark
 
 Columns = dict[str, np.ndarray]
 
-NAMED = "lethality_curve"  # a text, although its name starts like a number attribute
+NAMED = "lethality_curve"  # a text, although its name starts like a numeric attribute
 FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # also used as prefixes
-RANGES = {  # lowest and highest value of the other attributes
-    "width": (0.0, 100.0),  # same limits as in a case [m]
+RANGES = {  # lowest and highest values of the other attributes
+    "width": (0.0, 100.0),  # [m] same limits as in a case
     "speed": (1.0, 500.0),  # [km/h]
     "vehicle_length": (0.0, 1000.0),  # [m]
 }
 
-USUAL = {  # plausible range in a layer, and the likely unit otherwise
+USUAL = {  # plausible range in a layer, and the probable unit outside it
     "width": (0.0, 50.0, "is it in cm?"),  # [m]
     "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
     "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] from a bicycle to a train
@@ -35,7 +35,7 @@ USUAL = {  # plausible range in a layer, and the likely unit otherwise
     "persons": (0.0, 1e4, "persons in one object: are they for all objects?"),
 }
 
-NEEDED = {  # attributes that need one of these in the layer to have an effect
+NEEDED = {  # attributes that only have an effect if the layer also has one of these
     "curve": ("value",),
     "exposure": ("value", "vulnerability"),
     "presence": ("persons",),
@@ -50,21 +50,21 @@ NEEDED = {  # attributes that need one of these in the layer to have an effect
 
 @dataclass(frozen=True)
 class Layer:
-    """Path and columns of a layer, with names in lower case."""
+    """Path and columns of a layer; names are in lower case."""
 
     path: str
     columns: Columns
     size: int
-    asked: set[str] = field(default_factory=set)  # attributes that have been looked up
+    asked: set[str] = field(default_factory=set)  # requested attributes
 
     def has(self, name: str) -> bool:
-        """Return True if the layer has an attribute."""
+        """Return True if the layer has this attribute."""
         self.asked.add(name)
         return attribute(self.columns, name) is not None
 
     def numbers(self, name: str, default: float, *, missing: bool = False) -> np.ndarray:
-        """Values of an attribute; `default` if the layer lacks it. If it may be `missing`, single
-        objects may lack it (NaN)."""
+        """Values of an attribute; `default` if the layer lacks it. If `missing`, single objects
+        may lack it (NaN)."""
         self.asked.add(name)
         values = attribute(self.columns, name)
         if values is None:
@@ -81,7 +81,7 @@ class Layer:
         return values.astype(float)
 
     def unit_remarks(self) -> Iterator[str]:
-        """Remarks on attributes that are likely in another unit, one line each."""
+        """Remarks on attributes that are probably in another unit, a line each."""
         for name, (low, high, question) in USUAL.items():
             if name not in self.asked or not self.has(name):
                 continue
@@ -94,7 +94,7 @@ class Layer:
                 )
 
     def idle_remarks(self) -> Iterator[str]:
-        """Remarks on attributes without effect because another is missing, one line each."""
+        """Remarks on attributes that have no effect because another is missing, a line each."""
         for name, needed in NEEDED.items():
             if attribute(self.columns, name) is None or name not in self.asked:
                 continue
@@ -112,12 +112,12 @@ class Layer:
         return ["" if (text := plain(value)) is None else str(text).strip() for value in values]
 
     def refuse(self, number: int, name: str, value: object, rule: str) -> NoReturn:
-        """Raise the error for an attribute of a feature, numbered from 0."""
+        """Raise an error for an attribute of a feature (0-based number)."""
         raise RockfallError(f"{self.path}: feature {number + 1}: {name} = {value}: {rule}")
 
     def by_intensity(self, name: str, intensities: int, *, missing: bool = False) -> np.ndarray:
-        """Values (objects, intensities) of an attribute given as one number for all intensities, or
-        as non-decreasing numbers for each (name_1, name_2, ...); empty if the layer has neither."""
+        """Values (objects, intensities) of an attribute: a number for all intensities, or
+        non-decreasing numbers for each (name_1, name_2, ...); empty if the layer has neither."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
         self.asked.update((name, *several))
         given = [column for column in self.columns if column.startswith(name) and column != NAMED]
@@ -146,7 +146,7 @@ class Layer:
 
 
 def _range(name: str) -> tuple[float, float, str]:
-    """Lowest and highest value of an attribute, and the rule in words."""
+    """Lowest and highest value of an attribute, and the rule as text."""
     low, high = RANGES.get(name, (0.0, math.inf))
     if name.startswith(FRACTIONS):
         low, high = 0.0, 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Harm to property and persons from a boulder's hit, by attributes, with all assumptions."""
+"""Harm to property and persons by a boulder that hits, from attributes, with all assumptions."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from rockfall.errors import RockfallError
 from rockfall.language import Text, remark, say, word
 
 QUANTITIES = ("damage", "individual_risk", "collective_risk")
-PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # defaults without an attribute
+PRESENCE, LETHALITY, VEHICLE_LENGTH, TRIPS = 1.0, 1.0, 5.0, 2.0  # defaults of missing attributes
 BY_DEFAULT = "default"  # source of a default curve
 HOURS, METRES = 24.0, 1000.0  # hours per day, metres per kilometre
 MAX_NAMED = 5  # maximum number of objects listed in an assumption
-ALWAYS = (  # messages for every risk
+ALWAYS = (  # messages that apply to every risk
     "risk.any_height", "risk.alone", "risk.independent", "risk.expected", "risk.limits",
     "risk.classes",
 )  # fmt: skip
@@ -31,10 +31,10 @@ class Harm(NamedTuple):
 
     scale: float
     curve: Curve
-    length: float | None = None  # vehicle length [m]; None: the object does not move
+    length: float | None = None  # vehicle length [m]; None: not a vehicle
 
     def by(self, energy: np.ndarray, diameter: np.ndarray) -> np.ndarray:
-        """Harm from boulders of these energies [J] and diameters [m]; 0 for NaN (a miss)."""
+        """Harm by boulders with these energies [J] and diameters [m]; 0 for NaN (a miss)."""
         hit = np.isfinite(energy)
         harm = np.zeros(energy.size)
         harm[hit] = self.scale * self.curve.fraction(energy[hit])
@@ -43,14 +43,14 @@ class Harm(NamedTuple):
         return harm
 
     def most(self, diameter: float) -> float:
-        """Upper bound of the harm from boulders up to this diameter [m]."""
+        """Upper bound of the harm by boulders up to this diameter [m]."""
         extent = 1.0 if self.length is None else diameter + self.length
         return self.scale * self.curve.most * extent
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """Harm to each object by quantity (None if none is exposed), and assumptions."""
+    """Harm to each object by quantity (None if nothing is exposed), and assumptions."""
 
     kinds: list[str] = field(default_factory=list)
     harms: dict[str, list[Harm | None]] = field(default_factory=dict)
@@ -68,7 +68,7 @@ def read_exposure(
     without_energy: Iterable[int],
 ) -> Exposure:
     """Exposure of the objects of a layer, empty if it has no persons or values. For objects
-    `without_energy` only counts above the thresholds [J] are known."""
+    `without_energy`, only the counts above the thresholds [J] are known."""
     kinds = layer.texts("kind")
     buildings = layer.has("value") and any(map(_is_building, kinds))
     has_curve = layer.has("curve") and layer.has("value")
@@ -91,7 +91,7 @@ def read_exposure(
 def curve_remarks(
     path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
 ) -> Iterator[Text]:
-    """Remarks on table curves in other units, and on curves that no object uses."""
+    """Remarks on curves in a table that are probably in other units, or that no object uses."""
     used = [
         (harm.curve, quantity == "damage")
         for quantity in QUANTITIES
@@ -110,7 +110,7 @@ def _is_building(kind: str) -> bool:
 
 
 def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
-    """Exposure of the objects of several layers, each with its number of objects."""
+    """Exposure of the objects in several layers, given the number of objects in each."""
     if not any(exposure for exposure, _ in parts):
         return Exposure()
     kinds = [kind for exposure, size in parts for kind in exposure.kinds or [""] * size]
@@ -126,8 +126,9 @@ def joined(parts: Sequence[tuple[Exposure, int]]) -> Exposure:
 def _damage(
     layer: Layer, kinds: list[str], thresholds: np.ndarray, curves: Mapping[str, Curve]
 ) -> tuple[list[Harm | None], list[int]]:
-    """Damage to property, and the objects with a value but no vulnerability. Vulnerability comes
-    from `curve`, else the vulnerability attributes, else the default for buildings."""
+    """Damage to property, and the objects that have a value but no vulnerability. Vulnerability
+    comes from `curve`, else from the vulnerability attributes, else from the default for
+    buildings."""
     if not layer.has("value"):
         return [None] * layer.size, []
     worth = layer.numbers("value", 1.0) * layer.numbers("exposure", 1.0)
@@ -174,7 +175,7 @@ class _Deaths:
     def _lethalities(
         self, thresholds: np.ndarray, curves: Mapping[str, Curve]
     ) -> list[Curve | None]:
-        """Lethality of each object from `lethality_curve`, else from its attributes, else None."""
+        """Lethality for each object from `lethality_curve`, else from its attributes, else None."""
         named = _named_curves(self.layer, NAMED, curves)
         steps = self.layer.by_intensity("lethality", thresholds.size + 1, missing=True)
         for k, fractions in enumerate(steps):
@@ -203,7 +204,7 @@ class _Deaths:
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
         curve, length = self._lethality(k), self._number(k, "vehicle_length", VEHICLE_LENGTH)
-        # vehicles per day and metre
+        # vehicles per day and per metre
         per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))
         inside = float(self.numbers["persons_per_vehicle"][k])
         return _OfPersons(
@@ -212,7 +213,7 @@ class _Deaths:
         )
 
     def _number(self, k: int, name: str, default: float) -> float:
-        """Value of an attribute, or its default, which is recorded."""
+        """Value of an attribute, or its default, which is noted as an assumption."""
         if np.isnan(value := self.numbers[name][k]):
             self.defaults.setdefault((name, default), []).append(k)
             return default
@@ -225,7 +226,7 @@ class _Deaths:
         return curve
 
     def notes(self, names: list[str]) -> Iterator[Text]:
-        """Assumptions on persons."""
+        """Assumptions about persons."""
         at_rest = [k for k, death in enumerate(self.found) if _rests(death.individual_risk)]
         moving = [k for k, death in enumerate(self.found) if _moves(death.individual_risk)]
         if at_rest:
@@ -249,14 +250,14 @@ def _moves(harm: Harm | None) -> bool:
 
 
 def _of_damage(harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
-    """Assumptions on property."""
+    """Assumptions about property."""
     if any(harms):
         yield say("risk.damage")
     yield from _of_curves("risk.vulnerability", harms, names)
 
 
 def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator[Text]:
-    """Curves in use, each with its source and objects."""
+    """Assumptions about curves in use, with their sources and objects."""
     rows: dict[tuple[str, str], list[int]] = {}
     for k, harm in enumerate(harms):
         if harm is not None:
@@ -267,7 +268,7 @@ def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
-    """Curve named in an attribute of each object; None where empty."""
+    """Curve that each object names in an attribute; None if empty."""
     named: list[Curve | None] = []
     for number, text in enumerate(layer.texts(name), start=1):
         if text and text not in curves:
@@ -280,7 +281,7 @@ def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[
 
 
 def _listed(names: list[str], objects: list[int]) -> str:
-    """Names of objects, the first few of many."""
+    """Names of objects; only the first if there are many."""
     shown = ", ".join(names[k] for k in objects[:MAX_NAMED])
     more = len(objects) - MAX_NAMED
     return say("risk.and_more", names=shown, more=more) if more > 0 else shown

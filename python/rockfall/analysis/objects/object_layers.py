@@ -12,7 +12,7 @@ from rockfall.io.vectors.layers import layer_names
 from rockfall.scene.frames import is_frame
 from rockfall.scene.lines import numbered
 
-FRAME = "objects"  # name of the GeoDataFrame of a single layer
+FRAME = "objects"  # name for the GeoDataFrame of a single layer
 
 
 class Source(NamedTuple):
@@ -23,7 +23,7 @@ class Source(NamedTuple):
 
 
 class File(NamedTuple):
-    """A layer in a file, and its name for tables."""
+    """A layer in a file, and its label in tables."""
 
     path: str | Path
     layer: str | None
@@ -31,8 +31,8 @@ class File(NamedTuple):
 
 
 def given_layers(given: Any, layers: str | Sequence[str] | None) -> list[Source]:
-    """Pair files with layer names: any number of names for one file, or one name for each of
-    several files. A layer may be given once, because repeated objects would count twice."""
+    """Pair files with layer names: any number of names for a single file, or a name for each of
+    several files. A layer may occur only once, because repeated objects would count twice."""
     several = [] if given is None else list(given) if isinstance(given, list | tuple) else [given]
     names = [layers] if isinstance(layers, str) else list(layers or [])
     if names and len(several) != 1 and len(names) != len(several):
@@ -72,7 +72,7 @@ def frames_of(sources: Sequence[Source]) -> dict[str, Any]:
 
 
 def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
-    """Layers as files, with distinct labels; `frames` are the files of frames in order."""
+    """Layers as files with distinct labels; `frames` are the files of the frames, in order."""
     of_frame = iter(frames.items())
     files = []
     for source in sources:
@@ -83,13 +83,14 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
 
 
 def only_layer(path: str | Path) -> str:
-    """Layer name of a file with a single layer; otherwise the file name, refused later."""
+    """Layer name in a file with a single layer; otherwise the file name, which is refused later."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects of each layer, with the layer's label for names in several layers."""
+    """Names of the objects in each layer; names that occur in several layers include the layer
+    label."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

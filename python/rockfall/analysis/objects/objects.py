@@ -2,8 +2,9 @@
 """Objects at risk: number of boulders that hit each object, and the resulting cost.
 
 A boulder hits an object when its side touches the object in plan. Lines and outlines become
-evaluation lines with the width of the object, and count a boulder once; points with their own width
-do, too. Other points are as wide as the objects of the maps, in their cell.
+evaluation lines with the width of the object, at which a boulder counts once; so do points with a
+width. Points without a width are hit if a boulder passes their map cell within the width of
+objects in maps.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from rockfall.result.samples import check_all_rows
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import BYTES_AT_LINE, ROOM, machine_memory
 
-#: attribute for all intensities, or with suffix _1, _2, ... for each
+#: Attribute for all intensities, or with suffix _1, _2, ... for each.
 VULNERABILITY = "vulnerability"
-MAX_NAMED = 5  # maximum number of objects listed in a remark
+MAX_NAMED = 5  # maximum objects listed in a remark
 
 
 @dataclass
@@ -45,11 +46,11 @@ class Objects:
     layers: list[str] = field(default_factory=list)  # layer name of each object
     shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
     names: list[str] = field(default_factory=list)
-    lines: list[dict[str, Any]] = field(default_factory=list)  # lines in the form of a case
-    #: object number of each line
+    lines: list[dict[str, Any]] = field(default_factory=list)  # as lines of a case
+    #: Object number of each line.
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # points without a width
-    #: x and y of these points [m]
+    #: x and y of these points [m].
     places: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
     vulnerability: np.ndarray | None = None  # (objects, intensities)
     exposure: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -67,8 +68,8 @@ def read_objects(
     remarks: list[str],
     curves: Mapping[str, Curve] = SHIPPED,
 ) -> Objects:
-    """Read the objects of layers: vulnerability by curve or for each intensity between the
-    thresholds [J], and exposed persons and values."""
+    """Read the objects in layers: vulnerability by curve or by intensity between the thresholds
+    [J], and exposed persons and values."""
     all_objects = []
     for file, (layer, own) in zip(files, named_layers(files, grid, remarks), strict=True):
         objects = Objects([str(file.path)], [file.label] * len(own), layer.shapes, own)
@@ -89,8 +90,8 @@ def read_objects(
 
 
 def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
-    """Remarks on values without a vulnerability, and on duplicate objects with equal attributes;
-    different objects at one place may be flats in a house."""
+    """Remarks on values without a vulnerability, and on duplicate objects with equal attributes
+    (different objects at one place may be flats in a house)."""
     if layer.has("value") and objects.vulnerability is None and not objects.exposed:
         yield remark(layer.path, "input.value_unused")
     columns = [column for name, column in layer.columns.items() if name not in {"name", "fid"}]
@@ -108,7 +109,8 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
 def named_layers(
     files: Sequence[File], grid: Grid, remarks: list[str]
 ) -> list[tuple[Read, list[str]]]:
-    """Layers with shapes and object names; names in several layers include the layer name."""
+    """Layers with shapes and object names; names that occur in several layers include the layer
+    name."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     return list(zip(read, names, strict=True))
@@ -137,7 +139,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
 
 
 def _joined(parts: Sequence[Objects]) -> Objects:
-    """Objects of several layers as one; objects of a layer without vulnerability have NaN."""
+    """Objects of several layers combined; in layers without vulnerability it is NaN."""
     objects = Objects()
     before = 0
     for part in parts:
@@ -166,7 +168,7 @@ def _joined(parts: Sequence[Objects]) -> Objects:
 
 
 def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
-    """Mark shapes that extend into missing elevations, where boulders stop."""
+    """Mask of shapes that extend into missing elevations, where boulders stop."""
     import shapely
 
     grid, cells, is_beyond = scene.grid, scene.rasters, []
@@ -182,7 +184,7 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
 
 
 def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
-    """Remark on objects that extend beyond the elevations."""
+    """Remark on objects that extend into missing elevations."""
     beyond = beyond_elevations(objects.shapes, scene)
     names = [name for name, lies in zip(objects.names, beyond, strict=True) if lies]
     if not names:
@@ -195,7 +197,7 @@ def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
 
 
 def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
-    """Remark on objects that contain boulder sources, or have sources within half their width."""
+    """Remark on objects that contain boulder sources, or with sources within half their width."""
     width = np.full(len(objects), scene.case.hazard["object_width"])
     width[objects.owner] = [line["object_width"] for line in objects.lines]
     grounds = [shape.buffer(w / 2) for shape, w in zip(objects.shapes, width.tolist(), strict=True)]
@@ -207,13 +209,13 @@ def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
 
 
 def check_kept(case: Case, lines: int) -> None:
-    """Refuse, before the run, lines whose rows the run would not keep completely."""
+    """Refuse, before the run, lines for which the run would not keep all rows."""
     if lines:
         check_all_kept(case, "objects with a width, lines, polygons and segments of roads need")
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
-    """Refuse lines whose boulders do not fit in memory."""
+    """Refuse lines for which the boulders would not fit in memory."""
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
@@ -223,7 +225,7 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
 
 
 def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
-    """Place an object: add its evaluation line or cell. `width` is NaN if not given."""
+    """Add the evaluation line or the cell of an object. `width` is NaN if not given."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south
@@ -236,7 +238,7 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
     for part in getattr(shape, "geoms", [shape]):
         curve = part.exterior if part.geom_type == "Polygon" else part
         x, y = np.array(curve.coords)[[0, 0] if part.geom_type == "Point" else slice(None)].T
-        # name set when layers are joined
+        # The name is set when layers are combined.
         attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}
         objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
@@ -251,8 +253,8 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] and centre height [m] of each boulder of a run at each line object, (2, boulders),
-    by object number; NaN for boulders that miss it."""
+    """Energy [J] and centre height [m] of each boulder of a run at each line object, (2,
+    boulders), by object number; NaN if the boulder misses it."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)
@@ -269,9 +271,9 @@ def object_counts(
     grid: Grid,
     maps: np.ndarray,
 ) -> np.ndarray:
-    """Number of boulders that hit each object, and number above each energy threshold [J]
+    """Number of boulders that hit each object, and that exceed each energy threshold [J]
     (intensities, objects). `energies` are the energies at each line object, by object number;
-    `maps` are the corresponding counts by cell (intensities, y, x)."""
+    `maps` are the same counts by cell (intensities, y, x)."""
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]
@@ -282,12 +284,12 @@ def object_counts(
 
 
 def risks(objects: Objects, frequencies: Frequencies) -> Frequencies | None:
-    """Annual risk of each object: the sum over intensities of frequency x vulnerability x exposure
-    x value. Limits follow from the limits of frequencies, since vulnerability does not decrease
-    with intensity."""
+    """Annual risk of each object: sum over intensities of frequency x vulnerability x exposure x
+    value. Its limits follow from the limits of the frequencies, because vulnerability does not
+    decrease with intensity."""
     if objects.vulnerability is None:
         return None
-    # increase from the next lower intensity
+    # Increase from the next lower intensity.
     more = np.diff(objects.vulnerability, axis=1, prepend=0.0).T
     worth = objects.exposure * objects.value
     value, low, high = ((more * rate).sum(axis=0) * worth for rate in frequencies)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Annual damage and deaths at objects, for each object and in total, with limits."""
+"""Annual damage and deaths, for each object and in total, with limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from rockfall.analysis.precision.clusters import Clusters
 from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
 
-#: Limits of individual risk classes [1/year]; each belongs to the class above; "none" is 0.
+#: Limits of the classes of individual risk [1/year]; a limit belongs to the class above; "none" is
+#: 0.
 CLASS_ENDS = (1e-6, 1e-5, 1e-4)
 CLASSES = ("none", "below_1e-6", "1e-6_to_1e-5", "1e-5_to_1e-4", "above_1e-4")
 SUMMED = ("damage", "collective_risk")  # individual risk is not summed over objects
@@ -24,13 +25,14 @@ SUMMED = ("damage", "collective_risk")  # individual risk is not summed over obj
 def layered(
     heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: float
 ) -> Frequencies:
-    """Mean of a bounded quantity over the boulders, and the limits of its 95 % interval. Of the
-    boulders, `counts` reach the top of each layer between ascending heights, from 0. The mean is
-    the sum of thickness x fraction; its limits use the Wilson limits of the fractions.
+    """Mean of a bounded quantity over the boulders, with the limits of its 95 % interval. The
+    range of the quantity is divided into layers by ascending heights, from 0; `counts` boulders
+    reach the top of each layer. The mean is the sum of thickness x fraction; its limits use the
+    Wilson limits of the fractions.
 
-    Errors of layers are at most fully correlated, so the limits are never too narrow. The limits of
-    a sum of quantities lie within the sums of their limits, since Wilson's upper limit is concave
-    and the lower limit convex in the fraction.
+    Layer errors are at most fully correlated, so the limits are never too narrow. The limits of a
+    sum of quantities lie within the sums of their limits, because Wilson's upper limit is concave
+    in the fraction, and the lower limit convex.
     """
     thickness = np.diff(heights, prepend=0.0)
     low, high = count_limits(counts.astype("i4"), boulders, per_cluster)
@@ -39,7 +41,7 @@ def layered(
 
 def mean_of(values: np.ndarray, top: float, clusters: Clusters) -> Frequencies:
     """Mean of values from 0 to `top` over all boulders, with limits; the upper limit allows for
-    values that no boulder reached."""
+    values above all simulated ones."""
     boulders = np.flatnonzero(values > 0)
     per_cluster = clusters.at(boulders, values[boulders])
     rising = np.sort(values[boulders])
@@ -50,9 +52,9 @@ def mean_of(values: np.ndarray, top: float, clusters: Clusters) -> Frequencies:
 def mean_of_counts(
     harm: Harm, counts: np.ndarray, thresholds: np.ndarray, boulders: int, per_cluster: int
 ) -> Frequencies:
-    """Mean harm if only the numbers of boulders that hit and that exceed each threshold [J] are
-    known: value and upper limit use the upper bounds of the intensities, the lower limit their
-    lower bounds."""
+    """Mean harm if only the numbers of boulders that hit, and that exceed each threshold [J], are
+    known: value and upper limit use the upper bound of each intensity, the lower limit its lower
+    bound."""
     ends = np.append(thresholds, np.inf)
     above = np.nextafter(np.append(0.0, thresholds), np.inf)
     upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))
@@ -61,7 +63,7 @@ def mean_of_counts(
 
 
 class RunRisk:
-    """Mean harm per boulder of a run with limits: (3, objects), and (3,) for the total."""
+    """Mean harm per boulder in a run, with limits: (3, objects), and (3,) for the total."""
 
     def __init__(
         self,
@@ -71,7 +73,7 @@ class RunRisk:
         points: Points,
         clusters: Clusters,
     ) -> None:
-        """`energies` are the energies at each line object, by its number."""
+        """`energies` are the energies at each line object, by object number."""
         self.objects = {
             name: np.full((3, len(harms)), np.nan) for name, harms in exposure.harms.items()
         }
@@ -98,7 +100,8 @@ class RunRisk:
 
 
 class Points:
-    """Mask (intensities, objects) of objects with counts only, above thresholds [J]."""
+    """Mask (intensities, objects) of objects for which only counts above thresholds [J] are
+    known."""
 
     def __init__(self, numbers: np.ndarray, counts: np.ndarray, thresholds: np.ndarray) -> None:
         self.numbers, self.counts, self.thresholds = numbers, counts, thresholds
@@ -108,15 +111,15 @@ class Points:
 
 
 def diameters(result: xr.Dataset) -> np.ndarray:
-    """Diameter of each boulder [m], as a sphere of equal volume."""
+    """Diameter [m] of a sphere with the volume of each boulder."""
     return np.cbrt(6 * result["volume"].values.astype(float) / np.pi)
 
 
 def annual(
     runs: Iterable[tuple[RunRisk, float]], factor: Sequence[float] = (1.0, 1.0)
 ) -> dict[str, np.ndarray]:
-    """Annual risk from runs and their annual frequencies, named as in the hazard table. The limits
-    include the lowest and highest `factor` on the frequencies."""
+    """Annual risk from runs and their annual frequencies, with the names of the hazard table. The
+    limits include the lowest and highest `factor` on the frequencies."""
     risks: dict[str, Any] = {}
     for run, yearly in runs:
         parts = {f"object_{name}": values for name, values in run.objects.items()}
@@ -134,6 +137,6 @@ def annual(
 
 
 def risk_classes(individual: np.ndarray) -> np.ndarray:
-    """Number of the class of individual risks [1/year]; 0 for no risk, and for NaN."""
+    """Class number of individual risks [1/year]; 0 for no risk, and for NaN."""
     numbers = 1 + np.searchsorted(CLASS_ENDS, individual, side="right")
     return np.where(individual > 0, numbers, 0).astype("i1")

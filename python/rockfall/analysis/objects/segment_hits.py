@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that hit segments of roads, and their numbers weighted by annual frequency."""
+"""Boulders that hit road segments, and their statistics weighted by annual frequency."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # fields of `
 
 
 class Hits(NamedTuple):
-    """Boulders that hit a segment, values at first contact, and how many count as one boulder."""
+    """Boulders that hit a segment, their values at first contact, and the number that counts as
+    one."""
 
     energy: np.ndarray  # kinetic energy [J]
     passing_height: np.ndarray  # height of the centre above the ground, vertical [m]
@@ -50,7 +51,7 @@ def segment_hits(
 
 
 def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
-    """Number of hits, and of hits above each threshold [J] (intensities, segments)."""
+    """Number of hits, and number above each threshold [J] (intensities, segments)."""
     counts = np.zeros((1 + thresholds.size, len(hits)), "i4")
     for k, segment in enumerate(hits):
         counts[0, k] = segment.energy.size
@@ -59,7 +60,7 @@ def hit_counts(hits: Sequence[Hits], thresholds: np.ndarray) -> np.ndarray:
 
 
 class Weighted(NamedTuple):
-    """Hits of a run with their annual weights."""
+    """Hits of a run with an annual weight."""
 
     hits: Sequence[Hits]  # hits on each segment
     weight: float  # annual weight of a boulder [1/year]
@@ -76,7 +77,7 @@ def _numbers(runs: Sequence[Weighted], segment: int) -> dict[str, float]:
     weights = np.repeat(
         [run.weight for run in runs], [run.hits[segment].energy.size for run in runs]
     )
-    # boulders with the same number may behave alike in all runs, which share random numbers
+    # Boulders with the same number may behave alike in all runs, which share random numbers.
     unit = sum(run.weight * run.hits[segment].per_cluster for run in runs)
     numbers: dict[str, float] = {"boulders": weights.size}
     for name in QUANTITIES:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Road segments: lines of a layer cut into pieces, each treated as an object that boulders hit.
+"""Road segments: lines of a layer cut into pieces, which are objects that boulders may hit.
 
-A segment with a width is a strip of ground along its piece of the axis, with straight ends. The
+A segment with a width is a strip of ground with straight ends along its part of the axis. The
 outline of the strip is an evaluation line without width: a boulder hits the segment as soon as its
-side touches the strip. A boulder that touches two segments hits both, and a boulder that crosses a
-winding road twice is counted at both places.
+side touches the strip. A boulder that touches two segments hits both; a boulder that crosses a
+winding road twice counts at both places.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from rockfall.scene.scene import Scene
 KEY = "--segments-layer"
 FRAME = "segments"  # layer name for a GeoDataFrame
 TOUCHING = 1e-3  # maximum gap [m] between consecutive lines of the same road
-SLIVER = 1e-6  # area left by rounding between strips, relative to their squared width
-UNEQUAL = 2.0  # ratio of segment lengths above which classes are not comparable
+SLIVER = 1e-6  # rounding area between strips, relative to their squared width
+UNEQUAL = 2.0  # ratio of segment lengths; above it, classes are not comparable
 MIN_LENGTH = 1.0  # minimum segment length [m]
-MAX_SEGMENTS = 20_000  # limit because a boulder is tested against segments near each flight
+MAX_SEGMENTS = 20_000  # a boulder is tested against segments near each flight
 
 
 @dataclass
@@ -43,16 +43,16 @@ class Segments:
     """Pieces of roads, in the order of the layer."""
 
     path: str = ""
-    roads: list[str] = field(default_factory=list)  # road of each segment
+    roads: list[str] = field(default_factory=list)  # name of each segment's road
     names: list[str] = field(default_factory=list)  # feature name; "" if none
-    start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage at the start [m]
+    start: np.ndarray = field(default_factory=lambda: np.empty(0))  # chainage of the start [m]
     end: np.ndarray = field(default_factory=lambda: np.empty(0))
     width: np.ndarray = field(default_factory=lambda: np.empty(0))  # [m]
     axes: list[Any] = field(default_factory=list)  # lines
-    #: whether each segment is on the terrain
+    #: Mask of segments on the terrain.
     within: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
-    lines: list[dict[str, Any]] = field(default_factory=list)  # lines in the form of a case
-    #: segment number of each line
+    lines: list[dict[str, Any]] = field(default_factory=list)  # as lines of a case
+    #: Segment number of each line.
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
 
     def __len__(self) -> int:
@@ -60,7 +60,7 @@ class Segments:
 
     @property
     def labels(self) -> list[str]:
-        """Segment names: the road, and start and end."""
+        """Segment names: road, start and end."""
         places = zip(self.roads, self.start.round(1), self.end.round(1), strict=True)
         return list(
             numbered([f"{road}, {start:.10g} to {end:.10g} m" for road, start, end in places])
@@ -68,23 +68,23 @@ class Segments:
 
 
 class _Stretch(NamedTuple):
-    """A line of a layer, with the number of its road."""
+    """A line of a layer, and the number of its road."""
 
     road: int
     name: str
     width: float
-    chainage: float  # chainage at the first vertex [m]
+    chainage: float  # chainage of the first vertex [m]
     axis: Any
 
 
 class _Piece(NamedTuple):
-    """A segment: its chainage [m], and the ground that it covers."""
+    """A segment: its chainage [m], and the ground it covers."""
 
     stretch: _Stretch
     start: float
     end: float
     axis: Any
-    ground: Any  # polygon; the axis of a stretch without a width
+    ground: Any  # polygon; the axis for a line without a width
 
 
 def check_roads(given: AtRisk) -> None:
@@ -98,7 +98,7 @@ def check_roads(given: AtRisk) -> None:
 
 
 def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
-    """Segments of the roads of a layer; an empty list without a layer."""
+    """Segments of the roads in a layer; an empty list without a layer."""
     roads, layer = given.segments, given.segments_layer
     if roads is None:
         return Segments()
@@ -156,7 +156,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
 def _remarks(
     segments: Segments, pieces: Sequence[_Piece], layer: Layer, scene: Scene
 ) -> Iterator[str]:
-    """Remarks on reasons why segment frequencies are too low."""
+    """Remarks on reasons why the frequencies of segments may be too low."""
     if np.isnan(layer.numbers("width", np.nan, missing=True)).any():
         yield (
             f"{layer.path}: lines have no width, so only boulders that touch the axis count: give "
@@ -175,7 +175,7 @@ def _remarks(
 
 
 def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
-    """Remark on lines whose lengths differ too much for a comparison of their classes."""
+    """Remark on lines with lengths that differ too much to compare their classes."""
     lengths = [stretch.axis.length for stretch in stretches]
     if max(lengths) > UNEQUAL * min(lengths):
         yield (
@@ -185,9 +185,9 @@ def _unequal(stretches: Sequence[_Stretch], path: str) -> Iterator[str]:
 
 
 def _stretches(parts: Sequence[Sequence[np.ndarray]], layer: Layer) -> Iterator[_Stretch]:
-    """Lines of a layer in turn. A line that begins where the previous line ends belongs to the same
-    road, and its chainage continues. With the attribute `chainage`, later lines of the same name
-    also belong to it."""
+    """Lines of a layer in turn. A line that begins where the previous line ends continues its road
+    and chainage. With the attribute `chainage`, later lines of the same name also belong to the
+    road."""
     import shapely
 
     given, names = layer.numbers("chainage", np.nan, missing=True), layer.texts("name")
@@ -241,8 +241,8 @@ def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece
 
 
 def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
-    """Strips of ground with straight ends along pieces of a line, which together cover the whole
-    strip. The outer gap in a bend belongs to the first piece."""
+    """Strips of ground with straight ends along parts of a line, which together cover the whole
+    strip. The outer gap at a bend belongs to the first strip."""
     import shapely
 
     strips = [shapely.buffer(axis, width / 2, cap_style="flat") for axis in axes]
@@ -256,7 +256,7 @@ def strips_along(whole: Any, axes: Sequence[Any], width: float) -> list[Any]:
 
 
 def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
-    """Number of sources on strips of ground; boulders from there need not cross an outline."""
+    """Number of sources on the strips; their boulders need not cross an outline."""
     import shapely
 
     ground = np.array([shapely.union_all(grounds)])
@@ -265,7 +265,7 @@ def _sources_on(grounds: Sequence[Any], scene: Scene) -> int:
 
 def _outlines(ground: Any) -> Iterator[Any]:
     """Curves that a boulder touches first: the axis, or the outline of a strip. A closed road also
-    has its inner outline, since boulders may come from inside."""
+    has its inner outline, because boulders may come from inside."""
     for part in getattr(ground, "geoms", [ground]):
         yield from (part.exterior, *part.interiors) if part.geom_type == "Polygon" else (part,)
 
@@ -273,7 +273,7 @@ def _outlines(ground: Any) -> Iterator[Any]:
 def _on_terrain(
     pieces: Sequence[_Piece], scene: Scene, path: str, remarks: list[str]
 ) -> list[_Piece]:
-    """Segments at least partly on the terrain."""
+    """Segments that are at least partly on the terrain."""
     import shapely
 
     grid = scene.grid

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Survey of blocks: all deposited volumes, and volumes of a period (De Biagi et al. 2017)."""
+"""Block survey: all deposited volumes, and the volumes of an observation period (De Biagi et al.
+2017)."""
 
 from __future__ import annotations
 
@@ -18,22 +19,21 @@ from rockfall.io.tables import Row, check_columns, read_table
 
 AXES = ("a", "b", "c")
 DATES = ("year", "date")
-MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] a block of the largest volume is 58 m across
-MAX_AXIS = 50.0  # [m]
+MIN_VOLUME, MAX_VOLUME = 1e-6, 1e5  # [m3] the largest is 58 m across
+MAX_AXIS = 50.0  # maximum block axis [m]
 MAX_YEARS = 1e4
 CALENDAR = (1800.0, 2100.0)  # range of plausible calendar years
-LARGE = 150.0  # [m3] 6.6 m across; larger numbers suggest litres
-LONG = 200.0  # [year] longer than any record of rockfalls
-UNLIKELY = 1e-3  # probability below which a survey is implausible
+LARGE = 150.0  # [m3] 6.6 m across; larger numbers may be litres
+LONG = 200.0  # [year] longer than any rockfall record
+UNLIKELY = 1e-3  # probability; below it a survey is implausible
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 
 
 @dataclass(frozen=True)
 class Survey:
-    """Blocks of a survey. `volumes` [m3] lists all deposited blocks, `undated` the blocks without a
-    date, `dated` the blocks that fell within `years`; `dates` are their decimal years, where
-    known."""
+    """Surveyed blocks: `volumes` [m3] of all deposited blocks, `undated` blocks without a date,
+    and `dated` blocks that fell within `years`; `dates` are decimal years, where known."""
 
     name: str
     volumes: np.ndarray
@@ -52,8 +52,8 @@ class _Blocks(NamedTuple):
 
 
 def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) -> Survey:
-    """Read a survey: `blocks` contains the deposited blocks, `events` the blocks that fell within
-    `years`; by default these are the dated rows of `blocks`."""
+    """Read a survey: `blocks` has the deposited blocks, `events` the blocks that fell within
+    `years` (default: the dated rows of `blocks`)."""
     deposited = _read(blocks, "blocks")
     if events is None:
         is_dated = ~np.isnan(deposited.dates)
@@ -83,7 +83,7 @@ def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) ->
 
 
 def _period(years: float | None, fallen: _Blocks) -> float:
-    """Observation period, checked against the dates."""
+    """Observation period after a check against the dates."""
     if years is None:
         raise RockfallError(
             "years is missing: give the length of the complete record, which exceeds the time from "
@@ -105,7 +105,7 @@ def _period(years: float | None, fallen: _Blocks) -> float:
 
 
 def survey_remarks(survey: Survey) -> Iterator[str]:
-    """Likely unit errors in a survey, one line each."""
+    """Remarks on probable unit errors in a survey, a line each."""
     largest, years = float(survey.volumes.max()), survey.years
     if largest > LARGE:
         yield (f"the largest block has {largest:.3g} m3: are volumes in dm3 or kg, or axes in dm?")
@@ -137,7 +137,7 @@ def _read(given: Volumes, name: str) -> _Blocks:
 
 
 def _read_file(path: str | Path) -> _Blocks:
-    """Read a table with `volume` or three axes of a box, and dates if any."""
+    """Read a table with `volume` or three block axes, and dates if any."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, columns)
     has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)
@@ -169,7 +169,7 @@ def _volume(row: Row, has_axes: bool) -> float:
 
 
 def _decimal_year(row: Row, column: str) -> float:
-    """Date of a row as a decimal year; NaN where empty."""
+    """Date in a row as a decimal year; NaN if empty."""
     text = row.cells[column]
     if not text:
         return math.nan

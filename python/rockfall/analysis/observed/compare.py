@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 DISAGREES = "compare.disagrees"
-LEVEL = 0.05  # p-value below which two samples have different distributions
-#: minimum number of boulders for a verdict
+LEVEL = 0.05  # p-value; below it two samples have different distributions
+#: Minimum number of boulders for a verdict.
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}
 STOPPING = "stopping_distance"
 _VERDICTS = {"within_interval": "boolean", "consistent": "boolean"}  # columns and their dtypes
@@ -70,11 +70,11 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in END
 
 @dataclass(frozen=True)
 class Comparison:
-    """Tables of a comparison in SI units; empty for kinds without observations.
+    """Tables of a comparison in SI units; a table is empty without observations of its kind.
 
     `_low` and `_high` are the limits of 95 % confidence intervals, NaN without an interval.
-    `within_interval`: the interval of the simulated number contains the observed number;
-    `consistent`: their difference is within the sampling error of both.
+    `within_interval` is True if the interval of the simulated value contains the observed value;
+    `consistent` is True if their difference is within the sampling errors of both.
     """
 
     title: str
@@ -85,10 +85,10 @@ class Comparison:
     at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
     stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed stop
     contacts: pd.DataFrame  # reach probability at impacts, with speeds and heights
-    notes: tuple[str, ...]  # notes for readers of the tables
+    notes: tuple[str, ...]  # for readers of the tables
 
     def table(self) -> pd.DataFrame:
-        """All tables concatenated; the column `table` distinguishes them."""
+        """All tables concatenated; the column `table` has the name of each."""
         import pandas as pd
 
         parts = {name: getattr(self, name) for name in TABLES}
@@ -97,9 +97,10 @@ class Comparison:
 
 
 def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
-    """Compare a result with observations: files (docs/observed.md), or one `Observed`.
+    """Compare a result with observations: files (docs/observed.md), or an `Observed`.
 
-    Published numbers are used if observed, or if simulated by the method (A or B) of the result.
+    Published numbers are used if they were observed, or simulated by the method (A or B) of the
+    result.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -116,7 +117,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
     which, difference = compared(result, seen)
-    ours = result.isel(boulder=np.flatnonzero(which))  # common resamples for all numbers of run-out
+    ours = result.isel(boulder=np.flatnonzero(which))  # all run-out statistics share resamples
     stopped = samples(result, seen)
     share = np.ones(which.sum()) if stopped is None else weights(*stopped)
     errors = _errors(result, seen, method, source, names)
@@ -140,7 +141,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 
 
 def _nothing(seen: Observed, method: str) -> str:
-    """Reason why no row is comparable with a result of this method, and what to do."""
+    """Reason why a result of this method has no comparable rows, and advice."""
     others = {*seen.summaries["method"], *seen.tests["method"]} - {"observed", method}
     if not others:
         return "nothing to compare: no row has a counterpart in the result: see docs/observed.md."
@@ -152,13 +153,13 @@ def _nothing(seen: Observed, method: str) -> str:
 
 
 def observed_files(case: Case) -> list[Path]:
-    """Observation files in `&observed` of a case."""
+    """Observation files in the `&observed` group of a case."""
     return [case.path(name) for name in case.observed.get("files", [])]
 
 
 def site_observations(site: xr.Dataset | Scene) -> Observed | None:
     """Observations given by the case of a result or scene; None without observations. Raises a
-    RockfallError for unreadable files, and for observations from another site."""
+    RockfallError for unreadable files, and for observations at another site."""
     case = site.case if isinstance(site, Scene) else case_of(site)
     if not (files := observed_files(case)):
         return None
@@ -170,7 +171,7 @@ def site_observations(site: xr.Dataset | Scene) -> Observed | None:
 
 
 def _check_lines(seen: Observed, names: list[str]) -> None:
-    """Refuse observations at lines that a run does not have."""
+    """Refuse observations at lines that the run lacks."""
     for line, where in seen.lines.items():
         if line not in names:
             has = ", ".join(names) or "no lines"
@@ -178,11 +179,11 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
 
 
 def disagreement(comparison: Comparison) -> Text:
-    """Number of compared values that differ beyond the sampling error of both. If there are more
-    than expected by chance, also the value with the largest error, preferably a mean."""
+    """Number of compared values that differ by more than the sampling errors of both. If there are
+    more than expected by chance, also the value with the largest error, preferably a mean."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
-    for name in tables:  # all stopping distances share one sample, so their fractions are dependent
+    for name in tables:  # stopping distances share a sample, so their fractions are dependent
         for row in getattr(comparison, name).to_dict("records"):
             differs = _differs(row)
             tested += differs is not None
@@ -196,7 +197,8 @@ def disagreement(comparison: Comparison) -> Text:
 
 
 def _by_chance(tested: int) -> int:
-    """Maximum number of chance rejections in independent tests at LEVEL (95 % probability)."""
+    """Maximum number of rejections expected by chance in independent tests at LEVEL, with 95 %
+    probability."""
     below = 0.0
     for n in range(tested + 1):
         below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)
@@ -206,7 +208,7 @@ def _by_chance(tested: int) -> int:
 
 
 def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
-    """Compared value in words, from its sort key."""
+    """Name of a compared value, from its sort key."""
     keys = ("line", "quantity", "statistic") if "line" in row else ("source", "statistic")
     words = [f"{row[key]}" for key in keys if row.get(key)]
     error = row.get("error_percent", math.nan)
@@ -217,7 +219,7 @@ def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
 
 
 def _differs(row: dict[str, Any]) -> bool | None:
-    """Verdict in a comparison row; None without a verdict."""
+    """Verdict in a row; None if the row has none."""
     if "p" in row:
         return None if np.isnan(row["p"]) else row["p"] < LEVEL
     if "verdict" in row:
@@ -282,7 +284,7 @@ def _error(value: float, reference: float) -> float:
 
 
 def _with_interval(printed: dict) -> dict:
-    """Row of `Observed.summaries` with the interval of its mean, if n is large enough."""
+    """Row of `Observed.summaries`, with the interval of the mean if n is large enough."""
     limits = limits_of_printed(
         printed["mean"], printed["std"], printed["n"], printed["quantity"] in SIGNED
     )
@@ -290,7 +292,7 @@ def _with_interval(printed: dict) -> dict:
 
 
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
-    """Statistics of a sample with their intervals."""
+    """Statistics of a sample with intervals."""
     (line, quantity), v = sample
     attrs = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
     return {**attrs, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
@@ -299,9 +301,9 @@ def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
 def _verdicts(
     observed: float, low: float, high: float, simulated: float, from_: float, to: float
 ) -> tuple[bool | None, bool | None]:
-    """Verdicts: whether the interval of the simulated number contains the observed number, and
-    whether the interval of their difference (Zou and Donner 2008) contains 0. An observed number
-    without an interval counts as exact; None if the simulated number has no interval."""
+    """Verdicts: whether the interval of the simulated value contains the observed value, and
+    whether the interval of their difference (Zou and Donner 2008) contains 0. An observed value
+    without an interval counts as exact; None if the simulated value has no interval."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
@@ -313,7 +315,7 @@ def _verdicts(
 
 
 def _order(names: list[str]) -> Callable[[tuple[str, str]], tuple[int, int]]:
-    """Sort key for a line and quantity in a table."""
+    """Sort key of a line and quantity in a table."""
     quantities = list(UNITS)
     return lambda key: (names.index(key[0]), quantities.index(key[1]))
 
@@ -328,7 +330,7 @@ def _ks(
     share: np.ndarray,
 ) -> pd.DataFrame:
     """Two-sample Kolmogorov-Smirnov tests, and published tests of the method (paper, table 4).
-    `share` has the weights of simulated boulders in the test of distances."""
+    `share` are the weights of simulated boulders in the test of distances."""
     import pandas as pd
 
     own = seen.tests[seen.tests["method"] == method]
@@ -378,7 +380,7 @@ def _observed_distances(
 def _passing(
     result: xr.Dataset, seen: Observed, distances: np.ndarray | None, source: Sources
 ) -> pd.DataFrame:
-    """Fraction of the boulders that travel at least each observed distance (paper, Fig. 9)."""
+    """Fraction of boulders that travel at least each observed distance (paper, Fig. 9)."""
     import pandas as pd
 
     rows = []
@@ -398,7 +400,8 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the simulated density at blocks at rest, and at equally many boulders."""
+    """Geometric mean of the simulated density at blocks at rest, and at equally many simulated
+    boulders."""
     import pandas as pd
 
     rows = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observed positions, stops and impact marks of boulders, compared with maps."""
+"""Observed positions, stopping places and impacts of boulders, compared with maps."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-REACH = ("passages", "reach_probability")  # alternative maps of reach
-VALUES = {  # observed quantity -> maps of its cell values, the maximum last
+REACH = ("passages", "reach_probability")  # alternative maps of the reach
+VALUES = {  # observed quantity -> maps of its values in cells, the maximum last
     "speed": ("speed_mean", "speed_q50", "speed_q95", "speed_max_map"),
     "height": ("jump_height_mean", "jump_height_q50", "jump_height_q95", "jump_height_max_map"),
 }
@@ -73,7 +73,8 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
-    """Add the other columns of a file to a table; a name already in use becomes given_NAME."""
+    """Add the other columns of a file to a table; a name that is already in use becomes
+    given_NAME."""
     if kind not in seen.kept:
         return table
     ours = {*table.columns, "table", *VALUES}

@@ -5,19 +5,19 @@ A run has N simulated boulders at rest, boulder j at x_j. The predictive density
 
     p(y) = (sum_j K_j(y - x_j) + a/A) / (N + a)
 
-with the weight a = 1 of one boulder that may be anywhere in the area A of the deposits: the
-smoothed mean of a Dirichlet process (Ferguson 1973). Where no boulder was simulated, the density is
-therefore not zero, but less than the density of a single boulder, the lowest that the run resolves.
-A block is *outside of all deposits* where the kernels give less than a/A.
+with the weight a = 1 of one boulder that may be anywhere in the deposit area A: the smoothed mean
+of a Dirichlet process (Ferguson 1973). Where no boulder was simulated, the density is therefore
+not zero, but below the density of a single boulder, the lowest that the run resolves. A block is
+*outside of all deposits* if the kernels give less than a/A.
 
 K_j is a normal kernel. Its width is half the distance from x_j to the k-th nearest boulder, at
-least a cell, so that it covers about k boulders whatever their spacing (Breiman et al. 1977). k
-maximises the likelihood of the simulated boulders of the case, each predicted from the others by
-the same formula (leave-one-out, Habbema et al. 1974). For other numbers of boulders k is
-proportional to N^(2/3), and the width to N^(-1/6) (Silverman 1986). For a block of known volume,
-boulders are weighted by a normal kernel in log volume with Silverman's width: the place is judged
-given the size. For a block of known shape only boulders of this shape count, if the run has
-several.
+least a cell, so that it covers about k boulders for any spacing (Breiman et al. 1977). k maximises
+the likelihood of the simulated boulders of the case, each predicted from the others by the same
+formula (leave-one-out, Habbema et al. 1974). For other numbers of boulders k is proportional to
+N^(2/3), and the width to N^(-1/6) (Silverman 1986). If the volume of a block is known, boulders
+are weighted by a normal kernel in log volume with Silverman's width, so that the position is
+judged given the size. If the shape is known, only boulders of this shape count, provided that the
+run has several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
 Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
@@ -46,20 +46,20 @@ from rockfall.result.trajectories import ended_moving
 if TYPE_CHECKING:
     import xarray as xr
 
-ANYWHERE = 1.0  # weight `a`: number of boulders that may be anywhere in the deposit area
-MAX_FITTED = 1000  # maximum number of boulders for fitting the kernels
-MIN_FITTED = 20  # minimum number of boulders at rest for a density
-MIN_COMPARED = 2 * MIN_FITTED  # half of these boulders form the density
-PIECE = 2_000_000  # number of distances computed at a time
+ANYWHERE = 1.0  # weight `a`: boulders that may be anywhere in the deposit area
+MAX_FITTED = 1000  # maximum boulders used to fit the kernels
+MIN_FITTED = 20  # minimum boulders at rest for a density
+MIN_COMPARED = 2 * MIN_FITTED  # half of these give the density
+PIECE = 2_000_000  # distances computed at a time
 ROUNDING = 1e-9  # rounding error of squared distances
-LOW = 0.05  # quantile for an equal number of simulated boulders; blocks below it differ
+LOW = 0.05  # quantile for equally many simulated boulders; blocks below it disagree
 ALL = ""  # name of an unknown source
 
 
 class Blocks(NamedTuple):
-    """Blocks mapped at rest, from one known source or none: places (n, 2) [m]; volumes [m3], NaN if
-    unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None without
-    shapes."""
+    """Blocks mapped at rest, from a known source or without one: places (n, 2) [m]; volumes [m3],
+    NaN if unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None if
+    no shapes are given."""
 
     source: str
     place: np.ndarray
@@ -69,7 +69,8 @@ class Blocks(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: one)."""
+    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: a single
+    shape)."""
 
     place: np.ndarray
     volume: np.ndarray
@@ -82,9 +83,9 @@ class Rest(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Parameters of the kernels: the number of neighbours that sets the width, and the number of
-    boulders for which it is valid; the width in log volume (infinite if volumes do not count); the
-    deposit area [m2]; the cell size [m]; and whether block shapes count."""
+    """Kernel parameters: the number of neighbours that sets the width, and the number of boulders
+    for which it is valid; the width in log volume (infinite if volumes are ignored); the deposit
+    area [m2]; the cell size [m]; and True if block shapes count."""
 
     neighbours: float
     boulders: int
@@ -95,7 +96,7 @@ class Kernel(NamedTuple):
 
     @property
     def floor(self) -> float:
-        """Background density of one boulder anywhere in the deposit area [m-2]."""
+        """Background density of a boulder anywhere in the deposit area [m-2]."""
         return ANYWHERE / self.area
 
 
@@ -108,10 +109,10 @@ class Sums(NamedTuple):
 
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
-    """Blocks at rest without a known release, by source; blocks with unknown source come last. None
-    if every release is known, from columns or because only one exists.
+    """Blocks at rest without a known release, by source; blocks of unknown source come last. None
+    if all releases are known, from columns or because there is only one source.
 
-    Raises a RockfallError for a source that the result does not have.
+    Raises a RockfallError for a source that the result lacks.
     """
     if seen.stops is None or seen.starts is not None:
         return []
@@ -156,7 +157,8 @@ def _some(names: list[str]) -> str:
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
-    """Boulders at rest within the mapped area, from the blocks' source or from all sources."""
+    """Boulders at rest within the mapped area, from the source of the blocks or from all
+    sources."""
     source = blocks.source
     done = ~ended_moving(result)
     if source != ALL:
@@ -171,7 +173,7 @@ def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -
 
 
 def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
-    """Kernels for blocks, fitted to the boulders of a run, at least a `cell` [m] wide."""
+    """Kernels for blocks, fitted to the boulders of a run; their width is at least `cell` [m]."""
     both = np.concatenate([blocks.place, rest.place])
     area = float(np.prod(np.maximum(np.ptp(both, axis=0), cell)))
     spread = np.inf
@@ -188,8 +190,8 @@ def fitted_kernel(blocks: Blocks, rest: Rest, cell: float) -> Kernel:
 
 
 def silverman(values: np.ndarray) -> float:
-    """Width of a normal kernel by the rule of Silverman (1986, equation 3.31); infinite where all
-    values are equal.
+    """Width of a normal kernel by Silverman's rule (1986, equation 3.31); infinite if all values
+    are equal.
 
     >>> float(round(silverman(np.arange(1.0, 33.0)), 2))
     4.22
@@ -202,7 +204,7 @@ def silverman(values: np.ndarray) -> float:
 
 
 def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
-    """Number of neighbours with the maximum likelihood of each boulder given the others."""
+    """Number of neighbours that maximises the likelihood of each boulder given the others."""
     n = len(rest.place)
     every = np.arange(n)
     trials = np.unique(np.geomspace(2, n / 2, 12).round())
@@ -214,13 +216,13 @@ def _likeliest_neighbours(kernel: Kernel, rest: Rest) -> float:
 
 
 def _neighbours(kernel: Kernel, n: int) -> float:
-    """Number of neighbours of the kernels, scaled to another number of boulders."""
+    """Number of neighbours in the kernels, scaled to another number of boulders."""
     return max(kernel.neighbours * (max(n, 1) / max(kernel.boulders, 1)) ** (2 / 3), 1.0)
 
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Kernel widths [m] of boulders, their widths without a nearer boulder, and the squared
-    distance [m2] within which a boulder counts as nearer: (boulders,)."""
+    distance [m2] within which another boulder is nearer: (boulders,)."""
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -228,7 +230,7 @@ def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, n
         alone = np.full(n, np.sqrt(kernel.area) / 4)
         return alone, alone, np.zeros(n)
     k = min(round(_neighbours(kernel, n)), n - 1)
-    # the first neighbour is the boulder itself
+    # The first neighbour is the boulder itself.
     far = KDTree(rest.place).query(rest.place, [k + 1, min(k + 2, n)])[0]
     widths = np.maximum(far / 2, kernel.cell)
     return widths[:, 0], widths[:, 1], far[:, 0] ** 2 * (1 + ROUNDING)
@@ -245,7 +247,7 @@ def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
 
 
 def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.ndarray:
-    """Log-density of selected simulated boulders, each given the others."""
+    """Log-densities of selected simulated boulders, each given the others."""
     widths, without, far = kernel_widths(kernel, rest)
     densities = np.empty(chosen.size)
     for piece in _pieces(chosen.size, len(rest.place)):
@@ -261,8 +263,8 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
 def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Sums of log-densities (times,) over random boulders of a run, each given the others. Their
-    number and volumes resemble the blocks'."""
+    """Sums of log-densities (times,) over random boulders of a run, each given the others; their
+    number and volumes resemble those of the blocks."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)
@@ -273,7 +275,7 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Numbers (times, blocks) of random boulders of similar volume and shape, one per block."""
+    """Indices (times, blocks) of random boulders, of similar volume and shape as each block."""
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
     if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
@@ -300,7 +302,7 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
-    """Similarity of boulders to blocks in volume and shape, 0 to 1 (blocks, boulders), or 1."""
+    """Similarity (0 to 1) of boulders to blocks in volume and shape (blocks, boulders), or 1."""
     if np.isinf(kernel.of_volume):
         alike = np.ones((len(blocks.place), len(rest.place)))
     else:
@@ -315,8 +317,8 @@ def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarra
 def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume and shape, and the same weights times kernels of these widths
-    [m] [m-2]: (blocks, boulders)."""
+    """Weights of boulders by volume and shape, and these weights times kernels of the given widths
+    [m], in m-2: (blocks, boulders)."""
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 
@@ -332,9 +334,9 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 
 class Agreement(NamedTuple):
-    """Comparison of blocks at rest from a source with a result: mean log-density at the blocks and
-    at an equal number of simulated boulders, its 5 % quantile, and the blocks outside all
-    deposits."""
+    """Comparison of a source's blocks at rest with a result: mean log-density at the blocks and at
+    equally many simulated boulders, the 5 % quantile of the latter, and the number of blocks
+    outside all deposits."""
 
     source: str
     blocks: int
@@ -346,9 +348,9 @@ class Agreement(NamedTuple):
 
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
-    """Agreement of blocks at rest without a known release with the boulders of a result, by source;
-    empty if too few boulders came to rest. Half of the boulders form the density. The other half
-    are the reference, because like the blocks they did not contribute to it."""
+    """Agreement of blocks at rest without a known release with a result, by source; empty if too
+    few boulders came to rest. Half of the boulders give the density. The other half are the
+    reference, because like the blocks they do not contribute to it."""
     random, agreements = np.random.default_rng(0), []
     for blocks in witnesses(result, seen):
         rest = at_rest(result, blocks)
@@ -368,13 +370,13 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
 
 
 def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.ndarray, Sums]:
-    """Log-densities of boulders at blocks, and the sums behind them."""
+    """Log-densities of boulders at blocks, and the sums used for them."""
     sums = kernel_sums(kernel, blocks, rest)
     return log_density(kernel, sums.near, sums.boulders), sums
 
 
 def grid_for(result: xr.Dataset, given: Iterable[str | Path | Observed]) -> Grid | None:
-    """Grid for reading layers: terrain cells of the result, in its CRS, from the north-western
+    """Grid for reading layers: the terrain cells of the result, in its CRS, from the north-western
     corner to the extent of the boulders; None if no observation is a layer."""
     if not any(is_point_layer(item) for item in given if not isinstance(item, Observed)):
         return None

@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Marks of impacts at a known height, such as scars on trees, and the heights at which simulated
+"""Impact marks at a known height, such as scars on trees, and the heights at which simulated
 boulders pass there.
 
-A boulder hits a trunk with its side, and the scar's middle is at the height of the boulder's centre
-above the ground. A run records the passing heights at the first crossing of a short line through
-the mark, perpendicular to the mean direction of the arriving boulders. The line is as long as the
-trunk and the mean boulder are wide. If fewer than `ENOUGH` boulders of the case touch the trunk,
-it is the line of the narrowest object in `WIDTHS` that enough boulders touch, or of the widest
-object.
+A boulder hits a trunk with its side, and the scar's middle is at the height of the boulder's
+centre above the ground. A run records the passing heights at the first crossing of a short line
+through the mark, perpendicular to the mean direction of the arriving boulders. The line is as long
+as the trunk and the mean boulder together are wide. If fewer than `ENOUGH` boulders of the case
+touch the trunk, the line belongs to the narrowest object in `WIDTHS` that enough boulders touch,
+or to the widest object.
 
-When n of N boulders cross the line (those that could strike its side, if the side is known) at
-heights H_j, the predictive density of a mark at height s is
+If n of N boulders cross the line at heights H_j (only boulders that could hit the marked side, if
+it is known), the predictive density of a mark at height s is
 
     f(s) = (sum_j K(s - H_j) + a/top) / (n + a)
 
-K is a normal kernel with Silverman's width, at least `ACCURACY`. The weight a = 1 represents one
-boulder at any height below `top`, twice the maximum height observed or simulated: as at rest
-(`rockfall.analysis.observed.deposits`). A mark shows that at least one block passed at that height:
-f is the density of one hit. For the highest of k marks it is k f F^(k - 1), with the distribution
-function F (David and Nagaraja 2003). The number of blocks that passed, and the trees that were not
-hit, are unknown. A mark with many boulders is thus no stronger evidence than a mark with a few: in
-addition to f only one factor counts, the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least
-one of N blocks arrives (0.39 for n = 0, 0.78 for one, 0.99 for four).
+K is a normal kernel with Silverman's width, at least `ACCURACY`. As for blocks at rest
+(`rockfall.analysis.observed.deposits`), the weight a = 1 represents one boulder at any height
+below `top`, which is twice the maximum height observed or simulated. A mark shows that at least
+one block passed at its height: f is the density of one hit. For the highest of k marks the density
+is k f F^(k - 1), with the distribution function F (David and Nagaraja 2003). The number of blocks
+that passed, and the trees that were not hit, are unknown. Many boulders at a mark are thus no
+stronger evidence than a few. In addition to f only one factor counts: the probability 1 - (1 - (n
++ 1/2)/(N + 1))^N that at least one of N blocks arrives (0.39 for n = 0, 0.78 for n = 1, 0.99 for n
+= 4).
 
 David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 """
@@ -41,17 +42,17 @@ from rockfall.result.crossings import line_names, values_at
 from rockfall.scene.scene import Scene
 from rockfall.simulation.simulate import run_scene
 
-ENOUGH = 50  # minimum number of boulders of the case at a mark; with fewer its line is longer
-WIDTHS = (2.0, 5.0, 10.0)  # widths of objects that replace the trunk [m]
-ACCURACY = 0.1  # [m] accuracy of a mark's height: scars are at least this tall
+ENOUGH = 50  # minimum boulders of the case at a mark; with fewer, its line is longer
+WIDTHS = (2.0, 5.0, 10.0)  # widths of objects used instead of the trunk [m]
+ACCURACY = 0.1  # [m] accuracy of a mark's height: scars are at least this high
 PREFIX = "mark"
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A mark: place [m], height of its middle [m], diameter of the trunk [m], azimuth of the side
-    that was hit [degree] (NaN if unknown), number of marks at most as high (itself included), and
-    its line in a case."""
+    """A mark: place [m], height of its middle [m], trunk diameter [m], azimuth of the side that
+    was hit [degree] (NaN if unknown), number of marks up to its height (including itself), and its
+    line in a case."""
 
     where: str
     x: float
@@ -64,21 +65,21 @@ class Mark:
 
 
 class Passing(NamedTuple):
-    """Passing heights [m] of the boulders that could make a mark."""
+    """Passing heights [m] of boulders that could make a mark."""
 
     heights: np.ndarray
     boulders: int  # number of boulders in the run
 
 
 class Heights(NamedTuple):
-    """Kernel of a mark: its width and the maximum height [m]."""
+    """Kernel of a mark: width and maximum height [m]."""
 
     width: float
     top: float
 
 
 def read_marks(seen: Observed) -> list[Mark]:
-    """Marks among the observed impacts: those with a height above the ground."""
+    """Observed impacts with a height above the ground."""
     if seen.contacts is None:
         return []
     rows: pd.DataFrame = seen.contacts
@@ -93,12 +94,12 @@ def read_marks(seen: Observed) -> list[Mark]:
 
 
 def with_lines_at(scene: Scene, marks: list[Mark]) -> tuple[Scene, list[Mark]]:
-    """Scene with a line at each mark, and the marks with the names of their lines. The scene is run
-    once to find the widths of the lines and the directions of the boulders."""
+    """Scene with a line at each mark, and marks with the names of their lines. A first run gives
+    the widths of the lines and the directions of the boulders."""
     if not marks:
         return scene, marks
     given = list(scene.case.line)
-    taken = {line["name"] for line in scene.case.lines}  # names of barriers, too
+    taken = {line["name"] for line in scene.case.lines}  # includes names of barriers
     objects, names = [], []
     for k, mark in enumerate(marks):
         name = f"{PREFIX} {k + 1}"
@@ -139,7 +140,7 @@ def _line(
     if touched[k]:
         at = rows.start + k
         heading = np.array([values_at(result, f"velocity_{axis}", at).mean() for axis in "xy"])
-    else:  # no boulder arrives: direction from the middle of the sources
+    else:  # no boulder arrives: direction from the centre of the sources
         start = [result[f"start_{axis}"].values.mean() for axis in "xy"]
         heading = np.array([mark.x, mark.y]) - start
     east, north = (heading / (np.hypot(*heading) or 1.0)).tolist()
@@ -150,8 +151,8 @@ def _line(
 
 
 def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
-    """Heights [m] of the boulders of a run that cross the line of a mark; if its side is known,
-    only of boulders that move towards that side."""
+    """Heights [m] of a run's boulders that cross the line of a mark; if the side of the mark is
+    known, only of boulders that move towards it."""
     k = line_names(result).index(mark.line)
     heights = values_at(result, "passing_height", k)
     able = np.ones(heights.size, bool)
@@ -171,7 +172,8 @@ def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
 
 
 def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
-    """Sums over boulders at a mark's height: kernels [1/m], squares, distribution functions."""
+    """Sums over boulders at a mark's height: kernels [1/m], their squares, distribution
+    functions."""
     from scipy.special import ndtr
 
     scores = (height - heights) / kernel.width
@@ -191,8 +193,8 @@ def log_density(
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
-    """Logarithm of the probability that at least one of this number of simulated blocks arrives at
-    a mark.
+    """Logarithm of the probability that at least one of `boulders` simulated blocks arrives at a
+    mark.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

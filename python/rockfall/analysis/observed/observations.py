@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations, published results and trajectories from other programs, read from files
+"""Observations, published results, and trajectories from other programs, read from files
 (docs/observed.md)."""
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ UNITS = {  # quantity -> unit -> factor to SI units
     "rotational_share": {"-": 1.0},
 }
 CONTACT = ("x", "y", "speed", "height", "dbh", "side", "hits")  # columns [m, m/s, cm, degree]
-START = ("start_x", "start_y")  # columns of a known release [m]
-SOURCE, VOLUME = "source", "volume"  # columns for the source polygon of a block and its volume [m3]
-SHAPE = "block_shape"  # column for the shape of a block
+START = ("start_x", "start_y")  # columns of the release, if known [m]
+SOURCE, VOLUME = "source", "volume"  # columns of a block's source polygon and volume [m3]
+SHAPE = "block_shape"  # column of a block's shape
 MAX_DBH = 500.0  # maximum tree diameter [cm]
-#: fraction columns and their divisors; the old name is last
+#: Fraction columns and their divisors; the old name is last.
 PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}
 
 
@@ -47,34 +47,34 @@ PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}
 class Observed:
     """Observations in SI units, where available."""
 
-    summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN where not given
+    summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN if not given
     samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> values of boulders
-    tests: pd.DataFrame  # line, method, quantity, p: Kolmogorov-Smirnov tests, as printed
-    stops: np.ndarray | None  # (n, 2): x, y [m] where boulders came to rest
+    tests: pd.DataFrame  # line, method, quantity, p: published Kolmogorov-Smirnov tests
+    stops: np.ndarray | None  # (n, 2): x, y [m] of blocks at rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
-    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least this far
+    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel farther
     lines: dict[str, str]  # line name -> file and row of its first occurrence
-    starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each stop
-    contacts: pd.DataFrame | None = None  # impacts, with columns CONTACT, NaN where unknown
-    #: other columns of each kind of file
+    starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each block
+    contacts: pd.DataFrame | None = None  # impacts with columns CONTACT, NaN if unknown
+    #: Other columns by kind of file.
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)
     passing_n: float = np.nan  # number of boulders behind `passing`
     notes: tuple[str, ...] = ()  # shown with tables of the observations
-    sources: tuple[str, ...] = ()  # source name of each stop, "" if unknown; or empty
-    volumes: np.ndarray | None = None  # volume of each stop [m3], NaN if unknown
-    shapes: np.ndarray | None = None  # block shape of each stop, from 1; 0 if unknown
-    #: file rows of stops and contacts
+    sources: tuple[str, ...] = ()  # source name of each block, "" if unknown; or empty
+    volumes: np.ndarray | None = None  # volume of each block [m3], NaN if unknown
+    shapes: np.ndarray | None = None  # shape of each block, from 1; 0 if unknown
+    #: File rows of stops and contacts.
     where: dict[str, tuple[str, ...]] = field(default_factory=dict)
     area: Any = None  # polygons (shapely) searched for blocks at rest; None: everywhere
 
 
 def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Observed:
-    """Read observations from CSV files, whose kind follows from the header; `Observed` arguments
+    """Read observations from CSV files, whose kind follows from the header. `Observed` arguments
     are used directly.
 
-    With the terrain `grid`, also read layers of points, with attributes as columns, and polygons
-    that outline the mapped area. A RockfallError reports file, line, column, value and what is
-    allowed.
+    With the terrain `grid`, layers can be read too: points, with attributes as columns, and
+    polygons that outline the mapped area. A RockfallError gives file, line, column, value and
+    allowed values.
     """
     import pandas as pd
 
@@ -154,7 +154,7 @@ def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Ob
 
 
 def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
-    """Quantity, its unit in SI units, and the limits of its values."""
+    """Quantity, its SI unit, and the limits of its values."""
     quantity = row.choice("quantity", UNITS)
     limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
     return quantity, UNITS[quantity][row.choice("unit", UNITS[quantity])], limits
@@ -220,7 +220,7 @@ def _contact(row: Row) -> dict:
 
 
 class _Kind(NamedTuple):
-    """A kind of file: required and optional columns, and the data read from a row."""
+    """A kind of file: required and optional columns, and the data from a row."""
 
     name: str
     needed: tuple[str, ...]
@@ -229,11 +229,11 @@ class _Kind(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns that are read; other columns are kept unchanged."""
+        """Columns that are interpreted; other columns are kept unchanged."""
         return (*self.needed, *self.optional)
 
 
-KINDS = (  # kinds with more columns come first: a header may contain the columns of another
+KINDS = (  # sorted: a header may contain all columns of a kind with fewer columns
     _Kind(
         "summaries", ("line", "quantity", "unit", "mean"), ("method", "std", "max", "n"), _summary
     ),

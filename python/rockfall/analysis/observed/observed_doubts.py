@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of observations for wrong units, and for exchanged x and y."""
+"""Checks of observations for wrong units and swapped x and y."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     from rockfall.analysis.observed.observations import Observed
 
-SCAR = 20.0  # [m] height above the ground of the highest marks on trees
-FAR = 3.0  # distance in terrain sizes beyond which places are probably in another country
+SCAR = 20.0  # [m] highest marks on trees above the ground
+FAR = 3.0  # [terrain sizes] places farther away are probably in another country
 FEET, HUNDRED, THOUSAND = 1 / 0.3048, 100.0, 1000.0
-#: Ratio of a number in another unit to the number in our unit.
+#: Factor between a number in another unit and the number in the expected unit.
 OTHER = {
     "speed": {"km/h": 3.6},
     "jump_height": {"ft": FEET, "cm": HUNDRED, "mm": THOUSAND},
@@ -33,13 +33,13 @@ OTHER = {
     "distance": {"ft": FEET, "km": 1 / THOUSAND},
     "energy": {"J": THOUSAND, "MJ": 1 / THOUSAND},
 }
-#: Ratio of a simulated to an observed value that may still be a model error.
+#: Ratio of simulated to observed value that a model error can still explain.
 ERROR = {"energy": 5.0}
 USUAL_ERROR = 1.6
 
 
 def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
-    """Refuse observed places far from boulders or terrain that exchanged x and y would fit."""
+    """Refuse observed places far from boulders or terrain if they fit with x and y swapped."""
     if isinstance(site, Grid):
         low, high = np.array([site.west, site.south]), np.array([site.east, site.north])
     else:
@@ -65,7 +65,7 @@ def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
 
 
 def unit_notes(seen: Observed) -> Iterator[Text]:
-    """Notes on implausible heights and diameters of trees, and implausible block volumes."""
+    """Notes on implausible heights and diameters of trees, and on implausible block volumes."""
     if seen.contacts is not None:
         height, dbh = (seen.contacts[name].to_numpy(float) for name in ("height", "dbh"))
         if np.nanmax(height, initial=0.0) > SCAR:
@@ -79,8 +79,8 @@ def unit_notes(seen: Observed) -> Iterator[Text]:
 
 
 def ratio_notes(errors: pd.DataFrame) -> Iterator[Text]:
-    """Notes on means or maxima at lines, as rows of `Comparison.errors`, if their ratio to the
-    simulated values suggests another unit."""
+    """Notes on means or maxima at lines (rows of `Comparison.errors`) if the ratio to simulated
+    values suggests another unit."""
     rows = errors[errors["statistic"].isin(("mean", "max")) & (errors["observed"] > 0)]
     for (line, quantity), group in rows.groupby(["line", "quantity"], sort=False):
         comparable = group[group["simulated"] > 0]
@@ -94,8 +94,7 @@ def ratio_notes(errors: pd.DataFrame) -> Iterator[Text]:
 def distance_notes(
     ours: np.ndarray, distances: np.ndarray | None, seen: Observed
 ) -> Iterator[Text]:
-    """Note on run-out distances whose ratio to the simulated distances [m] suggests another
-    unit."""
+    """Note on run-out distances if the ratio to simulated distances [m] suggests another unit."""
     if distances is not None and distances.size:
         ratio = float(distances.mean() / ours.mean())
     elif seen.passing is not None:
@@ -111,7 +110,7 @@ def distance_notes(
 
 
 def _ratio_note(what: str, kind: str, ratio: float) -> Iterator[Text]:
-    """Note with the most likely unit, allowing for a plausible model error."""
+    """Note on the most probable unit, allowing for a plausible model error."""
     error = ERROR.get(kind, USUAL_ERROR)
     apart = {unit: abs(math.log(ratio / factor)) for unit, factor in OTHER.get(kind, {}).items()}
     if apart and min(apart.values()) < math.log(error):

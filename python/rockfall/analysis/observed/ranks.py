@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ranking of several results by their distance from the same observations, with its certainty.
+"""Ranking of results by their distance from the same observations, with its certainty.
 
 Each measure is a distance between a result and the observations. All results share the resamples of
 observed boulders, so the difference of two results excludes their shared error.
@@ -36,8 +36,8 @@ COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "ra
 
 def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFrame:
     """Table with COLUMNS: results ranked by each measure, nearest first. Measures are Wasserstein
-    distances of stopping distances and of samples at lines, and differences from published means,
-    in SI units. The overall measure is the mean of the distances, each divided by its mean over all
+    distances for stopping distances and samples at lines, and differences from published means, in
+    SI units. The overall measure is the mean of all distances, each divided by its mean over the
     results.
 
     `rank_low` and `rank_high` are the possible ranks of a result: two results are tied if the 95 %
@@ -65,7 +65,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
 
 
 def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.ndarray]]:
-    """Measures, each with its distance and resampled distances: (1 + RESAMPLES)."""
+    """Distances and resampled distances by measure: (1 + RESAMPLES)."""
     pair = samples(result, seen)
     if pair is not None:
         yield "stopping_distance", _resampled(*pair)
@@ -100,7 +100,7 @@ def _resampled(seen: Sample, made: Sample) -> np.ndarray:
 
 
 def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Distance from a published mean, with a normal error if its n is known, else exact."""
+    """Distance from a published mean, with a normal error if n is known (else exact)."""
     crossed = ~np.isnan(values)
     if not crossed.any():
         return np.full(1 + RESAMPLES, np.inf)
@@ -116,12 +116,12 @@ def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.nda
 
 
 def _ranked(measure: str, names: list[str], values: np.ndarray) -> Iterator[list]:
-    """Rows for a measure, ranked by distances (results, 1 + RESAMPLES)."""
+    """Rows of a measure, ranked by distances (results, 1 + RESAMPLES)."""
     order = np.argsort(values[:, 0], kind="stable")
     with np.errstate(invalid="ignore"):
         apart = np.nan_to_num(values[:, None] - values[None], nan=0.0)
     low, high = np.quantile(apart[..., 1:], LIMITS, axis=-1)
-    surely_farther, surely_nearer = (low > 0), (high < 0)  # compared with the other result
+    surely_farther, surely_nearer = (low > 0), (high < 0)  # than each other result
     for rank, k in enumerate(order, start=1):
         with np.errstate(invalid="ignore"):
             ends = 2 * values[k, 0] - np.quantile(values[k, 1:], LIMITS[::-1])

@@ -2,11 +2,11 @@
 """Run-out distances and lateral spread, observed and simulated; distances between distributions,
 and the Kolmogorov-Smirnov test of a sample against a weighted sample.
 
-Intervals come from resampled boulders (Efron 1979), both observed and simulated, each within its
-source. There is no interval with fewer boulders than `rockfall.limits` requires for a mean or a
-standard deviation. The interval of the Wasserstein distance is mirrored (pivotal), since chance
-increases the distance of two samples. `by_chance` is the 95 % quantile for the same number of
-boulders from the result itself: below it, the difference may be due to chance.
+Intervals come from resampled boulders (Efron 1979), both observed and simulated, within each
+source. An interval requires the number of boulders in `rockfall.limits` for a mean or a standard
+deviation. The interval of the Wasserstein distance is mirrored (pivotal), because chance increases
+the distance between two samples. `by_chance` is its 95 % quantile for equally many boulders from
+the result itself: below it, the difference may be due to chance.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
-STATIONS = 300  # number of distances on a passing curve
-FARTHEST = 1e9  # [m]; squares and sums of larger values overflow
-MIN_BOULDERS = 2  # minimum number per source for its statistics
+STATIONS = 300  # distances on a passing curve
+FARTHEST = 1e9  # [m] squares and sums of larger values overflow
+MIN_BOULDERS = 2  # minimum per source for its statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
 COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
     f"{whose}{end}" for whose in ("observed", "simulated", "difference") for end in ENDS
@@ -46,7 +46,7 @@ COLUMNS += ["by_chance", "verdict"]
 
 
 class Sample(NamedTuple):
-    """Values of boulders, in one or more columns (n, columns), and the source of each."""
+    """Values of boulders, in one or more columns (n, columns), and their sources."""
 
     values: np.ndarray
     source: np.ndarray
@@ -57,7 +57,7 @@ class Sample(NamedTuple):
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
-    """Number of times each boulder occurs in a resample with the same number from each source."""
+    """Number of times each boulder occurs in a resample that keeps the number from each source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         from_source = np.flatnonzero(sample.source == source)
@@ -68,8 +68,8 @@ def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
 
 
 class Distance:
-    """Wasserstein distance of two weighted samples of one quantity: the area between their
-    distribution functions. (SciPy would sort both again for each set of weights.)"""
+    """Wasserstein distance between two weighted samples of a quantity: the area between their
+    distribution functions. (SciPy would sort both for each set of weights.)"""
 
     def __init__(self, seen: np.ndarray, made: np.ndarray) -> None:
         both = np.concatenate([seen, made])
@@ -84,12 +84,12 @@ class Distance:
 def kolmogorov_smirnov(
     seen: np.ndarray, made: np.ndarray, share: np.ndarray
 ) -> tuple[float, float]:
-    """Kolmogorov-Smirnov statistic of a sample and a weighted sample, and its p.
+    """Kolmogorov-Smirnov statistic of a sample and a weighted sample, and its p-value.
 
-    Equal weights give SciPy's two-sample test, exact for small samples. Unequal weights give the
-    largest distance of the two distribution functions. Then p assumes that the weighted sample has
-    (sum w)^2 / sum w^2 boulders (Kish 1965): the variance of its distribution function F is F (1 -
-    F) over that number, if weights do not depend on values.
+    Equal weights give SciPy's two-sample test, which is exact for small samples. Otherwise the
+    statistic is the largest distance between the distribution functions, and p assumes that the
+    weighted sample has (sum w)^2 / sum w^2 boulders (Kish 1965): the variance of its distribution
+    function F is F (1 - F) divided by that number, if weights do not depend on values.
     """
     from scipy.stats import ks_2samp, kstwo
 
@@ -99,7 +99,7 @@ def kolmogorov_smirnov(
     both = np.concatenate([seen, made])
     order = np.argsort(both, kind="stable")
     apart = np.concatenate([np.full(len(seen), 1 / len(seen)), -share / share.sum()])[order]
-    last = np.append(np.diff(both[order]) > 0, True)  # last of equal values
+    last = np.append(np.diff(both[order]) > 0, True)  # last of several equal values
     statistic = float(np.abs(np.cumsum(apart)[last]).max())
     effective = share.sum() ** 2 / (share @ share)
     size = len(seen) * effective / (len(seen) + effective)
@@ -107,12 +107,13 @@ def kolmogorov_smirnov(
 
 
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Table with COLUMNS for each source, and for all: mean and standard deviation of the stopping
-    distance, the Wasserstein distance, lateral spread and offset [m]; empty without observations.
+    """Table with COLUMNS for each source, and for all sources: mean and standard deviation of the
+    stopping distance, Wasserstein distance, lateral spread and offset [m]; empty without
+    observations.
 
-    Lateral is perpendicular to the line from the release to the mean of the observed stopping
-    places; the spread is the standard deviation, the offset the mean. With several sources the
-    boulders of the result are weighted by the number observed from each source.
+    Lateral means perpendicular to the line from the release to the mean observed stopping place;
+    the spread is the standard deviation, the offset the mean. With several sources, the boulders
+    of the result are weighted by the number observed from each source.
     """
     import pandas as pd
 
@@ -132,7 +133,7 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Stopping distances, and lateral offsets where places are known, of observed boulders and of
+    """Stopping distances, and lateral offsets if places are known, of observed boulders and of
     simulated boulders from the same sources [m]. None if distances are unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
@@ -153,8 +154,8 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
-    """Pooled samples of several results from one site, each with its observations; lateral offsets
-    are perpendicular to the mean of all observed vectors. For a single result they equal
+    """Pooled samples of several results from a site, each with its observations; lateral offsets
+    are perpendicular to the mean of all observed vectors. For a single result equal to
     `samples`."""
     if len(pairs) == 1:
         return samples(*pairs[0])
@@ -200,17 +201,17 @@ def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
 
 
 class Starts(NamedTuple):
-    """Starts of boulders as observers can distinguish them: by feature of the source layer, by
-    cliff (adjacent source cells), or by point."""
+    """Starts of boulders that observers can distinguish: by feature of the source layer, by cliff
+    (adjacent source cells), or by point."""
 
-    group: np.ndarray  # group number of each boulder, from 0
+    group: np.ndarray  # group index of each boulder
     names: list[str]  # group names
-    places: np.ndarray  # (n, 2): release places of sources [m]
-    group_at: np.ndarray  # group number of each place
+    places: np.ndarray  # (n, 2): release places [m]
+    group_at: np.ndarray  # group index of each place
 
 
 def starts(result: xr.Dataset) -> Starts:
-    """Groups of the sources of a result, in order."""
+    """Groups of the sources in a result, in order."""
     import pandas as pd
 
     number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
@@ -229,13 +230,13 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Number of the patch of adjacent cells that contains each source cell, in order."""
+    """Index of the patch of adjacent source cells that contains each source cell, in order."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    # diagonal neighbours are at 1.41 cells
+    # Diagonal neighbours are 1.41 cells apart.
     pairs = KDTree(places).query_pairs(1.5 * cell, output_type="ndarray")
     ones = np.ones(len(pairs), bool)
     graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
@@ -248,8 +249,8 @@ def cell_of(result: xr.Dataset) -> float:
 
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
-    """Mask of the boulders of a result to compare with observed stopping places or distances, and
-    its description: boulders from the same starts, or all if starts are unknown."""
+    """Mask of boulders in a result to compare with observed stopping places or distances, and its
+    description: boulders from the same starts, or all if starts are unknown."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -267,8 +268,8 @@ def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
 
 
 def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
-    """Observed boulders: stopping distance, lateral offset [m] where places are known, and source
-    number; None if the distances are unknown."""
+    """Observed boulders: stopping distance, lateral offset [m] if places are known, and source
+    number; None if distances are unknown."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         if seen.distances is None:
@@ -282,7 +283,8 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors from observed releases to stops, and the source group nearest to each release."""
+    """Vectors from observed releases to stopping places, and the source group nearest to each
+    release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -313,7 +315,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """Distance and lateral offset [m] (columns) of each boulder in this group, NaN for others."""
+    """Distance or lateral offset [m] (`column`) of each boulder in this group; NaN for others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )
@@ -370,13 +372,13 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
 
 def _limits(values: np.ndarray, enough: bool) -> list[float]:
-    """First value with the limits from the other values; NaN if too few boulders were resampled."""
+    """First value, with limits from the other values; NaN if too few boulders were resampled."""
     limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
     return [float(values[0]), *limits]
 
 
 def weights(seen: Sample, made: Sample) -> np.ndarray:
-    """Weights that give each source its observed frequency among simulated boulders."""
+    """Weights of simulated boulders that give each source its observed frequency."""
     observed = np.bincount(seen.source, minlength=made.source.max() + 1)
     share = (observed / np.maximum(np.bincount(made.source), 1))[made.source]
     return share / share.mean()
@@ -391,7 +393,8 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance between a result and its own samples of n."""
+    """95 % quantile of the Wasserstein distance between a result and samples of n of its
+    boulders."""
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)
@@ -422,7 +425,7 @@ def falls_and_distances(
 def passing(
     result: xr.Dataset, distance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Distances [m], and the fraction of boulders that travel at least this far with its 95 %
+    """Distances [m], and the fraction of boulders that travel at least each distance with its 95 %
     limits, from the `distance` of each boulder."""
     source = sources(result)
     shown = np.linspace(0, stop_distances(result).max() or 1.0, STATIONS)

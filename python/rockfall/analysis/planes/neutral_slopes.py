@@ -21,14 +21,14 @@ from rockfall.scene.surface import radius_over_rg
 if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
-BOULDERS = 400  # number on a plane: the slope is accurate to about 0.3 degrees
+BOULDERS = 400  # boulders on a plane: gives the slope within about 0.3 degrees
 FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (0.8, 1.0)}
 
 
 @dataclass(frozen=True)
 class Rocks:
-    """One kind of ground: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and the
-    tangents of slopes in some of its cells, evenly spaced."""
+    """A kind of ground: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and slope
+    tangents of some of its cells, evenly spaced."""
 
     name: str
     radii: np.ndarray
@@ -99,7 +99,7 @@ def _neutral_slope(means: bytes, covariances: bytes, weights: tuple[float, ...])
 
 
 class NeutralSlopes:
-    """Neutral slopes of the impact sets of a scene, computed on first use."""
+    """Neutral slopes for the impact sets of a scene, computed on first use."""
 
     def __init__(self, scene: Scene) -> None:
         sets = scene.coefficients.mean.T, scene.coefficients.covariance.T
@@ -107,7 +107,7 @@ class NeutralSlopes:
         self._between = scene.case.impact["ratio"] == "between"
 
     def weights(self, radius: float, radii: np.ndarray) -> np.ndarray:
-        """Weights (5,) of the sets for a boulder of this radius [m], without absorbing sizes."""
+        """Weights (5,) of the sets for a boulder with this radius [m], without absorbing sizes."""
         sizes = size_weights() if radii.size > 1 else np.ones(1)
         sets = [weight * set_weights(radius / r, self._between)
                 for weight, r in zip(sizes, radii, strict=True) if np.isfinite(r)]  # fmt: skip
@@ -118,6 +118,6 @@ class NeutralSlopes:
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:
-        """Neutral slope, 5 to 75 [degree], for this boulder radius and rock size [m]."""
+        """Neutral slope, 5 to 75 [degree], for this boulder radius and these rock sizes [m]."""
         weights = tuple(self.weights(radius, radii).tolist())
         return _neutral_slope(self._means, self._covariances, weights)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that bounce down an infinite plane, with rebounds by an impact set.
+"""Boulders that bounce down an infinite plane, with rebounds from an impact set.
 
-On a plane a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t for any
-gravity, and a rebound is linear in speed. A bounce is therefore a random map of directions with a
-factor on the speed, and there is no terminal speed. If the mean logarithm of the factor is below
-zero, boulders stop; if it is above, they accelerate without limit. At the neutral slope between,
-half of the boulders never stop.
+On a plane, a flight between two bounces keeps V_n and W and adds 2 tan(slope) V_n to V_t for any
+gravity, and a rebound is linear in speed. A bounce is therefore a random change of direction with
+a factor on the speed, and there is no terminal speed. If the mean logarithm of the factor is
+negative, boulders stop; if it is positive, they accelerate without limit. At the neutral slope in
+between, half of the boulders never stop.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
 
-FIRST, LAST = 20, 60  # bounces counted, after the start-up phase
+FIRST, LAST = 20, 60  # first and last bounce counted, after the start-up phase
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]
-USUAL, RISE = 34.0, 0.015  # initial guess [degree], and increase of growth per degree there
+USUAL, RISE = 34.0, 0.015  # initial guess [degree], and change of growth per degree there
 
-#: Maps (n, 3) V_in to (n, 3) V_out.
+#: Maps V_in (n, 3) to V_out (n, 3).
 Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Logarithm of the ratio of speeds at successive bounces."""
+    """Logarithm of the speed ratio between successive bounces."""
 
     mean: float
     std: float
@@ -55,7 +55,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
 
 
 def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
-    """Rebounds by a rule drawn from several rules each time with these probabilities."""
+    """Rebounds by rules that are drawn for each rebound with these probabilities."""
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)
@@ -76,12 +76,12 @@ def _fly(v: np.ndarray, slope: float) -> np.ndarray:
     """Velocity at the next bounce; a boulder thrown uphill falls back."""
     v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
     back = v_in[:, 0] < 0
-    v_in[back] *= [-1, 1, -1]  # the frame turns with the boulder
+    v_in[back] *= [-1, 1, -1]  # the frame of reference turns with the boulder
     return v_in
 
 
 def growth(rebound: Rebound, slope: float, boulders: int = 1000, seed: int = 1) -> Growth:
-    """Speed growth of bounces on a plane of this slope [degree], after a start-up phase."""
+    """Growth of speed per bounce on a plane of this slope [degree], after a start-up phase."""
     generator = np.random.default_rng(seed)
     v = np.tile([10.0, 2.0, 8.0], (boulders, 1))
     logs = []

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Precision of numbers, and the number of boulders required: common rules for all statistics."""
+"""Precision of results and required number of boulders: common rules for all statistics."""

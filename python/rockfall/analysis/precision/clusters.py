@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of boulders that count as one in the frequency limits at a place, if sources are a sample.
-It depends on how similarly the boulders of a source behave there."""
+"""Number of boulders that count as one in the frequency limits at a place, if sources are a
+sample. It depends on how similarly boulders from a source behave at the place."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from rockfall.result.maps.clusters import boulders_per_cluster
 
 @dataclass(frozen=True)
 class Clusters:
-    """Boulders of a run by their sources."""
+    """Boulders of a run by source."""
 
     source: Sources
     most: int  # boulders that count as one if all of a source behave alike, as assumed for cells
 
     @classmethod
     def of(cls, result: xr.Dataset) -> Clusters:
-        """Clusters of the boulders of a result."""
+        """Clusters of a result's boulders."""
         starts = (result[f"start_{axis}"].values for axis in "xy")
         return cls(sources(result), boulders_per_cluster(case_of(result), *starts))
 
     def at(self, boulders: np.ndarray, *values: np.ndarray) -> float:
         """Number of boulders that count as one at a place where these boulders (indices) arrive
-        with these values (each of the shape of `boulders`). It is the largest design effect of a
-        fraction of boulders above any of the values, so that one number is valid for all levels. It
-        is 1 for given sources, and `most` if too few arrive to show more."""
+        with these values (each of the shape of `boulders`). It is the largest design effect for
+        the fraction above any value, so that a single number is valid at all levels. It is 1 for
+        fixed sources, and `most` if too few boulders arrive to show more."""
         counts = np.bincount(self.source.number).astype(float)
         if self.most == 1 or boulders.size < MIN_FOR_MEAN or counts.size == 1:
             return float(self.most)
@@ -42,12 +42,12 @@ class Clusters:
         return min(max(1.0, largest), float(self.most))
 
     def _effect(self, boulders: np.ndarray, counts: np.ndarray) -> float:
-        """Largest design effect of the fraction of the first boulders, for any number of them;
+        """Largest design effect for the fraction of the first boulders, over all numbers of them;
         `counts` are boulders by source. The rule is `independent_boulders`."""
         number, n, m = self.source.number[boulders], counts.sum(), counts.size
         by_source = np.argsort(number, kind="stable")
         grouped = number[by_source]
-        before = np.empty(number.size)  # earlier boulders of the same source
+        before = np.empty(number.size)  # number of earlier boulders from the same source
         before[by_source] = np.arange(number.size) - np.searchsorted(grouped, grouped)
         fraction = np.arange(1, number.size + 1) / n
         squares = np.cumsum(2 * before + 1) - 2 * fraction * np.cumsum(counts[number])

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of independent boulders whose fraction is as certain as in clusters. A cluster
-contains the boulders of a sampled source, or the boulders with the same number in several runs."""
+"""Number of independent boulders that give a fraction with the same certainty as clustered
+boulders. A cluster is the boulders of a sampled source, or the boulders with the same number in
+several runs."""
 
 from __future__ import annotations
 
@@ -23,14 +24,14 @@ ROUNDING = 1e-9  # rounding error of sums
 
 
 def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0) -> float:
-    """Number of independent boulders with the same variance of a fraction as these clusters: `held`
-    are the chosen boulders, `n` all boulders, both (clusters,) by weight; `heaviest` is the largest
-    weight of a boulder.
+    """Number of independent boulders for which a fraction has the same variance as for these
+    clusters: `held` are the chosen boulders, `n` all boulders, both (clusters,) by weight;
+    `heaviest` is the largest weight of a boulder.
 
-    The variance is the variance between clusters (linearised; Cochran 1977). Only clusters with
-    chosen boulders show how similar these are, so the quantile is Student's with their number less
-    one, or with the number of clusters with other boulders if that is smaller. Below MIN_FOR_MEAN
-    boulders, chosen or not, a cluster counts as one boulder.
+    The variance is taken between clusters (linearised; Cochran 1977). Only clusters with chosen
+    boulders show how similar these are, so the quantile is Student's with the number of these
+    clusters less one, or of clusters with other boulders if that is smaller. With fewer than
+    MIN_FOR_MEAN chosen or other boulders, a cluster counts as one boulder.
     """
     total, chosen = float(n.sum()), float(held.sum())
     most, fewest = total / heaviest, total / float(n.max(initial=heaviest))
@@ -50,7 +51,8 @@ def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0)
 
 
 def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.ndarray:
-    """Number of clusters for Student's distribution, from clusters with boulders on either side."""
+    """Number of clusters for Student's distribution, from the numbers with chosen and with other
+    boulders."""
     return np.minimum(np.minimum(with_chosen, with_others), MOST_FREEDOM + 1)
 
 
@@ -58,7 +60,7 @@ def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.n
 def student(freedom: float) -> float:
     """97.5 % quantile of Student's t for n >= 1. With t = sqrt(n) tan(a) the density in a is
     cos(a)**(n - 1), integrated by Simpson's rule; Newton's method finds the quantile from below.
-    Importing scipy.special takes as long as a small run."""
+    (Importing scipy.special takes as long as a small run.)"""
     half = freedom / 2
     density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
     angle = math.atan(Z / math.sqrt(freedom))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Statistics at a line as a function of the number of boulders run."""
+"""Statistics at a line as functions of the number of boulders run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rockfall.result.crossings import line_values
 if TYPE_CHECKING:
     import xarray as xr
 
-History = dict[str, list[dict[str, float]]]  # quantity -> its statistics after each size
+History = dict[str, list[dict[str, float]]]  # statistics after each size, by quantity
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
@@ -33,8 +33,8 @@ def sizes(source: Sources) -> list[int]:
 
 
 def mixed(source: Sources) -> np.ndarray:
-    """Order of boulders in which each initial part is a sample of all. The sources take turns, in
-    the same random order, as often as they release boulders. The order within a source is
+    """Order of boulders in which every initial part is a sample of all boulders. Sources take
+    turns in the same random order, as often as they release boulders. The order within a source is
     unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)
@@ -46,8 +46,8 @@ def mixed(source: Sources) -> np.ndarray:
 
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
-    """Sources of the first boulders of `mixed`: strata only if all sources have the same number;
-    otherwise the selection of sources is random."""
+    """Sources of the first boulders of `mixed`: strata only if all sources have equal numbers,
+    because otherwise the selection of sources is random."""
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)

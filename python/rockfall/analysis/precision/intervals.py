@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""95 % confidence intervals for values of boulders from given sources, and required boulder
-numbers.
+"""95 % confidence intervals for values of boulders from given sources, and required numbers of
+boulders.
 
-The sources of a case are the complete set: other samples would have the same sources, with the same
-number of boulders from each. Boulders are then a stratified sample (Cochran 1977, chapter 5), and
-intervals cover only the variation within sources. With &release sources = 'sample' the sources are
-a sample: the boulders of each source are a cluster, and few sources represent others poorly
-(Student's distribution; with two sources, the intervals are 6.5 times as long as normal intervals).
+The sources of a case are the complete set: other samples would have the same sources, with the
+same number of boulders from each. Boulders are then a stratified sample (Cochran 1977, chapter 5),
+and intervals cover only the variation within sources. With &release sources = 'sample' the sources
+are a sample: the boulders of each source are a cluster, and few sources represent others poorly
+(Student's distribution; with two sources, intervals are 6.5 times as long as normal intervals).
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held
 
-TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of intervals to plan for
-DENSE = 1_000_000  # numbers of sources below which a lookup table is short
+TARGETS = (0.05, 0.02, 0.01)  # relative half-widths of intervals for planning
+DENSE = 1_000_000  # maximum range of source numbers for a lookup table
 CROSSED = 500  # minimum boulders past the line for intervals of statistics other than a fraction
-#: Skewness over the coefficient of variation: exact for gamma distributions. Small samples seldom
-#: show the tail of their distribution, so upper limits assume this skewness.
+#: Skewness divided by the coefficient of variation: exact for gamma distributions. Small samples
+#: rarely show the tail of their distribution, so upper limits assume this skewness.
 SKEWED = 2.0
 SKEWED_SQUARES = 3.0  # the same ratio for squared deviations
-WITHHELD = math.nan, math.nan  # limits with too few boulders
+WITHHELD = math.nan, math.nan  # limits if there are too few boulders
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Sources of boulders. A selection (`sources[which]`) keeps the released numbers, because the
-    number of selected boulders is random too."""
+    """Sources of boulders. A selection (`sources[which]`) keeps the numbers released, because the
+    number of selected boulders is random, too."""
 
-    number: np.ndarray  # source number of each boulder, from 0
-    #: stratum of each boulder: its source; single-boulder sources are merged with another
+    number: np.ndarray  # source index of each boulder
+    #: Stratum of each boulder: its source; single-boulder sources are merged with others.
     stratum: np.ndarray
-    released: np.ndarray  # released boulders per stratum
-    sampled: bool = False  # the sources are a sample
+    released: np.ndarray  # number of boulders released by stratum
+    sampled: bool = False  # True if the sources are a sample
 
     @classmethod
     def of(cls, number: np.ndarray, sampled: bool = False) -> Sources:
         """Boulders of these sources. Each source with a single boulder is paired with a neighbour
-        by number, so that the difference within a pair counts as chance (collapsed strata: Cochran
+        by number, so that differences within a pair count as chance (collapsed strata: Cochran
         1977, section 5A.12)."""
         boulders = np.bincount(number)
         stratum = strata(boulders)[number]
@@ -63,7 +63,7 @@ class Sources:
 
     @classmethod
     def alone(cls, boulders: int) -> Sources:
-        """The given number of boulders from one source."""
+        """This number of boulders from a single source."""
         return cls.of(np.zeros(boulders, int))
 
     def __getitem__(self, which: np.ndarray | slice) -> Sources:
@@ -84,7 +84,8 @@ class Sources:
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     def indicator(self, holds: np.ndarray) -> Sums:
-        """Sums of an indicator of chosen boulders (a mask or indices), less its mean."""
+        """Sums of an indicator of chosen boulders (a mask or indices) after subtraction of its
+        mean."""
         size, n = self.released.size, self._numbers
         if size > 1:
             held = np.bincount(self._of[holds], minlength=size).astype(float)
@@ -104,7 +105,7 @@ class Sources:
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Number of boulders in each stratum, or source."""
+        """Number of boulders in each stratum, or from each source."""
         return np.bincount(self._of, minlength=self.released.size).astype(float)
 
 
@@ -121,13 +122,13 @@ def strata(boulders: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums over the boulders of each stratum, or of each source if sources are sampled, for a
-    variable after subtraction of its mean: sufficient for its interval."""
+    """Sums over the boulders of each stratum (of each source if sources are sampled) for a
+    variable minus its mean; they suffice for its interval."""
 
     n: np.ndarray  # number of boulders
     total: np.ndarray
     squares: np.ndarray
-    released: np.ndarray  # number of boulders, including boulders without a value
+    released: np.ndarray  # number of boulders, including those without a value
     sampled: bool
 
     @property
@@ -142,9 +143,8 @@ class Sums:
         fewest: int = MIN_FOR_MEAN,
         skewed: float = SKEWED,
     ) -> tuple[float, float]:
-        """Limits of the interval of the mean, less the mean, for values of this shape; NaN for
-        fewer than `fewest` values (or sources, if they are sampled). See `hall` for the other
-        arguments."""
+        """Limits of the interval of the mean, minus the mean, for values of this shape; NaN for
+        fewer than `fewest` values (or sources, if sampled). See `hall` for the other arguments."""
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
@@ -159,22 +159,22 @@ class Sums:
         error = math.sqrt(self.squares.sum() / (n - 1) / n)
         low, high = hall(error, n - 1, n, shape, signed, skewed)
         sums = self.total[self.n > 0]
-        if sums.size == 1:  # one source: its boulders are independent
+        if sums.size == 1:  # the boulders of a single source are independent
             return low, high
         clusters, m = Shape.of(sums), sums.size
         if clusters.apart < fewest:
             return WITHHELD
         apart = hall(self._error_of_clusters(), m - 1, m, clusters, signed, skewed)
-        # sources that agree by chance give no more information than their boulders
+        # Sources that agree by chance give no more information than their boulders.
         return min(low, apart[0]), max(high, apart[1])
 
     def effective_number(self, fraction: float) -> float:
         """Effective number of independent boulders for the fraction of an indicator (Korn and
-        Graubard 1998); for sampled sources, see `independent_boulders`.
+        Graubard 1998); for sampled sources see `independent_boulders`.
 
-        With few boulders, sources whose boulders all behaved alike would seem too certain. The
-        variance therefore includes Z**2 more boulders of uncertain outcome, and is at most the
-        variance without strata.
+        With few boulders, sources whose boulders all behave alike would seem too certain. The
+        variance therefore includes Z**2 additional boulders of uncertain outcome, and is at most
+        the variance without strata.
         """
         n = self.size
         if self.sampled:
@@ -186,8 +186,8 @@ class Sums:
         return n * anywhere / min(anywhere, self._within().sum() + Z**2)
 
     def _within(self) -> np.ndarray:
-        """Contribution of each stratum to the variance of the sum; released boulders outside the
-        selection contribute none (a domain: Cochran 1977, section 5A.14)."""
+        """Contribution of each stratum to the variance of the sum; boulders outside the selection
+        contribute none (a domain: Cochran 1977, section 5A.14)."""
         n = self.released
         scatter = np.maximum(self.squares - self.total**2 / np.maximum(n, 1), 0)
         return scatter * (n / np.maximum(n - 1, 1)) * (1 - 1 / n.sum())
@@ -200,12 +200,12 @@ class Sums:
 
 @dataclass(frozen=True)
 class Shape:
-    """Properties of values, other than their variance, that affect the interval of a mean."""
+    """Properties of values, apart from their variance, that affect the interval of the mean."""
 
     skewness: float
-    below: float  # standard deviations from the mean down to the lowest value
-    above: float  # standard deviations from the mean up to the highest value
-    apart: int  # number of values other than the median, plus one: ties carry no information
+    below: float  # from the mean down to the lowest value, in standard deviations
+    above: float  # from the mean up to the highest value, in standard deviations
+    apart: int  # number of values that differ from the median, plus one: ties add no information
 
     @classmethod
     def of(cls, values: np.ndarray, counts: np.ndarray | None = None) -> Shape:
@@ -229,7 +229,7 @@ class Shape:
         skewness = third / second**1.5 * math.sqrt(n * (n - 1)) / (n - 2)
         std = math.sqrt(second * n / (n - 1))
         below, above = -deviations.min() / std, deviations.max() / std
-        if not min(below, above) > 0:  # the values differ only by rounding
+        if not min(below, above) > 0:  # values differ only by rounding
             return cls(0.0, 1.0, 1.0, apart)
         return cls(skewness, below, above, apart)
 
@@ -237,7 +237,7 @@ class Shape:
 def hall(
     error: float, freedom: float, n: int, shape: Shape, signed: bool, skewed: float
 ) -> tuple[float, float]:
-    """Limits of the interval of a mean of n values with this standard error, less the mean:
+    """Limits of the interval of a mean of n values with this standard error, minus the mean:
     Student's t limits with Hall's cubic correction for skewness (Hall 1992). The upper limit
     assumes a skewness of at least `skewed` coefficients of variation, above the lowest value. For
     `signed` values the lower limit does the same, from the highest value."""
@@ -252,7 +252,7 @@ def hall(
 
 
 def limits_of_printed(mean: float, std: float, n: float, signed: bool) -> tuple[float, float]:
-    """Limits of the interval of a mean of n values, from mean and standard deviation alone; values
+    """Limits of the interval of a mean of n values from mean and standard deviation alone; values
     are non-negative unless `signed`. NaN for too few values."""
     if not n >= MIN_FOR_MEAN:
         return WITHHELD
@@ -270,8 +270,8 @@ def _inverse_of_cubic(t: float, a: float) -> float:
 
 
 def sources(result: Held) -> Sources:
-    """Sources of the boulders of a result, by `source`. In a sample, sources at one place are
-    merged, because the place was chosen once, whichever volumes it releases."""
+    """Sources of the boulders in a result. If sources are a sample, sources at the same place are
+    merged, because the place was chosen once for all its volumes."""
     return sources_of(result, are_sampled(result))
 
 
@@ -284,7 +284,7 @@ def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Rank of each value among the distinct values, from 0; small integers are not sorted."""
+    """Rank of each value among the distinct values, from 0; small integers need no sorting."""
     if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
         return (np.cumsum(np.bincount(values) > 0) - 1)[values]
     return np.unique(values, return_inverse=True)[1]
@@ -297,7 +297,7 @@ def are_sampled(result: Held) -> bool:
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of the chosen boulders, and the limits of its 95 % interval (Wilson 1927)."""
+    """Fraction of chosen boulders, with the limits of its 95 % interval (Wilson 1927)."""
     if isinstance(source, Weighted):
         return source.fraction(holds)
     fraction = float(holds.mean())
@@ -314,7 +314,7 @@ def passing_percent(result: Held, line: int) -> tuple[int, float, float, float]:
 def between_ranks(ordered: np.ndarray, level: float, effective: float) -> tuple[float, float]:
     """Order statistics that enclose a quantile, interpolated between ranks, because intervals of
     small samples would otherwise be too wide; NaN beyond the sample. (SciPy's quantile_test does
-    not interpolate, and has no strata.)"""
+    not interpolate and has no strata.)"""
     n = ordered.size
     low, high = np.interp(
         ranks_around(n, level, effective), np.arange(1, n + 1), ordered, np.nan, np.nan
@@ -356,13 +356,13 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
-    """Number of boulders for an interval of `limit`, given an interval of `width` from `boulders`:
-    the width decreases as 1/sqrt(n). If the number `crossed` past the line is given, intervals are
+    """Number of boulders for an interval of width `limit`, given the `width` from `boulders`: the
+    width decreases as 1/sqrt(n). If the number `crossed` past the line is given, intervals are
     used only from `CROSSED` on."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 
 def rounded_up(boulders: float) -> int:
-    """Number rounded up to two digits, because it is a forecast."""
+    """Number rounded up to two digits, because it is an estimate."""
     step = 10 ** max(0, math.floor(math.log10(max(boulders, 1.0))) - 1)
     return math.ceil(boulders / step - 1e-9) * step

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Differences between two runs with the same boulders, with 95 % intervals by source.
+"""Differences between two runs with the same boulders, with 95 % intervals that account for
+sources.
 
-With common random numbers a boulder starts identically in both runs and uses the same random
-numbers at its rebounds. Differences are taken boulder by boulder, so common chance cancels.
-Intervals cover the Monte Carlo error of a difference, not the model error. Values are NaN for
-boulders without a value.
+With common random numbers a boulder starts identically in both runs and has the same random
+numbers at its rebounds. Differences are taken boulder by boulder, so common random variation
+cancels. Intervals cover the Monte Carlo error of a difference, not the model error. Boulders
+without a value have NaN.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ NONE = 0.0, 0.0, 0.0
 
 class Estimate(NamedTuple):
     """A statistic of the boulders that have a value, and the contribution of each released boulder
-    to its error (its influence, of mean 0; Hampel 1974). With too few boulders, the statistic is
-    NaN without influences."""
+    to its error (influence with mean 0; Hampel 1974). With too few boulders, the statistic is NaN
+    and has no influences."""
 
     value: float
     influence: np.ndarray | None = None
@@ -82,8 +83,8 @@ def mean_difference(apart: np.ndarray, source: Sources) -> Difference:
 
 
 def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the means over the boulders that have a value in each run. Each mean is a ratio
-    of means over all boulders; the interval is linearised (Cochran 1977)."""
+    """Difference between the means over the boulders that have a value in each run. Each mean is a
+    ratio of means over all boulders; the interval is linearised (Cochran 1977)."""
     ours, theirs = mean_of(here, fewest=2), mean_of(before, fewest=2)
     value = ours.value - theirs.value
     if ours.influence is None or theirs.influence is None:
@@ -95,8 +96,8 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of the fractions of chosen boulders. If all changes are in one direction, it is
-    the fraction that changed, with an interval between 0 and 1."""
+    """Difference between the fractions of chosen boulders. If all changes are in one direction,
+    this is the fraction that changed, with an interval between 0 and 1."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)
@@ -107,7 +108,7 @@ def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Diff
 
 
 def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference of two fractions, correlated within sources (Newcombe 1998, method 10)."""
+    """Difference between two fractions, correlated within sources (Newcombe 1998, method 10)."""
     (p, p_low, p_high), (q, q_low, q_high) = (
         fraction_interval(holds, source) for holds in (here, before)
     )
@@ -131,7 +132,7 @@ def relative_changes(
 
 
 def _limits(apart: np.ndarray, source: Sources) -> tuple[float, float]:
-    """Limits of the interval of a mean, less the mean."""
+    """Limits of the interval of a mean, minus the mean."""
     return source.sums(apart - apart.mean()).limits_of_mean(Shape.of(apart), signed=True)
 
 

@@ -26,20 +26,20 @@ from rockfall.kernel_rules import SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
-FITTED, FITTED_POINTS = 3.0, 41  # fit window relative to the interval, and number of fit points
-#: Lower edges and widths of bins, in units. A bin of width 1 is a single number.
+FITTED, FITTED_POINTS = 3.0, 41  # fit window over the interval, and number of points fitted
+#: Lower edges and widths of bins, in units. A bin of width 1 contains a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
 
 class Sample(ABC):
-    """Values of n boulders out of the released boulders."""
+    """Values of n boulders among the released boulders."""
 
     n: int
     released: int
 
     @abstractmethod
     def mean(self) -> float:
-        """Mean of one value or more."""
+        """Mean; needs a value."""
 
     @abstractmethod
     def std(self) -> float:
@@ -47,7 +47,7 @@ class Sample(ABC):
 
     @abstractmethod
     def max(self) -> float:
-        """Maximum of one value or more."""
+        """Maximum; needs a value."""
 
     @abstractmethod
     def quantile(self, levels: Sequence[float]) -> np.ndarray:
@@ -58,9 +58,9 @@ class Sample(ABC):
         """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
-        """Estimates of the order statistics that enclose a quantile. Logarithms of many more values
-        around them are fitted by normal scores. In a tail the distance of two order statistics has
-        twice the error of the fitted distance."""
+        """Estimates of the order statistics that enclose a quantile, from a fit of log values in a
+        wider range against normal scores. In a tail, the error of the distance between two order
+        statistics is twice that of the fitted distance."""
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)
@@ -84,7 +84,7 @@ class Sample(ABC):
 
     @abstractmethod
     def effective_passing(self) -> float:
-        """Effective number of independent boulders for the fraction that has a value."""
+        """Effective number of independent boulders for the fraction with a value."""
 
     @abstractmethod
     def effective_below(self, value: float) -> float:
@@ -92,14 +92,14 @@ class Sample(ABC):
 
     @abstractmethod
     def limits_of_mean(self, signed: bool) -> tuple[float, float]:
-        """Limits of the interval of the mean, less the mean; NaN for too few values. Unless
+        """Limits of the interval of the mean, minus the mean; NaN for too few values. Unless
         `signed`, values have a lower bound."""
 
     @abstractmethod
     def limits_of_variance(self) -> tuple[float, float]:
-        """Limits of the interval of the mean of squared deviations from the trimmed mean, less that
-        mean. The trimmed fraction decreases with the number of values, so that the tail of a skewed
-        sample has the same weight as in its population (Bonett 2006)."""
+        """Limits of the interval of the mean squared deviation from the trimmed mean, minus this
+        mean. The trimmed fraction decreases with the number of values, so that the tail of a
+        skewed sample has the same weight as in the population (Bonett 2006)."""
 
     @property
     def _cut(self) -> int:
@@ -108,7 +108,7 @@ class Sample(ABC):
 
 
 def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Quantiles of type 7 of ascending values, without the new partition in `np.quantile`."""
+    """Quantiles of type 7 of ascending values, without the partition that `np.quantile` repeats."""
     place = np.asarray(levels) * (ordered.size - 1)
     below = place.astype(int)
     part = place - below
@@ -118,10 +118,10 @@ def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
 
 
 class Passing:
-    """Boulders with values, out of all boulders from these sources."""
+    """Boulders that have a value, among all boulders from these sources."""
 
     def __init__(self, everyone: Sources, which: np.ndarray) -> None:
-        """`which`: the boulders that have values, as indices or a mask."""
+        """`which` are the boulders with a value, as indices or a mask."""
         self.released, self.source = everyone.number.size, everyone[which]
         self.fraction = everyone.indicator(which)
 
@@ -130,7 +130,8 @@ class Values(Sample):
     """Values of individual boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of boulders that have a value, or of all from these sources (NaN without)."""
+        """Values of boulders that have a value, or of all boulders from these sources (NaN without
+        a value)."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)
@@ -179,10 +180,10 @@ class Values(Sample):
 
 
 class Counts(Sample):
-    """Counts of boulders in place of their values. Mean, standard deviation and maximum follow from
-    values in integer units; quantiles lie within their bin (0.4 % wide). Intervals use counts of
-    each source group in coarse bins, and assume that all groups have the same distribution within a
-    bin."""
+    """Counts of boulders instead of their values. Mean, standard deviation and maximum follow from
+    values in integer units; quantiles are accurate within a bin (0.4 % wide). Intervals use the
+    counts of each source group in coarse bins, and assume that all groups have the same
+    distribution within a bin."""
 
     def __init__(
         self,
@@ -194,8 +195,8 @@ class Counts(Sample):
         tail: np.ndarray,
         sampled: bool,
     ) -> None:
-        """Counts in bins; words (parts, 5) of sums; coarse counts of each group with its released
-        number; units per unit of the quantity; the largest values, None without a tail."""
+        """Counts in bins; words (parts, 5) of sums; coarse counts of each group, with its released
+        number; units per unit of the quantity; and the largest values (None without a tail)."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)
@@ -231,13 +232,13 @@ class Counts(Sample):
         return self._tail[max(0, self._tail.size - n) :]
 
     def _at(self, ranks: np.ndarray) -> np.ndarray:
-        """Values at ranks from 0, with interpolation."""
+        """Interpolated values at 0-based ranks."""
         below = np.floor(ranks).astype(int)
         low, high = self._ranked(below), self._ranked(np.minimum(below + 1, self.n - 1))
         return low + (high - low) * (ranks - below)
 
     def _ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Values at integer ranks: exact for the largest, uniform within bins for others."""
+        """Values at integer ranks: exact for the largest values, uniform within bins for others."""
         k = np.searchsorted(self._before + self._bins, rank, side="right")
         alone = self._width[k] == 1
         within = np.where(alone, 0.5, (rank - self._before[k] + 0.5) / self._bins[k])
@@ -275,7 +276,7 @@ class Counts(Sample):
         return self._limits_of((values - middle) ** 2, *OF_SQUARES)
 
     def _limits_of(self, numbers: np.ndarray, *rule: Any) -> tuple[float, float]:
-        """Limits of the mean of a variable with one value per bin."""
+        """Limits for the mean of a variable that has one value per bin."""
         shape = Shape.of(numbers, self._bins)
         numbers = numbers - self._bins @ numbers / self.n
         return self._by_group(numbers, numbers**2).limits_of_mean(shape, *rule)

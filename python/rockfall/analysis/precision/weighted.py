@@ -14,8 +14,8 @@ from rockfall.kernel_rules import Z, fraction_limits
 
 @dataclass(frozen=True)
 class Weighted:
-    """Boulders of several runs with common random numbers: their weights and clusters, from 0. A
-    cluster is the boulder number, common to runs, or its place if sources are sampled."""
+    """Boulders of several runs with common random numbers: weights and cluster indices. A cluster
+    is a boulder number, common to the runs, or its place if sources are sampled."""
 
     weight: np.ndarray
     cluster: np.ndarray
@@ -24,7 +24,7 @@ class Weighted:
         return Weighted(self.weight[which], self.cluster[which])
 
     def fraction(self, holds: np.ndarray) -> tuple[float, float, float]:
-        """Weighted fraction for which `holds` (boulders,) is True, and the limits of its 95 %
+        """Weighted fraction for which `holds` (boulders,) is True, with the limits of its 95 %
         interval (Wilson 1927)."""
         fraction = float(self.weight[holds].sum() / self.weight.sum())
         return fraction, *fraction_limits(fraction, self._independent(holds))
@@ -50,14 +50,13 @@ def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
 def quantile_interval(
     values: np.ndarray, weights: np.ndarray, level: float, unit: float | None = None
 ) -> tuple[float, float, float]:
-    """Quantile and the limits of its 95 % interval: order statistics that enclose it, as in
-    `between_ranks` for equal weights. NaN without values; a limit is NaN where the values end
-    before it.
+    """Quantile with the limits of its 95 % interval: order statistics that enclose it, as in
+    `between_ranks` for equal weights. NaN without values; a limit beyond the values is NaN.
 
     Each value is treated as if it had the largest weight. This bounds the variance of the fraction
-    below the quantile, w_max p (1 - p)/sum(w), whichever values lie beyond it; limits from the mean
-    weight (Kish 1965) would be too narrow if heavy values lie beyond it. `unit` is the weight that
-    counts as one value, by default the largest. Values from given sources vary less
+    below the quantile, w_max p (1 - p)/sum(w), for any values above it; limits from the mean
+    weight (Kish 1965) would be too narrow if these have large weights. `unit` is the weight that
+    counts as one value (default: the largest). Values from fixed sources vary less
     (stratification), so the limits are never too narrow for them.
     """
     if not values.size:
@@ -71,7 +70,7 @@ def quantile_interval(
 
 
 def _steps(values: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values in increasing order, and the cumulative weight fraction at the middle of each."""
+    """Values in increasing order, and the cumulative weight at the middle of each as a fraction."""
     order = np.argsort(values, kind="stable")
     ordered = weights[order]
     return values[order], (np.cumsum(ordered) - ordered / 2) / ordered.sum()

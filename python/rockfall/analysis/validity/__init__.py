@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Validity of a run's model: remarks and warnings on its rebounds, boulders and obstacles."""
+"""Validity of a run's model: remarks on its rebounds, boulders and obstacles."""

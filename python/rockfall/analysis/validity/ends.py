@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on boulders whose end or passage does not represent the slope."""
+"""Remarks on boulders whose end or passage is not representative of the slope."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-SLOW = 2.0  # [m/s] speed below the speeds of bouncing boulders at a line
-LOWEST_REST = 22.0  # [degree] lowest rest angle of the shipped grounds (soft soil)
-MAX_SLOW = 0.1  # fraction of slow boulders above which quantiles are no design load
-MAX_CUT = 0.01  # fraction of boulders that end while moving, above which the remark is a warning
-MAX_LOST = 0.1  # ratio of boulders lost before a line to its crossings, above which to warn
-MAX_LINES = 5  # maximum number of lines in a warning
-MAX_STAYED = 0.2  # fraction of boulders that stay at their sources, above which to warn
-STAYED = 10.0  # [m] distance from the release, drop included: a boulder that rocks in place
+SLOW = 2.0  # [m/s] bouncing boulders pass a line faster
+LOWEST_REST = 22.0  # [degree] lowest rest angle of the included grounds (soft soil)
+MAX_SLOW = 0.1  # above this fraction of slow boulders, quantiles must not be used as design loads
+MAX_CUT = 0.01  # above this fraction of boulders that end while moving, the remark is a warning
+MAX_LOST = 0.1  # maximum boulders lost before a line, divided by its crossings
+MAX_LINES = 5  # maximum lines in a warning
+MAX_STAYED = 0.2  # maximum fraction of boulders that stay at their sources
+STAYED = 10.0  # [m] from the release, including the drop: the boulder only rocks in place
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on lines where many of the passing boulders roll from rock to rock (theory, chapter
-    8), which lowers the design values. None if rows are not kept.
+    """Remarks on lines where many passing boulders roll from rock to rock (theory, chapter 8),
+    which lowers the design values. None if rows are not kept.
 
     A boulder rolls where the ground is steeper than the rest angle. The passing height of a boulder
     on the ground is R_b/cos(slope), which gives the slope there.
@@ -45,7 +45,7 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
-    breaks = "crossing_volume" in values  # then each crossing has its own radius
+    breaks = "crossing_volume" in values  # if so, each crossing has its own radius
     radii = np.zeros(0) if breaks else _radius(np.asarray(values["volume"]))
     for k, name in enumerate(line_names(values)):
         at = AtLine(values, k)
@@ -64,9 +64,10 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on released boulders that do not represent the slope: they left the known terrain
-    before a line, reached the contact limit, or stayed at their source. They bias fractions and
-    frequencies low. If no rows are kept, a remark notes that their number is unknown."""
+    """Remarks on released boulders that are not representative: they left the known terrain before
+    a line, reached the contact limit, or stayed at their source. Their effect is that fractions
+    and frequencies are too low. If no rows are kept, a remark notes that their number is
+    unknown."""
     if "status" not in values:
         return
     if not (status := np.asarray(values["status"])).size:
@@ -78,7 +79,7 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         is_gone[is_gone] = _misses_line(values, case, is_gone)
     fall, distance = falls_and_distances(values)
     stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
-    is_said = False  # covers all lines
+    is_said = False  # a single remark covers all lines
     for key, is_such, most in (
         ("model.cut_short", is_gone, MAX_CUT),
         ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),
@@ -93,9 +94,9 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
-    """Lines with few crossings, compared with boulders that ended while moving and would have
-    crossed on a straight path: with these the fraction would exceed its 95 % interval.
-    Far-travelling boulders are also the most likely to leave the terrain."""
+    """Lines with few crossings compared with the boulders that ended while moving and would have
+    crossed on a straight path: with these the fraction would exceed its 95 % interval. The
+    boulders that travel farthest are also the most likely to leave the terrain."""
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size
@@ -112,7 +113,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
 
 
 def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Index and group of the lines of a case that have values, which are the first lines."""
+    """Index and group of the lines of a case that have values; these are the first lines."""
     return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 
@@ -127,7 +128,7 @@ def _ends(values: Variables, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _misses_line(values: Variables, case: Case, chosen: np.ndarray) -> np.ndarray:
     """Mask (chosen boulders,) of boulders that crossed no line, or would meet an uncrossed line on
-    a straight path; all True without lines."""
+    a straight path; all True if there are no lines."""
     if not case.lines or "row_size" not in values:
         return np.ones(int(chosen.sum()), bool)
     start, stop = _ends(values, chosen)
@@ -153,7 +154,7 @@ def _meets(
     """Mask (n,) of rays from `origin` (2, n) that meet the segment from `first` to `last`."""
     (along_x, along_y), (to_x, to_y) = last - first, first[:, None] - origin
     determinant = direction[0] * along_y - direction[1] * along_x
-    ray = to_x * along_y - to_y * along_x  # scaled by the determinant
+    ray = to_x * along_y - to_y * along_x  # multiplied by the determinant
     segment = to_x * direction[1] - to_y * direction[0]
     sign, size = np.sign(determinant), np.abs(determinant)
     return (size > 0) & (sign * ray >= 0) & (sign * segment >= 0) & (sign * segment <= size)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rebounds and boulders outside the conditions of observations or fits."""
+"""Rebounds and boulders outside the range of observations or fits."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from rockfall.result.grounds import (
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
 
-MAX_OUTSIDE = 0.2  # fraction of the rebounds above which the remark is a warning
-MAX_FAST = 0.05  # fraction of the boulders above which the remark is a warning
-#: Upper envelope of observed maximum speeds [m/s] per degree of the mean slope (Dorren 2015,
-#: Rockyfor3D revealed, ecorisQ; it uses 0.64 to 0.8).
+MAX_OUTSIDE = 0.2  # above this fraction of the rebounds, the remark is a warning
+MAX_FAST = 0.05  # above this fraction of the boulders, the remark is a warning
+#: Upper envelope of observed maximum speeds [m/s] per degree of mean slope (Dorren 2015,
+#: Rockyfor3D revealed, ecorisQ, with 0.64 to 0.8).
 SPEED_PER_DEGREE = 0.8
-#: Half of the rebounds in their fit had R_b/R_m above 5.5 and used the set for 5.
+#: Impact sets fitted beyond their largest R_b/R_m (5): half of the rebounds were above 5.5.
 FITTED_BEYOND = "vaujany-observed", "bourrier2009"
-OUTSIDE = {  # message for each count of a result
+OUTSIDE = {  # message for each count in a result
     "range": "model.outside_range",
     "speed": "model.outside_speed",
     "angle": "model.outside_angle",
@@ -47,16 +47,16 @@ class Extrapolation(NamedTuple):
 
 
 def fractions_outside(values: Variables) -> dict[str, float]:
-    """Fractions of the rebounds by impact sets or tables outside the fitted ranges of R_b/R_m,
-    speed and angle; `values` as for `extrapolations`."""
+    """Fractions of the rebounds from impact sets or tables that are outside the fitted ranges of
+    R_b/R_m, speed and angle; `values` as for `extrapolations`."""
     rebounds = max(1.0, _stochastic(values))
     return {what: sum_of(values, f"rebounds_out_of_{what}") / rebounds for what in OUTSIDE}
 
 
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
-    """Extrapolations found in a result or in variables of boulders, for the sets of a case.
+    """Extrapolations in a result, or in variables of boulders, given the impact sets of a case.
 
-    Counts may be sums, or per boulder.
+    Counts may be totals or per boulder.
     """
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():
@@ -69,7 +69,7 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
             is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
             if what == "speed" and table_grounds(values):
                 key = _outside_speeds(values)
-                # a single fast hit, such as after a fall, may determine the path
+                # A single fast impact, such as after a fall, may determine the path.
                 is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
             text = say(key, part=part, **numbers)
             yield Extrapolation(fraction, text, is_warning)
@@ -81,8 +81,8 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
-    """Message and values for rebounds outside the size ratios of their impact sets or tables, where
-    the ratios come from a shipped table."""
+    """Message and values for rebounds outside the size ratios of their impact sets or tables, if a
+    shipped table gives the ratios."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:
@@ -97,7 +97,7 @@ def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, An
 
 
 def _outside_speeds(values: Variables) -> str:
-    """Message and values for rebounds outside the speeds of their tables and impact sets."""
+    """Message and values for rebounds outside the speed range of their tables and impact sets."""
     by_sets = any(
         ground.rebounds and ground.model == IMPACT_SETS for ground in rebounds_by_ground(values)
     )
@@ -107,13 +107,13 @@ def _outside_speeds(values: Variables) -> str:
 def faster_than_observed(values: Variables) -> np.ndarray:
     """Mask (boulders,) of boulders that exceeded the envelope of observed speeds.
 
-    The mean slope is the slope of the straight line from the release to the end. Boulders that did
-    not end lower are not counted.
+    The mean slope is that of the straight line from release to end. Boulders that did not end
+    lower do not count.
     """
     slope = mean_slopes(values)
     return (slope > 0) & (np.asarray(values["speed_max"]) > SPEED_PER_DEGREE * slope)
 
 
 def _stochastic(values: Variables) -> float:
-    """Number of rebounds by impact sets or tables of impacts."""
+    """Number of rebounds from impact sets or impact tables."""
     return stochastic_fraction(values) * sum_of(values, "rebounds")

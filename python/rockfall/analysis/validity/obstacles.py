@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on forest, lying logs and breakage, whose models are not validated."""
+"""Remarks on forest, lying logs and breakage, for which the models are not validated."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-MAX_FINES = 0.01  # fraction of the volume above which the remark is a warning
+MAX_FINES = 0.01  # above this fraction of the volume, the remark is a warning
 
 
 def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark that forest is not validated, with the forest experiment by impact tables if most
-    rebounds used tables, else by the default set; none without trees."""
+    """Remark that the forest model is not validated, with the forest experiment by impact tables
+    if most rebounds used tables, else by the default impact set; none without trees."""
     if case.has_forest:
         by_table = sum(ground.fraction for ground in table_grounds(values)) > 0.5
         by_table = by_table or case.impact["form"] == "table"
@@ -33,7 +33,7 @@ def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
-    """Text with a model and the forest experiment (cases/vaujany-forest): more pass than
+    """Text on a model in the forest experiment (cases/vaujany-forest): more boulders pass than
     observed."""
     bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
@@ -47,14 +47,14 @@ def forest_text(model: str = "vaujany-observed") -> Text:
 
 
 def log_remarks(case: Case) -> Iterator[Remark]:
-    """Remark that capacities of lying logs are unconfirmed; none without logs."""
+    """Remark that the capacities of lying logs are unconfirmed; none without logs."""
     if any("diameter" in barrier for barrier in case.barrier):
         yield Remark(say("model.logs"), True, is_counted=False)
 
 
 def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on breakage: its rule is not validated, statistics count certain fragments, and some
-    boulders had fragments limited or lost as fines; empty if boulders do not break."""
+    """Remarks on breakage: the rule is not validated, statistics count certain fragments, and
+    fragments of some boulders were limited or lost as fines; empty if boulders do not break."""
     if case.breakage["at"] == "none":
         return
     yield Remark(say("model.breakage"), True, is_counted=False)
@@ -82,7 +82,7 @@ def breakage_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _fragments_at_lines(values: Variables) -> Iterator[Text]:
-    """Mean number of fragments at each line, over the boulders that cross it."""
+    """Mean number of fragments at each line, over boulders that cross the line."""
     if not all(name in values for name in ("crossing_fragments", "line_name", "row_size")):
         return
     for k, name in enumerate(line_names(values)):

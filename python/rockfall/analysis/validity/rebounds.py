@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from rockfall.case import Case
     from rockfall.result.grounds import GroundRebounds
 
-#: R_b relative to the largest simulated blocks of a table, above which a block is large
+#: Ratio of R_b to the largest simulated blocks of a table, above which a block is large.
 LARGE_BLOCK = 1.25
-MAX_LARGE = 0.2  # fraction of large boulders above which the remark is a warning
+MAX_LARGE = 0.2  # above this fraction of large boulders, the remark is a warning
 #: Messages on shipped sets, by name prefix (names of ensembles are longer).
 SET_MESSAGES = {
     "laboratory-spheres": "model.spheres_set",
@@ -40,7 +40,8 @@ JUDGED_TABLES = "talus", "meadow"  # grounds with impact tables that were compar
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on classical rebounds and their coefficients; none with impact sets only."""
+    """Remarks on classical rebound models and their coefficients; none if only impact sets are
+    used."""
     if not (grounds := classical_grounds(values)):
         return
     own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"
@@ -65,8 +66,8 @@ def ground_part(rebounds: GroundRebounds) -> Text:
 
 
 def followed_text(values: Variables, case_set: str) -> str:
-    """Grounds on which boulders rebounded, with models and fractions, most frequent first; for a
-    run without grounds, the impact sets of the case."""
+    """Text on the grounds on which boulders rebounded, with models and fractions, most frequent
+    first; for a run without grounds, on the case's impact sets."""
     grounds = sorted(rebounds_by_ground(values), key=lambda ground: -ground.rebounds)
     if not grounds:
         return say("inputs.impact_sets", impact_set=case_set)
@@ -75,7 +76,7 @@ def followed_text(values: Variables, case_set: str) -> str:
 
 
 def _part_of_all(grounds: Iterable[GroundRebounds], values: Variables) -> Text:
-    """Rebounds on some grounds as a fraction of all."""
+    """Rebounds on some grounds as a fraction of all rebounds."""
     rebounds = sum(ground.rebounds for ground in grounds)
     return part_of_rebounds(rebounds, max(1, sum_of(values, "rebounds_by_ground")))
 
@@ -97,8 +98,9 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _set_errors(name: str, method: str) -> dict[str, int]:
-    """Largest errors of means with a shipped set [%]: speeds and energies at Vaujany, for one
-    method of choosing rocks if the set was run with both, and run-out distances at Tschamut."""
+    """Largest errors of mean values with an included impact set [%]: speeds and energies at
+    Vaujany, for a method of choosing rocks if the set was run with both, and run-out distances at
+    Tschamut."""
     chosen = {
         "speed": evidence("vaujany", quantity="speed_mean", model=f"{name}*"),
         "energy": evidence("vaujany", quantity="energy_translational_mean", model=f"{name}*"),
@@ -112,7 +114,7 @@ def _set_errors(name: str, method: str) -> dict[str, int]:
 
 
 def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the fraction of rebounds by impact tables, on their field validation, and on
+    """Remarks on the fraction of rebounds from impact tables, on their field validation, and on
     boulders much larger than the simulated blocks; none without tables."""
     if not (tables := table_grounds(values)):
         return

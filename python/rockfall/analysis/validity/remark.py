@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A remark on the validity of a run's model, with the counts behind it."""
+"""A remark on the validity of a run's model, with its counts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Variables = Held | Mapping[str, ArrayLike]
 
 GRADES = ("stop", "caution", "note")  # grades in display order
-#: Messages about numbers that are wrong until their cause is removed.
+#: Messages about results that are wrong until the cause is removed.
 STOPS = {"model.cut_short", "model.impact_limit", "model.lost", "model.max_fragments"}
 
 
@@ -27,11 +27,11 @@ class Remark(NamedTuple):
 
     text: Text
     is_warning: bool
-    is_counted: bool = True  # whether it counts boulders of the run
+    is_counted: bool = True  # True if it counts boulders of the run
 
     @property
     def grade(self) -> str:
-        """`stop` for wrong numbers, `caution` for another warning, else `note`."""
+        """`stop` for wrong results, `caution` for other warnings, else `note`."""
         if not self.is_warning:
             return "note"
         return "stop" if self.text.key in STOPS else "caution"

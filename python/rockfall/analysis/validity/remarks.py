@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on the validity of a run's model: rebounds and their reliability, the unvalidated forest,
-conditions outside the data of the model, and boulders whose ends do not represent the slope.
+"""Remarks on the validity of a run's model: rebounds and their reliability, the unvalidated forest
+model, conditions outside the data, and boulders whose ends are not representative of the slope.
 
-They are printed by `rockfall check` for its pilot run, by every command that shows or writes
-numbers of results, by `ensemble` for the unchanged case, and by `import-rockyfor3d`.
+They are printed by `rockfall check` for its pilot run, by all commands that show or write results,
+by `ensemble` for the unchanged case, and by `import-rockyfor3d`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 def model_remarks(values: Variables, case: Case) -> list[Remark]:
-    """All remarks on the model, without repeats and ordered by grade, from the case and the
-    variables of a result or of boulders, by name."""
+    """All remarks on the model, without duplicates and ordered by grade, from the case and from
+    named variables of a result or of boulders."""
     kept = kept_of(values)
     if "remarks" not in kept:
         remarks = dict.fromkeys(_found(values, case))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Remarks on whether the angles of a run agree with the site's `&observed`."""
+"""Remarks on the agreement of a run's angles with the `&observed` group of the site."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
     from rockfall.case import Case
 
-#: Angles (boulders,) [degree] by their keys of `&observed`; NaN: unknown.
+#: Angles (boulders,) [degree] by key of `&observed`; NaN if unknown.
 ANGLES: dict[str, Callable[[Variables], np.ndarray]] = {
     "energy_line_angle": mean_slopes,
     "shadow_angle": lambda values: np.asarray(values["shadow_angle"]),
 }
 FARTHEST = 0.01  # fraction of boulders with the lowest angles
-MIN_BOULDERS = 1000  # minimum number, so that the fraction has ten boulders
+MIN_BOULDERS = 1000  # minimum boulders; the fraction is then ten of them
 NEEDED = "source", "start_x", "start_y", "status"
 LOWEST = -90.0  # [degree] lower bound of any angle
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the energy-line and shadow angles of the 1 % farthest boulders, compared with the
-    lowest observed angle: a warning if its interval, by sources, does not contain the observed
+    lowest observed angle: a warning if their interval, by sources, does not contain the observed
     angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
-    and with the lowest possible angle for the lower limit. Those without an angle do not count."""
+    and with the lowest possible angle for the lower limit. Boulders without an angle do not
+    count."""
     for key, angles_of in ANGLES.items():
         observed = case.observed.get(key)
         if observed is not None and "start_x" in values:

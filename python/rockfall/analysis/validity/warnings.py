@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Model warnings of runs, without repeats: as Python warnings and as an attribute."""
+"""Model warnings of runs without duplicates, as Python warnings and as an attribute."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Result = TypeVar("Result", bound=xr.Dataset)
 
 TELLING = "line", "names"  # values that distinguish warnings with the same message
-MAX_NAMED = 3  # maximum number of results listed in a warning
+MAX_NAMED = 3  # maximum results listed in a warning
 
 
 def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
@@ -32,8 +32,8 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
-    """Warnings of several results by name, without repeats and with the numbers of the first result
-    concerned. The results concerned are listed unless all are."""
+    """Warnings of several results by name, without duplicates and with the values of the first
+    result concerned. The results concerned are listed unless all are."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():
@@ -56,7 +56,7 @@ def with_model_warnings(result: Result) -> Result:
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with its model warnings, also issued at the caller's caller."""
+    """Result with its model warnings, which are also issued at the caller's caller."""
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result
