@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures along a line: frequency, energy and height of boulders, and requirements of a barrier."""
+"""Figures along a line: frequency, energy and height of boulders, and barrier requirements."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @styled
 def line_profile_figure(profile: pd.DataFrame) -> Figure:
-    """Figure of a `rockfall.line_profile`: fraction of all boulders that pass each metre of the
+    """Figure of a `rockfall.line_profile`: fraction of all boulders that pass, per metre of the
     line, and 95 % quantiles of their total energy and passing height, with 95 % bands."""
     figure = new_figure(WIDE, 5.2)
     panels = figure.subplots(3, 1, sharex=True)
@@ -42,8 +42,8 @@ def line_profile_figure(profile: pd.DataFrame) -> Figure:
 
 @styled
 def along_figure(design: Design) -> Figure:
-    """Required height and design energy along a line, with 95 % bands, and the usable energies of
-    EAD classes; windows with few boulders are blank."""
+    """Required height and design energy along a line with 95 % bands, and usable energies of EAD
+    classes; windows with few boulders are blank."""
     along = design.along
     assert along is not None
     figure = new_figure(WIDE, 4.2)
@@ -65,7 +65,8 @@ def along_figure(design: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw a number as steps with its band, hatched upwards without an upper limit."""
+    """Draw a quantity as steps with its band; the band is hatched upwards without an upper
+    limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     finite = np.append(value, high)[np.isfinite(np.append(value, high))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extent of the boulders of a result, which a map shows."""
+"""Map extent of the boulders in a result."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from rockfall.result.trajectories import Terrain
 
 Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
-SLENDEREST = 1 / 3  # minimum ratio of the shorter to the longer side of a map
-CELL = 5.0  # default cell for margins [m]
+SLENDEREST = 1 / 3  # minimum ratio of shorter to longer side of a map
+CELL = 5.0  # default cell size for margins [m]
 
 
 def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) -> Extent:
-    """Map extent of all places that boulders reached and of further places (n, 2), with a margin
-    and a minimum side ratio, and within the terrain if given."""
+    """Map extent of all places that boulders reached and of additional places (n, 2), with a
+    margin and a minimum side ratio, within the terrain if given."""
     x, y = (
         [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
         for axis in "xy"
-    )  # missing in a hazard
+    )  # absent in a hazard
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
     maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]
@@ -36,13 +36,14 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     for place in places:
         if place is not None and len(place):
             x, y = [*x, place[:, 0]], [*y, place[:, 1]]
-    if not sum(map(len, x)):  # without rows and maps, use the lines
+    if not sum(map(len, x)):  # without rows and maps: from the lines
         x, y = ([result[f"line_vertex_{axis}"].values] for axis in "xy")
     return around(np.concatenate(x), np.concatenate(y), cell_of(result), terrain)
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """Map extent of these places with a margin and a minimum side ratio, within given terrain."""
+    """Map extent of these places, with a margin and a minimum side ratio, within the terrain if
+    given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell
     shortest = SLENDEREST * (longest + 2 * margin) / 2

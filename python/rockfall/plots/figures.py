@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All figures of a result, with captions: the figures of the paper, for any case."""
+"""All figures of a result, with captions: the figures of the paper for any case."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ from rockfall.simulation.progress import add_steps
 if TYPE_CHECKING:
     from matplotlib import figure
 
-PER_FIGURE = 8  # number of lines per figure
+PER_FIGURE = 8  # lines in a figure
 #: Figures of rebounds, compared with the laboratory and the paper.
 LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure: file name, title, descriptive sentence, and the function `draw` that makes it."""
+    """A figure: file name, title, explanatory sentence, and the function `draw` that creates it."""
 
     name: str
     title: str
@@ -87,12 +87,12 @@ def figures(
 ) -> list[Figure]:
     """Figures of a result, in reading order.
 
-    `terrain`, from `rockfall.plots.terrain.terrain_of`, supplies the relief for maps and the ground
-    for profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds its
-    summaries and samples to the distributions at the lines, its distances and fractions to the
-    passing curve, and its stops to the maps. `look` has class limits and a basemap. With more than
-    `most_lines` lines, only the lines that most boulders pass are drawn. `left` lists what cannot
-    be drawn because a file of the case cannot be read.
+    `terrain`, from `rockfall.plots.terrain.terrain_of`, gives the relief for maps and the ground
+    for profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds
+    summaries and samples to the distributions at lines, distances and fractions to the passing
+    curve, and stopping places to the maps. `look` has class limits and a basemap. With more than
+    `most_lines` lines, only those that most boulders pass are drawn. `left` collects figures that
+    cannot be drawn because a file of the case cannot be read.
     """
     if "boulder" not in result.sizes or not simulated(result):
         raise RockfallError("figures need a result with boulders")
@@ -114,14 +114,14 @@ def write_figures(
     format: str = "png",
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write figures to a folder, all or none, never over `inputs`; return the files."""
+    """Write figures to a folder: all or none, and never over `inputs`. Return the files."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")
     files = {f"{figure.name}.{format}": figure.draw for figure in shown}
     inputs = list(inputs)
     add_steps(len(files))
-    # before drawing, which takes long
+    # Checked before drawing, which takes long.
     check_outputs([Path(folder) / name for name in files], inputs)
     with atomic_folder(folder, inputs) as part:
         for name, draw in files.items():
@@ -132,7 +132,7 @@ def write_figures(
 def _trajectories(
     result: xr.Dataset, terrain: Terrain | None, look: Look | None
 ) -> Iterator[Figure]:
-    """Recorded trajectories (paper, Fig. 4)."""
+    """Figures of recorded trajectories (paper, Fig. 4)."""
     if not any(np.ptp(xyz, axis=1).any() for xyz in vertices_of(result, "x", "y", "z")):
         return  # none recorded, or none moved
     recorded = np.unique(result["trajectory_boulder"].values).size
@@ -154,7 +154,7 @@ def _trajectories(
 def _reach(
     result: xr.Dataset, terrain: Terrain | None, observed: Any, look: Look | None
 ) -> Iterator[Figure]:
-    """Run-out distance and reach (paper, Figs 9 and 10)."""
+    """Figures of run-out distance and reach (paper, Figs 9 and 10)."""
     boulders, gone = result.sizes["boulder"], int(left_terrain(result).sum())
     yield Figure(
         "passing",
@@ -198,7 +198,8 @@ def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
 
 
 def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:
-    """Distributions at the evaluation lines (paper, Figs 8 and 11), several lines per figure."""
+    """Figures of distributions at evaluation lines (paper, Figs 8 and 11), several lines in
+    each."""
     if not which:
         return
     passed = {}
@@ -230,7 +231,7 @@ def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[F
 
 
 def section_entry(section: Section) -> Figure:
-    """Figure of a section along a drawn line, whose caption explains each curve."""
+    """Figure of a section along a drawn line, with a caption that explains each curve."""
     unknown, left_out = section.unknown_energies, section.not_kept
     captions = [
         say_count(
@@ -265,7 +266,7 @@ def _ranges(result: xr.Dataset) -> Iterator[Figure]:
 
 
 def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
-    """Figures of all rebounds (paper, Figs 11 to 14), and the impact set behind them (Fig. 5)."""
+    """Figures of all rebounds (paper, Figs 11 to 14), and of the impact set used (Fig. 5)."""
     if "incidence_angle_histogram" in result and result["incidence_angle_histogram"].any():
         n = int(result["incidence_angle_histogram"].sum())
         frequency, edges = histogram(result, "tangential_share")
@@ -295,7 +296,7 @@ def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
 
 
 def set_of(result: xr.Dataset) -> Sets:
-    """Impact set of a run. Raises a RockfallError if its file cannot be read or has changed."""
+    """Impact set of a run. RockfallError if its file cannot be read or has changed."""
     path = set_path(case_of(result))
     if open_sets(path).checksum != result.attrs["impact_set_checksum"]:
         raise RockfallError(f"{path}: is not the impact set of the run (SHA-256 differs)")
@@ -303,7 +304,7 @@ def set_of(result: xr.Dataset) -> Sets:
 
 
 def _maps(result: xr.Dataset, terrain: Terrain | None, look: Look | None) -> Iterator[Figure]:
-    """Maps that other figures do not show, in the order of the result."""
+    """Figures of maps that other figures do not show, in the order of the result."""
     boulders = say_count("figures.in_each_cell", simulated(result))
     for name in map(str, result.data_vars):
         variable = result[name]

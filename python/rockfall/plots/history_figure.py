@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figure of the statistics at a line against the number of boulders of a run."""
+"""Figure of the statistics at a line against the number of boulders."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
 
 
 def _mark_minor(axes: Axes) -> None:
-    """Draw minor ticks of a logarithmic axis as one row, because a tick takes a millisecond."""
+    """Draw the minor ticks of a logarithmic axis as one curve, because each tick takes 1 ms."""
     import matplotlib
     from matplotlib.markers import TICKDOWN
     from matplotlib.ticker import LogLocator, NullLocator
@@ -84,7 +84,7 @@ def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
     """Plot a statistic with its 95 % band. Return the upper axis limit, from twice the highest
-    value and the end of the last band, since bands of few boulders are unbounded."""
+    value and the end of the last band, because bands from few boulders are unbounded."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts that figures and pages omit because a file of the case cannot be read."""
+"""Parts that figures and pages omit, because a file of the case cannot be read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Made = TypeVar("Made")
 
 
 class LeftOut:
-    """Omitted parts, by the fault that prevents them."""
+    """Omitted parts, by the error that prevents them."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[Text]] = {}
@@ -22,8 +22,8 @@ class LeftOut:
     def attempt(
         self, part: str, make: Callable[Given, Made], *given: Given.args, **more: Given.kwargs
     ) -> Made | None:
-        """Return the result of `make` for its arguments. If it raises a RockfallError, return None
-        and note the omitted `part` (a message id)."""
+        """Return the result of `make` for its arguments. On a RockfallError, note the omitted
+        `part` (a message id) and return None."""
         try:
             return make(*given, **more)
         except RockfallError as error:
@@ -33,6 +33,6 @@ class LeftOut:
             return None
 
     def notes(self) -> Iterator[Text]:
-        """One line for each fault, with the parts omitted because of it."""
+        """A line for each error, with the parts omitted because of it."""
         for fault, parts in self._parts.items():
             yield say("page.left_out", parts=[*map(say, (text.key for text in parts))], why=fault)

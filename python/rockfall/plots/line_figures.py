@@ -40,15 +40,15 @@ DRAWN = (
     "rotational_share",
 )  # fmt: skip
 DISTANCE = "axis.distance"  # message id
-ABREAST = 2  # number of lines side by side
+ABREAST = 2  # lines side by side
 MAX_BINS = 60
-MAX_BINS_BELOW = 500  # maximum number of bins for a distribution far below zero
-BEYOND = 0.998  # quantile at the end of the axis: one value in 500 lies beyond
+MAX_BINS_BELOW = 500  # maximum bins for a distribution that extends far below zero
+BEYOND = 0.998  # quantile at the end of the axis: one in 500 values is beyond
 OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
 class Row(NamedTuple):
-    """Mean and standard deviation of a quantity at a line, with their source."""
+    """Mean and standard deviation of a quantity at a line, and where they come from."""
 
     source: str
     mean: float
@@ -60,9 +60,9 @@ class Row(NamedTuple):
 def distribution_figure(
     result: xr.Dataset, quantity: str, observed: Any = None, which: Iterable[int] | None = None
 ) -> Figure:
-    """Distribution of a quantity among the boulders that pass, with a panel for each line, or for
-    the lines `which`, counted from 0. Mean and standard deviation are below, also from `observed`
-    (see `rockfall.plots.figures`)."""
+    """Distribution of a quantity over the passing boulders, with a panel for each line (or for the
+    line indices `which`). Mean and standard deviation are below, also from `observed` (see
+    `rockfall.plots.figures`)."""
     which = list(range(result.sizes["line"]) if which is None else which)
     display, names = QUANTITIES[quantity], [line_names(result)[k] for k in which]
     ours = [display.factor * values_at(result, quantity, k) for k in which]
@@ -76,7 +76,7 @@ def distribution_figure(
     tall = 1.9 + 0.17 * deepest
     figure = new_figure(WIDE, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
-    panels = []  # not with shared axes, which take quadratic time
+    panels = []  # shared axes take quadratic time
     for k, name in enumerate(names):
         block = blocks[k // abreast, k % abreast].subgridspec(
             2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0
@@ -98,7 +98,7 @@ def distribution_figure(
 
 @styled
 def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
-    """Fraction of the boulders that travel at least a given distance, with its 95 % band, and the
+    """Fraction of boulders that travel at least a given distance, with its 95 % band, and the
     observed fraction (see `rockfall.plots.figures`)."""
     figure = new_figure(WIDE, 2.9)
     axes = figure.add_subplot()
@@ -127,7 +127,7 @@ def passing_figure(result: xr.Dataset, observed: Any = None) -> Figure:
 
 def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
     """Draw the curve of `passing_figure`. The final distance of boulders that left the terrain is
-    unknown, so beyond the nearest exit two dotted curves bound the curve."""
+    unknown, so two dotted curves bound the curve beyond the nearest exit."""
     gone, distance = left_terrain(result), stop_distances(result)
     shown, fraction, low, high = passing(result, distance)
     _, upper, _, high = passing(result, np.where(gone, np.inf, distance))
@@ -155,7 +155,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         where = np.median(distance)
         for axes in panels:
             axes.axvline(where, **(BARRIER if k in barriers else LINE))
-        high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close together
+        high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close
         style: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **style)
 
@@ -165,7 +165,7 @@ def _finite(values: np.ndarray) -> np.ndarray:
 
 
 def _sample(observed: Any, line: str, quantity: str) -> np.ndarray:
-    """Observed values of individual boulders; empty without observations."""
+    """Observed values of individual boulders; empty if there are none."""
     samples = {} if observed is None else observed.samples
     return np.asarray(samples.get((line, quantity), ()), float)
 
@@ -197,8 +197,8 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
-    """Bin edges of a round width, up to a value that one in 500 exceeds in any sample; their number
-    depends on the largest sample."""
+    """Bin edges with a round width, up to a value that one in 500 exceeds in any sample; the
+    number of bins depends on the largest sample."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)
@@ -209,7 +209,8 @@ def _bins(samples: list[np.ndarray]) -> np.ndarray:
 
 
 def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarray) -> None:
-    """Draw histograms in per cent of passing boulders: simulated filled, observed dashed."""
+    """Draw histograms in per cent of passing boulders: simulated ones filled, observed ones
+    dashed."""
     if ours.size:
         draw_bars(axes, np.histogram(ours, edges)[0] / ours.size, edges)
     if theirs.size:
@@ -219,7 +220,7 @@ def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarr
 
 
 def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
-    """Draw means with one standard deviation to each side."""
+    """Draw means, with one standard deviation on each side."""
     for k, row in enumerate(rows):
         spread = row.std if np.isfinite(row.std) else 0.0
         axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.look)

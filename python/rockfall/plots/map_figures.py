@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of a result over the shaded relief of its terrain."""
+"""Maps of a result over shaded relief."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MAX_TRAJECTORIES = 200  # maximum number of trajectories drawn
-LIMIT = 0.01  # passage frequency at the outline (paper, Fig. 10)
-BAR = 0.48  # height for the colour bar [inch]
-LETTER = 0.062  # letter width of its label [inch]
-OPAQUE = 0.8  # opacity of colours, with the relief still visible
+MAX_TRAJECTORIES = 200  # maximum trajectories drawn
+LIMIT = 0.01  # fraction of boulders at the outline (paper, Fig. 10)
+BAR = 0.48  # height reserved for the colour bar [inch]
+LETTER = 0.062  # letter width in its label [inch]
+OPAQUE = 0.8  # opacity of colours over the visible relief
 
 
 class Look(NamedTuple):
-    """User settings for maps: class limits by unit, and an image below the maps."""
+    """Map settings of the user: class limits by unit, and an image below the maps."""
 
     limits: Limits | None = None
     basemap: Basemap | None = None
@@ -53,8 +53,8 @@ def map_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """Map variable of the result in classes, blank where no boulder passed, with observed stops (n,
-    2).
+    """Map variable of the result in classes, blank where no boulder passed, with observed stopping
+    places (n, 2).
 
     Classes and colours are the same for every result. Passages and fractions are percentages of all
     boulders, with an outline at 1 %. If a map has more cells than the image has dots, each dot
@@ -91,7 +91,8 @@ def stops_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """End points of boulders, with a marker for each status, and observed stops (n, 2)."""
+    """End points of boulders, with a marker for each status, and observed stopping places (n,
+    2)."""
     key = [*key_of(result), *_stops_key(result), *_observed_key(observed)]
     basemap = (look or Look()).basemap
     extent = reached(result, terrain, observed)
@@ -108,7 +109,7 @@ def _finished(sheet: Sheet, result: xr.Dataset) -> Figure:
 
 
 def is_fraction(name: str) -> bool:
-    """Return True if a map shows a fraction of all boulders."""
+    """Return True if a map shows fractions of all boulders."""
     return name == "passages" or name.startswith("reach_probability")
 
 
@@ -135,7 +136,7 @@ def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
 
 
 def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None) -> None:
-    """Draw a map variable in the colours of its classes, with the colour bar below."""
+    """Draw a map variable in class colours, with the colour bar below."""
     values, unit = map_values(result, name)
     values, grid = cropped(*north_up(result[name], values), sheet.extent, np.fmax)
     classes = classes_of(unit, limits)
@@ -159,11 +160,11 @@ def _draw_map(sheet: Sheet, result: xr.Dataset, name: str, limits: Limits | None
 def _draw_classes(
     sheet: Sheet, values: np.ndarray, grid: Grid, classes: Classes, label: str
 ) -> None:
-    """Draw values in the colours of their classes, with the colour bar below the map."""
+    """Draw values in class colours, with the colour bar below the map."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     colours = ListedColormap(list(classes.colours))
-    # classes include their upper limit, unlike Matplotlib's
+    # classes include their upper limit; Matplotlib's do not
     ends = [-np.inf, *np.nextafter(classes.limits, np.inf), np.inf]
     norm = BoundaryNorm(ends, len(classes.colours))
     draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, alpha=OPAQUE)
@@ -180,7 +181,7 @@ def _draw_classes(
 
 
 def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Draw recorded trajectories in plan; a selection if there are many."""
+    """Draw recorded trajectories in plan, a selection if there are many."""
     from matplotlib.collections import LineCollection
 
     paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]
@@ -220,7 +221,7 @@ def _marker(status: str, size: float) -> dict[str, Any]:
 
 
 def _draw_outline(axes: Axes, inside: np.ndarray, grid: Grid) -> None:
-    """Draw the edges between cells inside and cells outside."""
+    """Draw the edges that separate cells inside from cells outside."""
     from matplotlib.collections import LineCollection
 
     style: dict[str, Any] = {"colors": INK, "linewidths": 0.9, "capstyle": "round"}

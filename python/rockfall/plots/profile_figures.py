@@ -27,8 +27,8 @@ PANEL, TALLEST = 6.3, 4.5  # width and maximum height of the profile [inch]
 
 @styled
 def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure:
-    """Profile at true scale, heights above the ground, and speeds of the recorded trajectories
-    against the plan distance from the release. Without terrain, ground and heights are omitted."""
+    """Profile at true scale, heights above ground, and speeds of recorded trajectories against the
+    plan distance from the release. Without terrain, ground and heights are omitted."""
     curves = trajectories(result, MAX_TRAJECTORIES)
     ground = _ground_below(result, curves, terrain)
     drop = max((np.ptp(curve.z) for curve in curves), default=0.0)
@@ -49,8 +49,8 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
 
 
 def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[float, float]:
-    """Height [inch], at most `tallest`, of a profile at true scale with a given fall over a given
-    distance [m], and the distance [m] at the end of its axis to show all of it."""
+    """Height [inch], at most `tallest`, of a profile at true scale with this fall and distance
+    [m], and the distance [m] at the end of its axis."""
     drop, furthest = 1.1 * drop, 1.03 * furthest or 1.0
     high = float(np.clip(PANEL * drop / furthest, 1.2, tallest))
     return high, max(furthest, PANEL * drop / high)
@@ -59,14 +59,14 @@ def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[
 def _ground_below(
     result: xr.Dataset, curves: Sequence[Trajectory], terrain: Terrain | None
 ) -> list[np.ndarray]:
-    """Elevation [m] of the ground below trajectories; empty if unknown or too coarse."""
+    """Ground elevation [m] below trajectories; empty if unknown or too coarse."""
     if terrain is None or terrain[1].cell > 1.001 * cell_of(result):
         return []
     return [height(*terrain, curve.x, curve.y) for curve in curves]
 
 
 def _speeds_in_motion(curve: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] and speeds [m/s], without rest times between contacts."""
+    """Distances [m] and speeds [m/s] without rest times between contacts."""
     moves = (curve.speed > 0) | (curve.time == 0)
     return curve.distance[moves], curve.speed[moves]
 
@@ -82,14 +82,14 @@ def _draw_profile(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.
 
 
 def _draw_heights(axes: Axes, curves: Sequence[Trajectory], ground: Sequence[np.ndarray]) -> None:
-    """Draw heights of the boulder's point above the ground, 0 at a contact."""
+    """Draw the height of the boulder's point above ground, 0 at contacts."""
     above = [(curve.distance, curve.z - z) for curve, z in zip(curves, ground, strict=True)]
     draw_curves(axes, above)
     axes.set(ylabel=QUANTITIES["jump_height"].title, ylim=(0, None))
 
 
 def draw_curves(axes: Axes, shown: list[tuple[np.ndarray, np.ndarray]], **options: object) -> None:
-    """Draw curves (x, y), interrupted at NaN, in the style of trajectories or another style."""
+    """Draw curves (x, y), interrupted at NaN, by default in the style of trajectories."""
     from matplotlib.collections import LineCollection
 
     look: dict[str, Any] = {"rasterized": True, **TRAJECTORY, **options}

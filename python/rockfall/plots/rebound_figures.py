@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of all rebounds: fractions of the incident energy, incidence angles, R_t and R_n; and R_t
-and R_n of an impact set."""
+"""Figures of all rebounds: fractions of the incident energy, incidence angles, R_t and R_n; and of
+R_t and R_n of an impact set."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 ENERGY = ("tangential_share", "normal_share", "rotational_share")
 RESTITUTION = ("restitution_tangential", "restitution_normal")
-# Values of Bourrier et al. (2009, section 5.2).
+# Values from Bourrier et al. (2009, section 5.2).
 PAPER = {
     "restitution_tangential": [(0.7, "axis.paper_tangential")],
     "restitution_normal": [(0.4, "axis.paper_normal"), (1.0, "axis.paper_normal_small")],
 }
 ANGLES = np.arange(5.0, 90.1, 2.5)  # incidence angles [degree]
-LAST_RT = 60.0  # [degree]; at steeper incidence V_t_in is too small to divide by
+LAST_RT = 60.0  # [degree] at steeper incidence V_t_in is too small to divide by
 KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
     "R_t": [((5, 30), (0.7, 0.7))],
     "R_n": [((90,), (0.4,)), ((10, 20), (1.0, 1.0))],
@@ -44,13 +44,14 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds are comparable with the paper's, which follow impact sets."""
+    """Return True if the rebounds are comparable with those of the paper, which follow impact
+    sets."""
     return not (classical_grounds(result) or table_grounds(result))
 
 
 @styled
 def histogram_figure(result: xr.Dataset, *names: str) -> Figure:
-    """Histograms of the run in per cent of its rebounds, with the paper's if comparable."""
+    """Histograms of the run in per cent of rebounds, with the paper's values if comparable."""
     figure = new_figure(WIDE, 2.3)
     panels = figure.subplots(1, len(names), squeeze=False)[0]
     for axes, name in zip(panels, names, strict=True):
@@ -81,8 +82,8 @@ def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @styled
 def draw_restitution(sets: Sequence[Sets]) -> Figure:
-    """R_t and R_n against the incidence angle for each ratio, without spin (the paper's Fig. 5):
-    mean and middle 80 % of the admissible draws of each set, with values of the paper in grey."""
+    """R_t and R_n against incidence angle for each ratio, without spin (Fig. 5 of the paper): mean
+    and middle 80 % of the admissible draws of each set, with the paper's values in grey."""
     figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))
@@ -92,7 +93,7 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
-                # ratios with an admissible draw
+                # Ratios with an admissible draw.
                 is_known = np.array([v.size > 0 for v in values])
                 shown, values = shown[is_known], [v for v in values if v.size]
                 if not values:

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = ("energy_total", "passing_height", "speed")
-HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # height of the panels below the profile [inch]
-TALLEST = 4.0  # maximum profile height for a figure that fits on A4 [inch]
+HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # heights of the panels below the profile [inch]
+TALLEST = 4.0  # maximum profile height that fits on A4 [inch]
 MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}
 QUANTILE: dict[str, Any] = {"lw": 1.3}
 MAXIMUM: dict[str, Any] = {"lw": 0.9, "linestyle": ":"}
@@ -44,10 +44,10 @@ STRENGTH: dict[str, Any] = {"color": INK, "marker": "_", "ms": 9, "mew": 1.8, "l
 
 @styled
 def section_figure(section: Section) -> Figure:
-    """Profile at true scale with the recorded trajectories within the corridor; boulders at each
-    station; mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and
-    speed. These come from recorded trajectories, map cells, and lines that the section crosses.
-    Barriers are drawn with their height and capacity. Numbers from too few boulders are omitted."""
+    """Profile at true scale with recorded trajectories in the corridor; boulders at each station;
+    mean, 95 % quantile with its 95 % band, and maximum of total energy, passing height and speed.
+    Sources are recorded trajectories, map cells, and crossed lines. Barriers are drawn with height
+    and capacity. Values from too few boulders are omitted."""
     length = float(lengths(section.line.vertices)[-1])
     high, furthest = true_scale(_relief(section), length, TALLEST)
     figure = new_figure(WIDE, high + sum(HEIGHTS) + 1.3)
@@ -74,7 +74,7 @@ def _relief(section: Section) -> float:
 
 
 def _draw_profile(axes: Axes, section: Section) -> None:
-    """Draw the ground, barriers at their height, and trajectories, at true scale."""
+    """Draw the ground, barriers and trajectories at true scale."""
     draw_curves(axes, [(along, z) for along, z in section.paths])
     distance, ground = (section.table[name].to_numpy(float) for name in ("distance", "elevation"))
     axes.plot(distance, ground, color=INK, lw=1.0)
@@ -89,7 +89,7 @@ def _draw_profile(axes: Axes, section: Section) -> None:
 
 
 def _bases(section: Section) -> str:
-    """Notes on the boulders behind the numbers of a section, and on omitted boulders."""
+    """Notes on the boulders used for a section, and on omitted boulders."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
     left_out = section.not_kept
     more = [say_count("figures.section_not_kept", left_out)] if left_out else []
@@ -97,7 +97,7 @@ def _bases(section: Section) -> str:
 
 
 def _draw_boulders(axes: Axes, section: Section) -> None:
-    """Draw recorded boulders at each station, and the fraction of all boulders in the cell."""
+    """Draw recorded boulders at each station, and the fraction of all boulders in its cell."""
     table = section.table
     if section.recorded:
         axes.step(table["distance"], table["recorded_n"], where="mid", color=BLUE, lw=1)
@@ -112,7 +112,7 @@ def _draw_boulders(axes: Axes, section: Section) -> None:
 
 
 def _draw_envelopes(axes: Axes, section: Section, quantity: str, display: Quantity) -> None:
-    """Draw the envelopes of a quantity from each data source."""
+    """Draw the envelopes of a quantity, for each data source."""
     table, factor = section.table, display.factor
     for before, colour in (("recorded", BLUE), ("cell", VERMILION)):
         mean = factor * table[f"{before}_{quantity}_mean"]
@@ -134,30 +134,30 @@ def _draw_envelopes(axes: Axes, section: Section, quantity: str, display: Quanti
 def _draw_band(
     axes: Axes, table: pd.DataFrame, name: str, factor: float, colour: str, label: str = ""
 ) -> None:
-    """Draw a number along the section with its 95 % band."""
+    """Draw a quantity along the section with its 95 % band."""
     value, low, high = _with_limits(table, name, factor)
     axes.fill_between(table["distance"], low, high, color=colour, alpha=0.2, lw=0)
     axes.plot(table["distance"], value, color=colour, label=label, **QUANTILE)
 
 
 def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
-    """Column names of a number and the limits of its interval."""
+    """Column names of a quantity and its interval limits."""
     return [factor * table[column].to_numpy(float) for column in with_limits(name)]
 
 
 def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw the barriers' height or capacity."""
+    """Draw the height or capacity of barriers."""
     barriers = lines[lines["kind"] == "barrier"]
     axes.plot(barriers["distance"], factor * barriers[name].astype(float), **STRENGTH,
               label=say("tables.barrier"))  # fmt: skip
 
 
 def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
-    """Mark lines, barriers and dams in all panels, with their names in the first."""
+    """Mark lines, barriers and dams in all panels, named in the first."""
     for k, row in enumerate(lines.itertuples()):
         for axes in panels:
             axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))
-        high = 0.03 + 0.1 * (k % 4)  # staggered, because lines may be close together
+        high = 0.03 + 0.1 * (k % 4)  # staggered, because lines may be close
         style: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
         panels[0].text(row.distance, high, f" {plain(str(row.name))}", **style)
 

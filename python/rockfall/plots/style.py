@@ -24,7 +24,7 @@ _Look = dict[str, Any]
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # colours by Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
-#: Styles of a trajectory, an evaluation line, a barrier, and observations.
+#: Styles of trajectories, evaluation lines, barriers and observations.
 TRAJECTORY: _Look = {"color": BLUE, "linewidth": 0.5, "alpha": 0.6}
 LINE: _Look = {"color": INK, "linewidth": 0.9, "linestyle": (0, (5, 2))}
 BARRIER: _Look = {"color": INK, "linewidth": 1.8, "solid_capstyle": "butt"}
@@ -44,14 +44,14 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "svg.hashsalt": "rockfall",  # for reproducible bytes
 }
-MOST_TICKS = 9  # maximum number of ticks of an axis: Matplotlib's locators make no more
+MOST_TICKS = 9  # maximum ticks on an axis; Matplotlib's locators give no more
 POINTS = 72  # points per inch
 PDF = {"Creator": "rockfall", "CreationDate": None}  # fixed metadata
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Wrap a function that makes a figure so that it uses the house style, with axis numbers in the
-    format of the language."""
+    """Wrap a function that creates a figure so that it uses the house style, and formats axis
+    numbers for the language."""
 
     @wraps(draw)
     def wrapped(*arguments: object, **options: object) -> Figure:
@@ -96,7 +96,7 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
     import matplotlib
 
     step()
-    dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # for dense parts in vector files
+    dpi = dpi or (300 if Path(path).suffix == ".png" else 200)  # raster parts of vector files
     style = {
         ".png": {"Software": "rockfall"},
         ".pdf": PDF,
@@ -107,14 +107,14 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
         _lay_out(figure, Path(path).suffix, dpi)
         try:
             figure.savefig(part, dpi=dpi, metadata=style.get(part.suffix), **options)
-        except ValueError as error:  # unknown image extension
+        except ValueError as error:  # unknown file extension
             raise RockfallError(f"{path}: cannot be written: {error}") from error
 
 
 def _keep_ticks(figure: Figure) -> None:
-    """Cache ticks by view and space, because Matplotlib computes them a dozen times."""
+    """Cache ticks by view and available space, because Matplotlib computes them repeatedly."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
-        # private attribute: figures take longer without it
+        # private attribute, without which figures take longer
         make = getattr(axis, "_update_ticks", None)
         if make is not None:
             setattr(axis, "_update_ticks", _kept(axis, make))  # noqa: B010
@@ -134,12 +134,12 @@ def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]
 
 
 def _room(axis: Axis) -> tuple[float, ...]:
-    """Values that determine the ticks: the view, and the space for them."""
+    """Values that determine the ticks: the view, and the available space."""
     return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
-    """Lay out a figure with the texts of its first format, so that it is drawn only once."""
+    """Fix the layout with the texts of the first format, so that it is computed only once."""
     from matplotlib.backend_bases import get_registered_canvas_class
 
     engine, canvas = figure.get_layout_engine(), get_registered_canvas_class(ending[1:])
@@ -147,11 +147,11 @@ def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
         canvas(figure)
         figure.set_dpi(dpi if ending == ".png" else POINTS)
         engine.execute(figure)
-        figure.set_layout_engine(None)  # layout is fixed from here on
+        figure.set_layout_engine(None)  # keeps the layout
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
-    """Write figures as pages of one PDF, like `save`."""
+    """Write figures as pages of a PDF; see `save`."""
     import matplotlib
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -166,10 +166,10 @@ def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:
 
 
 def plain(text: str) -> str:
-    """User text with escaped dollar signs, so that Matplotlib does not read it as mathematics."""
+    """User text with dollar signs escaped, so that Matplotlib does not take it for mathematics."""
     return text.replace("$", r"\$")
 
 
 def capital(text: str) -> str:
-    """Text with a capital first letter, the rest unchanged."""
+    """Text with a capital first letter, otherwise unchanged."""
     return text[:1].upper() + text[1:]

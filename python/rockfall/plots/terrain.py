@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain of a result, located and checked."""
+"""Terrain of a result: found, checked and read."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ def terrain_of(
 ) -> Terrain | None:
     """Elevations (ny, nx) [m] within the extent of a result, and their grid.
 
-    The terrain is read from the file `dem`, else from the case's file, whose name is relative to
-    the folder of the run, else from a file with the same name in the result's folder `beside`. A
-    given file that differs from the run's file raises a RockfallError. Without a given file, a
-    failure returns None with a warning that gives the reason.
+    The terrain is read from the file `dem`, else from the case's file (relative to the folder of
+    the run), else from a file of this name in the result's folder `beside`. A `dem` that differs
+    from the run's file raises a RockfallError. Without `dem`, a failure returns None and gives a
+    warning with the reason.
     """
     try:
         path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
-            # raised if the dam's crest extends beyond the boulders
+            # with_dams() raises an error if a crest extends beyond the boulders
             with contextlib.suppress(RockfallError):
                 z, _ = with_dam(z, grid, dam, str(path))
         return z, grid
@@ -62,7 +62,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
 
 
 def _found(result: xr.Dataset, places: list[Path]) -> Path:
-    """First of the given files that is the run's DEM."""
+    """First of these files that is the run's DEM."""
     there = [path for path in places if Path(raster_file(str(path))).exists()]
     for path in there[:-1]:
         with contextlib.suppress(RockfallError):
@@ -77,7 +77,8 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
-    """Refuse a DEM whose bytes differ from the run's; for an array they are unknown."""
+    """Refuse a DEM whose bytes differ from the run's DEM; elevations from an array cannot be
+    checked."""
     checksum = file_checksum(path)
     expected = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
@@ -86,7 +87,7 @@ def _check_same(result: xr.Dataset, path: Path) -> None:
 
 
 def _read(result: xr.Dataset, path: Path) -> Terrain:
-    """Read the part of a DEM that boulders reached, block by block."""
+    """Read the part of a DEM that boulders reached, in blocks."""
     west, east, south, north = reached(result)
     with open_raster(path) as raster:
         raster.check_cells()
@@ -112,7 +113,7 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """Refuse a DEM whose cells do not match the result's grid and the origin of its maps."""
+    """Refuse a DEM whose cells do not match the result's grid and map origin."""
     west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

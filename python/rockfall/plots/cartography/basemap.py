@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A user's image, such as an orthophoto, in place of the relief."""
+"""The user's image, such as an orthophoto, instead of the relief."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ BYTE = "uint8"
 
 
 class Basemap(NamedTuple):
-    """Colours (ny, nx, 3), 0 to 255, white where the image has none, and their position [m]."""
+    """Colours (ny, nx, 3), 0 to 255, white outside the image, and position [m]."""
 
     colours: np.ndarray
     extent: Extent
 
 
 class Picture(NamedTuple):
-    """Colours (ny, nx, 3), 0 to 255, and a mask (ny, nx) of places where the image has any."""
+    """Colours (ny, nx, 3), 0 to 255, and a mask (ny, nx) of pixels that the image covers."""
 
     colours: np.ndarray
     seen: np.ndarray
@@ -36,7 +36,7 @@ class Picture(NamedTuple):
 def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
     """Read the part of an image within an extent, in the CRS of the result.
 
-    Accepts GeoTIFF, JPEG or PNG with georeference and CRS, and one band (grey, or with a palette)
+    Accepts georeferenced GeoTIFF, JPEG or PNG with a CRS, and one band (grey, or with a palette)
     or three bands of 8 bits. Anything else raises a RockfallError.
     """
     crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
@@ -50,8 +50,8 @@ def read_picture(
     path: str | Path, crs: str, extent: Extent, dots: int = DOTS, *, stretched: bool = False
 ) -> Picture:
     """Read the part of an image within an extent, in a CRS (WKT), with `dots` pixels along the
-    longer side. `stretched`: bands with more than 8 bits are scaled from their 2 % to their 98 %
-    quantile instead of refused."""
+    longer side. If `stretched`, bands with more than 8 bits are scaled from their 2 % to their 98
+    % quantile; otherwise they are refused."""
     import rasterio
     from rasterio.io import DatasetReader
 
@@ -98,7 +98,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
 
 
 def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Visible bands (n, ny, nx) scaled to 0 to 255, from the 2 % to the 98 % quantile."""
+    """Visible bands (n, ny, nx), scaled to 0 to 255 from the 2 % to the 98 % quantile."""
     low, high = np.percentile(bands[:, seen], [2, 98]) if seen.any() else (0.0, 1.0)
     scaled = (bands.astype("f8") - low) / ((high - low) or 1.0)
     return np.where(seen, np.clip(255 * scaled, 0, 255), 255)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Non-overlapping labels within the frame of a map."""
+"""Map labels that do not overlap each other or the frame."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 #: Position x, y [m], angle of the text [degree], and offset from the position [points].
 Place = tuple[float, float, float, tuple[float, float]]
 
-FREE = 2.0  # minimum gap between two texts [dots]
-TRIED = 24  # number of places tried along a curve
+FREE = 2.0  # minimum gap between texts [dots]
+TRIED = 24  # places tried along a curve
 BESIDE = ((0.0, 4.0), (0.0, -4.0), (4.0, 0.0), (-4.0, 0.0))  # offsets tried for a name [points]
 
 
 class Labels:
-    """Labels of a map whose scale is already set."""
+    """Labels of a map whose scale is fixed."""
 
     def __init__(self, axes: Axes) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -33,13 +33,13 @@ class Labels:
         self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
 
     def put(self, text: str, places: Iterable[Place], **style: Any) -> bool:
-        """Write a text at the first free place, or nothing without a free place."""
+        """Write a text at the first free place; without a free place, write nothing."""
         from matplotlib.patheffects import withStroke
 
         halo = [withStroke(linewidth=2, foreground="white")]
         style = {"color": INK, "path_effects": halo, "rotation_mode": "anchor"} | style
         frame = self.axes.get_window_extent(self.renderer)
-        rooms: dict[Any, Any] = {}  # cache of text boxes, because measuring takes the longest
+        rooms: dict[Any, Any] = {}  # cached text boxes, because measuring is slow
         for x, y, angle, offset in places:
             at = self.axes.transData.transform((x, y))
             if not frame.contains(*at):
@@ -71,7 +71,7 @@ class Labels:
 
 
 def beside(x: np.ndarray, y: np.ndarray) -> Iterator[Place]:
-    """Candidate places for the name of a polyline, beginning at its start."""
+    """Candidate places for the name of a polyline, starting at its first vertex."""
     for at in np.linspace(0, x.size - 1, TRIED) if x.size else ():
         for offset in BESIDE:
             place = (float(np.interp(at, np.arange(x.size), c)) for c in (x, y))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Marks on a map besides its values: sources, evaluation lines, barriers, objects."""
+"""Map marks in addition to values: sources, evaluation lines, barriers, objects."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
 from rockfall.result.trajectories import lines
 
-SMALL = 7  # font size of names
+SMALL = 7  # font size for names
 FEW_SOURCES = 20  # fewer sources are drawn individually
-FINEST = 2.5  # minimum cell side in the outline of sources [points]
+FINEST = 2.5  # minimum cell side in the source outline [points]
 ROCK = "#00604a"  # colour of sources
 SOURCE: dict[str, Any] = {"color": ROCK, "linewidth": 0.8}
-NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # style on colours of classes
+NET: dict[str, Any] = BARRIER | {"color": BLUE, "linewidth": 2.4}  # style on class colours
 OBJECT: dict[str, Any] = {"color": INK, "linewidth": 1.1}
 CASING = 1.6  # width of the white halo of a line [points]
 
@@ -30,12 +30,12 @@ CASING = 1.6  # width of the white halo of a line [points]
 def starts(result: xr.Dataset) -> np.ndarray:
     """Distinct start points (n, 2) [m]."""
     places = np.column_stack([result["start_x"], result["start_y"]]).astype("f8")
-    once = np.unique(places.view("c16").ravel())  # ten times faster than unique rows
+    once = np.unique(places.view("c16").ravel())  # ten times as fast as unique rows
     return once[:, np.newaxis].view("f8")
 
 
 def key_of(result: xr.Dataset) -> list[Any]:
-    """Legend handles for the marks of a result."""
+    """Legend handles for the marks on a result's map."""
     from matplotlib.lines import Line2D
 
     few = len(starts(result)) < FEW_SOURCES
@@ -51,7 +51,7 @@ def key_of(result: xr.Dataset) -> list[Any]:
 
 
 def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
-    """Draw sources, and lines and barriers with their names."""
+    """Draw sources, and named lines and barriers."""
     draw_sources(sheet, starts(result))
     nets = barriers_of(result)
     for k, (name, x, y) in enumerate(lines(result)):
@@ -60,7 +60,7 @@ def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
 
 
 def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
-    """Draw a polyline with a casing that separates it from the map."""
+    """Draw a polyline with a halo that separates it from the map."""
     from matplotlib.patheffects import Normal, withStroke
 
     casing = withStroke(linewidth=look["linewidth"] + CASING, foreground="white", alpha=0.8)
@@ -80,7 +80,7 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """Cells that contain sources, with sides of at least the source spacing and `finest` [m]."""
+    """Cells that contain sources; their sides are at least the source spacing and `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))

@@ -13,14 +13,14 @@ from rockfall.plots.extent import Extent
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DOTS = 1500  # minimum cells along the longer side of a map; the image has fewer dots
+DOTS = 1500  # minimum cells along the longer side of a map; images have fewer dots
 
 
 def cropped(
     values: np.ndarray, grid: Grid, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
-    """Part of a raster within an extent, with at most `dots` cells per side. Several cells are
-    merged by the function `merge` (np.add: their mean)."""
+    """Part of a raster within an extent, with at most `dots` cells per side. `merge` combines
+    several cells (np.add gives their mean)."""
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
     rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)
@@ -33,26 +33,27 @@ def cropped(
 
 
 def merged(values: np.ndarray, step: int, merge: np.ufunc) -> np.ndarray:
-    """Raster with blocks of `step` x `step` cells merged, smaller at its south and east edges."""
+    """Raster in which blocks of `step` x `step` cells are merged; blocks at the south and east
+    edges may be smaller."""
     for axis in (0, 1) if step > 1 else ():
         values = merge.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)
     return values
 
 
 def _span(first: float, last: float, cell: float, size: int) -> slice:
-    """Cells between two distances [m] from the raster edge, at least two."""
+    """Range of at least two cells between two distances [m] from the raster edge."""
     start = int(np.clip(first // cell, 0, size - 2))
     return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
 
 
 def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **options: Any) -> None:
-    """Draw a raster at the position of its cells."""
+    """Draw an image at the position of its cells."""
     extent = (grid.west, grid.east, grid.south, grid.north)
     axes.imshow(values, extent=extent, interpolation="nearest", **options)
 
 
 def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
-    """Sides (n, 2, 2) [m] between cells inside and cells outside."""
+    """Sides (n, 2, 2) [m] that separate cells inside from cells outside."""
     inside = np.pad(inside, 1)
     row, column = np.nonzero(inside[:, 1:] != inside[:, :-1])
     upright = np.stack([[column, row - 1], [column, row]])
@@ -63,7 +64,7 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Mask of cells of this size that contain a point (n, 2), and their grid."""
+    """Mask of the cells of this size that contain points (n, 2), and the grid of the mask."""
     west, south = np.floor(points.min(axis=0) / cell) * cell
     column, row = np.floor((points - (west, south)) / cell).astype(int).T
     inside = np.zeros((row.max() + 1, column.max() + 1), bool)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Background of a map: shaded relief or a user's image, and contours."""
+"""Map background: shaded relief or the user's image, and contours."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 BROWN = "#5f4426"
 DARKEST = 0.35
-#: azimuth [degree] and weight of each light
+#: Azimuth [degree] and weight of each light.
 LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))
 INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # standard map intervals [m]
 INDEX = 5  # every fifth contour is bold and labelled
 LINES = 60  # approximate number of contours on a map
-CONTOUR_DOTS = 400  # terrain resolution under contours: finer contours are ragged
-SHORTEST = 12  # minimum number of vertices of a contour
+CONTOUR_DOTS = 400  # terrain resolution for contours; finer contours are ragged
+SHORTEST = 12  # minimum vertices of a contour
 
 
 class Contours(NamedTuple):
-    """Interval [m], and curves (n, 2) [m] at each level."""
+    """Contour interval [m], and curves (n, 2) [m] for each level."""
 
     interval: float
     curves: dict[float, list[np.ndarray]]
@@ -37,8 +37,8 @@ class Contours(NamedTuple):
 
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
-    """Brightness of a terrain lit mainly from the north-west, with steep ground darker; nodata is
-    white. Shared by the maps of a page."""
+    """Brightness of a terrain that is lit mainly from the north-west, darker on steep ground;
+    nodata is white. Shared by the maps on a page."""
     return _shade(z.tobytes(), z.dtype.str, z.shape, cell)
 
 
@@ -60,7 +60,7 @@ def _shade(content: bytes, dtype: str, shape: tuple[int, int], cell: float) -> n
 
 
 def contours_of(terrain: Terrain, extent: Extent) -> Contours:
-    """Contours within an extent, at an interval that keeps them apart."""
+    """Contours within an extent, at an interval that keeps them legible."""
     from contourpy import contour_generator
 
     z, grid = cropped(*terrain, extent, np.add, CONTOUR_DOTS)
@@ -82,8 +82,8 @@ def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
-    """Draw contours; labelled contours are thicker. All contours of a kind form one curve with
-    gaps, which Matplotlib simplifies and PDF readers draw in one step."""
+    """Draw contours; labelled contours are thicker. All contours of a kind form a single curve
+    with gaps, which Matplotlib simplifies and PDF readers draw in one step."""
     from matplotlib.lines import Line2D
 
     gap = np.full((1, 2), np.nan)

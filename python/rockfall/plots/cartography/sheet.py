@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map sheet: space on paper, frame with coordinates, scale bar, north arrow, legend.
+"""Map sheet: size on paper, frame with coordinates, scale bar, north arrow, legend.
 
-All positions are in inches, so that the scale is known before drawing.
+All positions are in inches, so that the scale is known before anything is drawn.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # margins of a map [inch]
-TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map: coordinates, scale, legend row
+LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # map margins [inch]
+TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map [inch]: coordinates, scale, legend row
 NARROWEST_BAR = 3.0  # minimum width of the colour bar [inch]
-KEY_COLUMN = 1.75  # column width of the legend [inch]
+KEY_COLUMN = 1.75  # width of a legend column [inch]
 INCH = 0.0254  # metres per inch
-SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # mantissas of scales
-APART = 1.0  # minimum distance between two coordinates [inch]
+SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # leading digits of scales
+APART = 1.0  # minimum distance between coordinates [inch]
 SMALL = 7  # font size around the map
-PALE = 0.35  # opacity of white over a user's image
+PALE = 0.35  # opacity of the white layer over the user's image
 WKT_NAME = re.compile(r'\w+\["([^"]+)"')
-#: EPSG code at the end of a WKT
+#: EPSG code at the end of a WKT.
 EPSG = re.compile(r'(?:AUTHORITY\["EPSG","|ID\["EPSG",)([0-9]+)"?\]\]$')
 
 
 class Room(NamedTuple):
-    """Maximum size of a map on paper, with all its parts [inch]."""
+    """Maximum size of a map on paper, including all its parts [inch]."""
 
     wide: float = WIDE
     high: float = 8.6
@@ -59,7 +59,7 @@ PAGE = Room()
 @dataclass
 class Sheet:
     """A drawn map: `scale` in metres per inch, `bottom` and `wide` (width) of its frame [inch],
-    `free`, the height between the scale bar and the legend [inch]."""
+    `free` is the height between scale bar and legend [inch]."""
 
     figure: Figure
     axes: Axes
@@ -70,11 +70,11 @@ class Sheet:
     bottom: float
     labels: Labels
     contours: Contours | None
-    paper: str = "A4"  # paper size for which the scale is valid
+    paper: str = "A4"  # paper size at which the scale is valid
 
     @property
     def bar(self) -> tuple[float, float, float]:
-        """Left, bottom and width of the colour bar [inch], wide enough for its labels."""
+        """Left, bottom and width of the colour bar [inch], which is wide enough for its labels."""
         inner = self.figure.get_figwidth() - LEFT - RIGHT
         wide = max(self.wide, min(NARROWEST_BAR, inner))
         left = min(self.left + (self.wide - wide) / 2, LEFT + inner - wide)
@@ -86,7 +86,7 @@ class Sheet:
         return self.scale / 72
 
     def box(self, left: float, bottom: float, wide: float, high: float) -> Any:
-        """Position in inches, in Matplotlib's form."""
+        """Position converted from inches to Matplotlib's form."""
         w, h = self.figure.get_size_inches()
         return left / w, bottom / h, wide / w, high / h
 
@@ -133,7 +133,7 @@ def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple
 
 
 def _columns(room: Room) -> int:
-    """Number of columns in a legend."""
+    """Number of legend columns."""
     return max(1, int(room.wide / KEY_COLUMN))
 
 
@@ -144,14 +144,14 @@ def round_scale(rough: float) -> float:
 
 
 def scale_text(denominator: float, paper: str = "A4") -> str:
-    """Text of the scale, valid at the drawn size of the map."""
+    """Text of the scale, which is valid at the drawn size of the map."""
     return say("map.scale", denominator=denominator, paper=paper)
 
 
 def named_crs(crs: Mapping[str, Any]) -> str:
     """Name of the coordinate system of a grid mapping; "" if it has none."""
     keys = ("projected_crs_name", "geographic_crs_name")
-    match = WKT_NAME.search(str(crs.get("crs_wkt", "")))  # CF has no parameters for some systems
+    match = WKT_NAME.search(str(crs.get("crs_wkt", "")))  # CF lacks parameters for some systems
     names = (str(crs[key]) for key in keys if crs.get(key))
     return next(names, match[1] if match else "")
 
@@ -164,8 +164,8 @@ def crs_text(crs: Mapping[str, Any]) -> str:
 
 
 def finish(sheet: Sheet, crs: Mapping[str, Any]) -> None:
-    """Draw contour labels in free places, the frame, the scale, and the coordinate system from the
-    attributes of the grid mapping."""
+    """Draw contour labels at free places, the frame, the scale, and the coordinate system given by
+    the grid mapping's attributes."""
     if sheet.contours is not None:
         draw_contours(sheet.axes, sheet.contours)
         _name_contours(sheet, sheet.contours)
@@ -183,14 +183,14 @@ def _name_contours(sheet: Sheet, contours: Contours) -> None:
     for level, curves in contours.curves.items():
         if contours.is_index(level):
             for curve in sorted(curves, key=len, reverse=True)[:2]:
-                # curve length [inch]
+                # Curve length [inch].
                 length = np.hypot(*np.diff(curve, axis=0).T).sum() / sheet.scale
                 if length > 0.6:
                     sheet.labels.put(f"{level:g}", along(curve), color=BROWN, fontsize=SMALL)
 
 
 def _draw_frame(sheet: Sheet) -> None:
-    """Draw coordinates along the frame, sufficiently spaced."""
+    """Draw coordinates along the frame, with sufficient spacing."""
     axes, (west, east, south, north) = sheet.axes, sheet.extent
     step = round_step(sheet.scale * APART)
     ticks: dict[str, Any] = {"labelsize": SMALL, "length": 2.5, "pad": 2}
@@ -206,14 +206,14 @@ def _draw_frame(sheet: Sheet) -> None:
 
 
 def _inner(low: float, high: float, step: float) -> list[float]:
-    """Round numbers between two ends, with space for their labels."""
+    """Round numbers between two limits, with space for their labels."""
     margin = 0.3 * step
     first = int(np.ceil((low + margin) / step))
     return [step * k for k in range(first, int(np.floor((high - margin) / step)) + 1)]
 
 
 def _draw_strip(sheet: Sheet, crs: str) -> None:
-    """Draw scale bar, contour interval, arrow to grid north, and the coordinate system."""
+    """Draw scale bar, contour interval, grid north arrow, and coordinate system."""
     from matplotlib.patches import Polygon, Rectangle
 
     figure, inches = sheet.figure, sheet.figure.dpi_scale_trans

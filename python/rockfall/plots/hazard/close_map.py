@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard zones on a full page, at a scale where houses are legible."""
+"""Hazard zones on a full page, at a scale at which houses are legible."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from rockfall.result.trajectories import Terrain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FINEST, COARSEST = 1000.0, 5000.0  # scale denominators
+FINEST, COARSEST = 1000.0, 5000.0  # limits of the scale denominator
 
 
 @styled
 def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure:
-    """Map of the zones, lines, barriers and objects of a hazard, at 1:1,000 to 1:5,000. If the
-    complete map needs a smaller scale, only the area around objects and lines is shown."""
+    """Map of the zones, lines, barriers and objects of a hazard at 1:1,000 to 1:5,000. If the full
+    map needs a smaller scale, only the area around objects and lines is shown."""
     key = zone_key(hazard)
     wide, high = inner_size(room, key)
     extent = extent_of(hazard, terrain)
@@ -41,7 +41,7 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
 
 
 def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
-    """Centre of the objects, or of the cells in the highest class."""
+    """Centre of the objects, or of the cells with the highest class."""
     import shapely
 
     if "object" in hazard.dims:
@@ -55,7 +55,7 @@ def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
 
 
 def _around(middle: np.ndarray, sides: np.ndarray, terrain: Terrain | None) -> Extent:
-    """Extent of this size around a point, shifted into the terrain and clipped to it."""
+    """Extent of this size around a point, shifted and clipped to the terrain."""
     low, high = middle - sides / 2, middle + sides / 2
     if terrain is not None:
         grid = terrain[1]

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from matplotlib import figure
     from matplotlib.axes import Axes
 
-OPAQUE = 0.7  # opacity of classes, with the relief still visible
+OPAQUE = 0.7  # opacity of class colours, over a visible relief
 HATCH = "/////"
-LOOKS = {False: LINE, True: NET}  # styles by whether the line is a barrier
+LOOKS = {False: LINE, True: NET}  # style for lines (False) and barriers (True)
 
 
 def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[Figure]:
-    """Figures of a hazard: zones, intensity for each return period, risk of exposed objects, and
-    each segmented road."""
+    """Figures of a hazard: zones, intensity by return period, risk of exposed objects, and each
+    segmented road."""
     minimum_area = case_in(hazard.attrs).hazard["minimum_area"]
     key = "hazard.classes_of_area" if minimum_area else "hazard.classes"
     shown = [
@@ -72,7 +72,7 @@ def hazard_figures(hazard: xr.Dataset, terrain: Terrain | None = None) -> list[F
 def zones_figure(
     hazard: xr.Dataset, terrain: Terrain | None = None, room: Room = PAGE
 ) -> figure.Figure:
-    """Map of the zones of a hazard, hatched where their class is uncertain, with the objects."""
+    """Map of hazard zones, hatched where the class is uncertain, with objects."""
     sheet = begun(hazard, terrain, zone_key(hazard), room)
     draw_zones(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
@@ -80,7 +80,7 @@ def zones_figure(
 
 
 def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw zones, hatched where uncertain, with lines, barriers and objects."""
+    """Draw zones (hatched where uncertain), lines, barriers and objects."""
     zones, colours = zones_of(hazard), colours_of(hazard["hazard_class"])
     for number, colour in colours.items():
         style = {"facecolor": colour, "edgecolor": INK, "linewidth": 0.4, "alpha": OPAQUE}
@@ -91,13 +91,13 @@ def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
 
 
 def draw_places(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw the lines and barriers in the case of a hazard, and the objects."""
+    """Draw the lines and barriers of a hazard's case, and the objects."""
     _draw_lines(sheet, hazard)
     _draw_objects(sheet, hazard)
 
 
 def zone_key(hazard: xr.Dataset) -> list[Any]:
-    """Legend of the zones, from the highest class, and of lines and barriers."""
+    """Legend of the zones, highest class first, and of lines and barriers."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -109,7 +109,7 @@ def zone_key(hazard: xr.Dataset) -> list[Any]:
 
 
 def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
-    """Draw polygons with their holes as one patch."""
+    """Draw polygons, including holes, as a single patch."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
@@ -137,12 +137,12 @@ def _risk_figure(hazard: xr.Dataset, terrain: Terrain | None) -> figure.Figure:
 
 
 def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Room = PAGE) -> Sheet:
-    """New map with an extent that covers all places boulders reached, and the objects."""
+    """New map with an extent that includes all places reached by boulders, and the objects."""
     return new_sheet(extent_of(hazard, terrain), terrain, key, room=room)
 
 
 def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
-    """Extent that covers all places boulders reached, and the objects."""
+    """Extent that includes all places reached by boulders, and the objects."""
     import shapely
 
     passed = hazard["hit_frequency"].values > 0
@@ -161,7 +161,7 @@ def _listed(colours: list[str]) -> Any:
 
 
 def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
-    """Draw classes in their colours; cells without a class are blank."""
+    """Draw class colours; cells without a class are blank."""
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
@@ -180,7 +180,8 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
-    """Barrier flag, name and vertices of each line and barrier of a hazard, except lying logs."""
+    """True for a barrier, name and vertices for each line and barrier of a hazard, except lying
+    logs."""
     case = case_in(hazard.attrs)
     for is_barrier, groups in ((False, case.line), (True, case.barrier)):
         for group in groups:
@@ -190,7 +191,7 @@ def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarr
 
 
 def _draw_lines(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw lines and barriers with their names."""
+    """Draw named lines and barriers."""
     for is_barrier, name, x, y in _lines(hazard):
         draw_line(sheet, x, y, LOOKS[is_barrier])
         if (here := inside(x, y, sheet.extent))[0].size:
@@ -198,7 +199,7 @@ def _draw_lines(sheet: Sheet, hazard: xr.Dataset) -> None:
 
 
 def _draw_objects(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw outlines, lines and points, with their names."""
+    """Draw named outlines, lines and points."""
     import shapely
 
     if "object" not in hazard.dims:

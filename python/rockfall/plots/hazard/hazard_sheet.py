@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard map on an A3 sheet, in the form that authorities publish: zones with a title block that
+"""Hazard map on an A3 sheet, in the form published by authorities: zones, a title block that
 explains them and lists the inputs, and pages with all warnings.
 
-All positions are in inches, from the lower left corner of the paper.
+Positions are in inches from the lower left corner of the paper.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDE, HIGH = 420 / 25.4, 297 / 25.4
-#: paper margin, title block width, gap next to the map [inch]
+#: Paper margin, title block width, gap next to the map [inch].
 MARGIN, BLOCK, GAP = 10 / 25.4, 95 / 25.4, 6 / 25.4
 SMALL, NORMAL, LARGE = 7.0, 8.0, 13.0  # font sizes [pt]
 LETTER = 0.52  # mean letter width relative to the font size
-BOX, ROW = 0.2, 0.24  # side of a legend colour, height of a table row [inch]
-BETWEEN = 0.14  # gap between two parts of the title block [inch]
-COLUMNS = 3  # columns on a page of warnings
+BOX, ROW = 0.2, 0.24  # side of a colour in the legend, height of a table row [inch]
+BETWEEN = 0.14  # gap between parts of the title block [inch]
+COLUMNS = 3  # text columns on a page of warnings
 COLUMN = (WIDE - 2 * MARGIN - (COLUMNS - 1) * GAP) / COLUMNS  # column width [inch]
 LINE = 1.35 * NORMAL / 72  # line height [inch]
 MAX_FILES = 8
@@ -53,7 +53,7 @@ SHOWN = ("high", "moderate", "low", "residual")  # classes in the legend
 
 
 class Imprint(NamedTuple):
-    """User-supplied details of a sheet; absent details leave blank lines."""
+    """Sheet details given by the user; missing details leave blank lines."""
 
     project: str = ""
     client: str = ""
@@ -70,7 +70,7 @@ def hazard_sheet(
     imprint: Imprint = NOBODY,
     warnings: Sequence[str] = (),
 ) -> Figure:
-    """Map of the zones of a hazard on A3, with its title block."""
+    """Map of the zones of a hazard on A3, with a title block."""
     room = Room(WIDE - 2 * MARGIN - BLOCK - GAP, HIGH - 2 * MARGIN)
     sheet = begun(hazard, terrain, [], room)
     sheet.paper = "A3"
@@ -89,8 +89,8 @@ def hazard_sheet(
 
 
 def _place_on_paper(sheet: Sheet) -> None:
-    """Move the map, which fills a figure, to the lower left of the paper. Elements placed in inches
-    keep their position; other elements keep their size."""
+    """Move the map, which fills a figure, to the lower left of the paper. Elements placed in
+    inches keep their position; others keep their size."""
     figure = sheet.figure
     wide, high = figure.get_size_inches()
     places = {axes: axes.get_position() for axes in figure.axes}
@@ -107,14 +107,14 @@ def _place_on_paper(sheet: Sheet) -> None:
 
 
 def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
-    """Lines of a paragraph wrapped to this width, up to a maximum number."""
+    """Lines of a paragraph wrapped to this width, at most `most`."""
     letters = int(wide * 72 / (LETTER * size))
     how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
     return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
 
 
 class _Block:
-    """Title block, written from the top down."""
+    """Title block, written from top to bottom."""
 
     def __init__(self, figure: Figure) -> None:
         from matplotlib.patches import Rectangle
@@ -132,18 +132,18 @@ class _Block:
         self.y -= high
 
     def write(self, text: str, size: float = NORMAL, weight: str = "normal", most: int = 0) -> None:
-        """Write a paragraph, up to a maximum number of lines."""
+        """Write a paragraph of at most `most` lines."""
         for line in wrapped(text, self.wide, size, most):
             self.put(self.left, line, size, fontweight=weight)
             self.skip(1.35 * size / 72)
 
     def put(self, x: float, text: str, size: float = NORMAL, **options: Any) -> None:
-        """Write a line with its top at the current position."""
+        """Write a line whose top is at the current position."""
         usual: dict[str, Any] = {"fontsize": size, "va": "top", "color": INK}
         self.figure.text(x, self.y, plain(text), **usual | options | self.inches)
 
     def fill(self, x: float, wide: float, high: float, **options: Any) -> None:
-        """Draw a rectangle with its top at the current position."""
+        """Draw a rectangle whose top is at the current position."""
         from matplotlib.patches import Rectangle
 
         usual: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.5}
@@ -178,7 +178,7 @@ def _write_legend(block: _Block) -> None:
 
 
 def _write_matrix(block: _Block, hazard: xr.Dataset) -> None:
-    """Write the classes by energy and return period, the highest energy at the top."""
+    """Write the classes by energy and return period, highest energy at the top."""
     case = case_in(hazard.attrs)
     matrix, first = Matrix.of(case), 0.34 * block.wide
     column = (block.wide - first) / len(matrix.periods)
@@ -197,7 +197,7 @@ def _write_matrix(block: _Block, hazard: xr.Dataset) -> None:
 
 
 def _energies(case: Any) -> Iterator[str]:
-    """Labels of the intensities, from the weakest."""
+    """Labels of the intensities, weakest first."""
     ends = [f"{threshold:g}" for threshold in case.hazard["thresholds"]]
     yield say("sheet.up_to", high=Number(ends[0]))
     for low, high in zip(ends[:-1], ends[1:], strict=True):
@@ -241,8 +241,8 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write the number of warnings, the place of the full list, and as many complete warnings as
-    fit: a cut warning might lose the words "errs low"."""
+    """Write the number of warnings, where all are listed, and as many whole warnings as fit: a
+    shortened warning might lose the words "errs low"."""
     if not warnings:
         return
     block.write(say("sheet.warnings", n=len(warnings)), NORMAL, "bold")
@@ -254,7 +254,7 @@ def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
 
 
 def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]]) -> list[Figure]:
-    """Pages of A3 with all warnings, by scenario names ("" for all scenarios)."""
+    """A3 pages with all warnings, by scenario names ("" for all scenarios)."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
@@ -267,7 +267,7 @@ def warning_pages(hazard: xr.Dataset, groups: Iterable[tuple[str, Sequence[str]]
 
 
 class _Line(NamedTuple):
-    """A line of a page: text, height with the gap below, and whether it belongs to a heading."""
+    """A line on a page: text, height with the gap below, and True for a heading."""
 
     text: str
     height: float
@@ -285,7 +285,7 @@ def _warning_lines(groups: Iterable[tuple[str, Sequence[str]]]) -> Iterator[_Lin
 
 
 class _Page:
-    """Page of A3 with lines in columns."""
+    """An A3 page with lines in columns."""
 
     def __init__(self, hazard: xr.Dataset, page: int) -> None:
         from matplotlib.figure import Figure
@@ -303,7 +303,7 @@ class _Page:
         self.figure.text(x, y, plain(text), fontsize=size, color=INK, **where | options)
 
     def has_room(self, line: _Line) -> bool:
-        """Return True if a line fits here, or at the top of the next column."""
+        """Return True if a line fits here or in the next column."""
         return self._fits(line) or self.column + 1 < COLUMNS
 
     def _fits(self, line: _Line) -> bool:
@@ -311,7 +311,7 @@ class _Page:
         return self.y - (4 * LINE if line.is_head else LINE) >= MARGIN
 
     def write(self, line: _Line) -> None:
-        """Write a line, in the next column if this one is full."""
+        """Write a line; start the next column if this one is full."""
         if not self._fits(line):
             self.column, self.y = self.column + 1, self.top
         weight = "bold" if line.is_head else "normal"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map of the sources by their contribution to a place: the cells that contribute half of all
-boulders, the next 30 %, and the rest, with the energies of their boulders at the place, and cells
-without a contribution."""
+"""Map of the sources by their contribution to a place: cells that contribute half of all boulders,
+the next 30 %, and the rest, with the energies of their boulders at the place; and cells without a
+contribution."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
     from rockfall.result.trajectories import Terrain
 
-PARTS = 0.5, 0.8  # cumulative fractions between classes
+PARTS = 0.5, 0.8  # cumulative fractions at class limits
 COLOURS = ("#7f0000", "#d7301f", "#fdbb84", "#f7f7f7")
 
 
 def origin_place(hazard: xr.Dataset) -> Place | None:
-    """First place that boulders reach and with known sources; None without such a place."""
+    """First place reached by boulders from known sources; None if there is none."""
     for place in places_of(hazard):
         name = f"{place.kind}_source_frequency"
         if place.kind in SOURCES and name in hazard and (hazard[name].values[place.k] > 0).any():
@@ -40,8 +40,8 @@ def origin_place(hazard: xr.Dataset) -> Place | None:
 
 
 def parts_and_words(table: pd.DataFrame) -> tuple[np.ndarray, list[Text]]:
-    """Class of each row of `origins`, and text for each class: its fraction of all boulders, their
-    mean energy, and an energy that 95 % of the boulders do not exceed in any of its cells."""
+    """Class of each row of `origins`, and a text for each class: its fraction of all boulders,
+    their mean energy, and an energy that 95 % of the boulders from each cell do not exceed."""
     rates = table["frequency"].to_numpy()
     parts = parts_of_total(rates) if rates.size else np.zeros(0, int)
     names = ("first", "50"), ("next", "30"), ("rest", "20")
@@ -55,8 +55,8 @@ def parts_and_words(table: pd.DataFrame) -> tuple[np.ndarray, list[Text]]:
 
 
 def parts_of_total(rates: np.ndarray) -> np.ndarray:
-    """Class of each cell by its frequency above 0: 0 for cells that together contribute half of the
-    sum, 1 up to 80 %, and 2 for the rest; equal frequencies may be in two classes."""
+    """Class of each cell from its frequency above 0: 0 for the cells that together contribute half
+    of the total, 1 up to 80 %, 2 for the rest; equal frequencies may get different classes."""
     order = np.argsort(-rates, kind="stable")
     before = np.concatenate([[0.0], np.cumsum(rates[order])[:-1]]) / rates.sum()
     classes = np.empty(rates.size, int)
@@ -66,7 +66,7 @@ def parts_of_total(rates: np.ndarray) -> np.ndarray:
 
 @styled
 def origin_map(hazard: xr.Dataset, terrain: Terrain | None, place: Place, room: Room) -> Figure:
-    """Map of the sources of the boulders that reach a place."""
+    """Map of the sources from which boulders reach a place."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

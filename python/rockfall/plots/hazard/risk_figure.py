@@ -20,7 +20,7 @@ BROAD: dict[str, Any] = OBJECT | {"linewidth": 3.0}
 
 
 def risk_key(hazard: xr.Dataset) -> list[Any]:
-    """Legend handles of the classes that occur, the highest first."""
+    """Legend handles for the classes that occur, highest class first."""
     from matplotlib.patches import Patch
 
     numbers = {*hazard["object_risk_class"].values.tolist()}
@@ -33,7 +33,7 @@ def risk_key(hazard: xr.Dataset) -> list[Any]:
 
 
 def draw_risk(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw objects in the colours of their classes, with names and individual risks."""
+    """Draw objects in class colours, with names and individual risks."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard along roads: frequencies, energies and heights of each segment against the chainage."""
+"""Hazard along roads: frequency, energy and height of each segment against chainage."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ABOVE = (BLUE, GREEN, VERMILION)  # colours: all boulders, then boulders above each threshold
-FALLS = 3.0  # number of decades on the frequency axis
+FALLS = 3.0  # decades on the frequency axis
 PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # panel -> column
-ROOM = 5.0  # factor above the highest frequency, as space for the legend
+ROOM = 5.0  # factor above the highest frequency that leaves space for the legend
 
 
 def roads_of_segments(hazard: xr.Dataset) -> list[str]:
-    """Names of the roads of a hazard, in their order."""
+    """Names of the segmented roads of a hazard, in order."""
     return list(dict.fromkeys(hazard["segment_road"].values.tolist()))
 
 
 @styled
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: hazard class, annual frequencies with 95 % bands, and 95 %
-    quantiles of the energy and upper-edge height of boulders that touch them. Hatched without an
-    upper limit, because boulders are too few."""
+    quantiles of energy and upper-edge height of boulders that touch them. Bands are hatched
+    without an upper limit, because there are too few boulders."""
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()
@@ -98,7 +98,7 @@ def _draw_frequencies(axes: Axes, rows: pd.DataFrame, thresholds: list[float]) -
 def _draw_steps(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str | None = None
 ) -> None:
-    """Draw a segment quantity as steps with a band, hatched without an upper limit."""
+    """Draw a quantity by segment as steps with a band, hatched without an upper limit."""
     top = rows[[name, f"{name}_high"]].max().max()
     for k, (_, row) in enumerate(rows.iterrows()):
         ends = [row["chainage_from"], row["chainage_to"]]

@@ -34,8 +34,8 @@ SHOWN = {name: QUANTITIES["fraction" if name == "boulders" else name] for name i
 
 
 def figure(convergence: Convergence, paths: Sequence[Path]) -> None:
-    """Draw the statistics of each line against the number of boulders, with errors below. The
-    figure is written to each of `paths`, in the format of its extension."""
+    """Draw the statistics of each line against the number of boulders, and the errors below. Write
+    the figure to each of `paths`, in the format of its extension."""
     page = _page(convergence)
     for path in paths:
         save(page, path, dpi=200)
@@ -56,7 +56,7 @@ def _page(convergence: Convergence) -> Figure:
         _errors(left, _at(convergence.error, line), _at(convergence.cost, line), plain(line))
         _terrains(right, _at(convergence.numerical, line), plain(line))
         if left.get_yscale() == "log":
-            left.set_ylim(bottom=0.01)  # smaller errors are irrelevant
+            left.set_ylim(bottom=0.01)  # smaller errors do not matter
     page.legend(handles=_key(), loc="outside lower center", ncols=5)
     return page
 
@@ -75,16 +75,16 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
             n, scale * rows["low"], scale * rows["high"], color=colour, alpha=0.2, lw=0
         )
         axes.plot(n, scale * rows["value"], color=colour, marker=MARKERS[quantity], ms=3, lw=1)
-    n = table["boulders"]  # all sizes, even where no boulder crosses
+    n = table["boulders"]  # all sizes, including those without a crossing
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))
     if quantity != "boulders" and (table["value"] > 0).any():
-        _logarithmic(axes, "y")  # so that equal heights are equal percentages
+        _logarithmic(axes, "y")  # equal heights are equal percentages
     axes.set_title(f"{capital(SHOWN[quantity].title)} at {line}")
 
 
 def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> None:
-    """Draw Monte Carlo error against CPU time, both on logarithmic scales."""
+    """Draw the Monte Carlo error against CPU time on logarithmic scales."""
     for (quantity, statistic), group in table.groupby(KEYS[1:], sort=False):
         colour, marker = COLOURS[statistic], MARKERS[quantity]
         look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5, "lw": 0.8}
@@ -100,7 +100,7 @@ def _errors(axes: Axes, table: pd.DataFrame, cost: pd.DataFrame, line: str) -> N
 
 
 def _terrains(axes: Axes, table: pd.DataFrame, line: str) -> None:
-    """Draw the changes by terrain variant, and the Monte Carlo error."""
+    """Draw the changes for terrain variants, and the Monte Carlo error."""
     variants = list(dict.fromkeys(table["variant"]))
     labels = []
     for k, variant in enumerate(variants):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequency against energy at places of hazards: a panel per place, a curve per variant."""
+"""Frequency against energy at places of hazards: a panel for each place, a curve for each
+variant."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the difference between a variant and the first variant."""
+"""Maps of differences between a variant and the first variant."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ LESS, MORE, UNDECIDED = "#0072B2", "#D55E00", "#BBBBBB"  # colours by Okabe and 
 def difference_figure(
     maps: Mapping[str, xr.DataArray], variant: str, terrain: Terrain | None = None
 ) -> Figure:
-    """Map of cells where fewer or more boulders pass in a variant, from `difference_maps`; grey
-    where the verdict is undecided."""
+    """Map of cells that fewer or more boulders pass in a variant, from `difference_maps`;
+    undecided cells are grey."""
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
 

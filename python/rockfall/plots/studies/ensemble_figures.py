@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Effects of uncertain inputs on the statistics at the lines, compared with the Monte Carlo error;
-and posteriors of a back-analysis."""
+"""Effects of uncertain inputs on statistics at lines, compared with the Monte Carlo error; and
+posteriors of a back-analysis."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ PANEL, BINS = 1.5, 16  # panel size of a posterior [inch], and bins of its densi
 
 @styled
 def ranges_figure(data: xr.Dataset) -> Figure:
-    """Panels for a line: 90 % of the draws in grey, the unchanged case with interval in blue."""
+    """Panels for a line: 90 % of the draws in grey, the unchanged case with its interval in
+    blue."""
     lines = line_names(data)
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)
@@ -64,9 +65,9 @@ def _draw(axes: Axes, at: xr.Dataset, quantity: str, names: list[str]) -> None:
 
 @styled
 def posterior_figure(analysis: Back) -> Figure:
-    """Matrix of panels, one row and column per parameter. The diagonal has densities of the prior
-    (grey) and posterior (blue), with lines at the posterior's 5, 50 and 95 % quantiles; panels
-    below it have draws of both. Impact sets, which have no order, are not shown."""
+    """Matrix of panels, with a row and a column for each parameter. The diagonal has the densities
+    of prior (grey) and posterior (blue), with lines at 5, 50 and 95 % of the posterior; panels
+    below have draws of both. Impact sets, which have no order, are omitted."""
     shown, table = list(parameters(analysis)), posterior_table(analysis)
     first = analysis.members.iloc[: analysis.inputs.design[..., 0].size]
     prior, draws = ([table[parameter.column] * (parameter.scale or 1.0) for parameter in shown]

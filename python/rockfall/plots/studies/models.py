@@ -23,8 +23,8 @@ PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name
 
 @styled
 def models_figure(models: Models) -> Figure:
-    """Row of panels for each line, and a row for the run-out: statistics with 95 % intervals, one
-    row per model. Bars are means or fractions, open marks 95 % quantiles."""
+    """Row of panels for each line and for the run-out: statistics with 95 % intervals, with a row
+    for each model. Bars are means or fractions, open marks 95 % quantiles."""
     lines = [line for line in dict.fromkeys(models.table["line"]) if line]
     deep = 0.55 + 0.17 * len(models.names)
     figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))
@@ -40,7 +40,7 @@ def models_figure(models: Models) -> Figure:
 
 
 def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, label: str) -> None:
-    """Draw a quantity for all models, with a thin line at the first model."""
+    """Draw a quantity for all models, with a thin line at the value of the first."""
     shown = QUANTITIES[label]
     here = models.table[(models.table["line"] == line) & (models.table["quantity"] == quantity)]
     places = np.arange(len(models.names))
@@ -61,5 +61,5 @@ def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, 
 
 
 def _ends(value: pd.Series, low: pd.Series, high: pd.Series) -> np.ndarray:
-    """Lengths of intervals to either side; empty without intervals."""
+    """Interval lengths on both sides; empty without intervals."""
     return np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)

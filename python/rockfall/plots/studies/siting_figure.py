@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figure of the siting of a barrier: loads and requirements against the distance upslope."""
+"""Figure of a barrier siting: loads and requirements against upslope distance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 @styled
 def siting_figure(siting: Siting) -> Figure:
     """Energy, height and boulders at each alignment with 95 % intervals, and limits as lines. The
-    best alignment is marked, with those not significantly different."""
+    best alignment is marked, as are those that do not differ significantly."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
@@ -54,7 +54,7 @@ def siting_figure(siting: Siting) -> Figure:
 def _draw(
     axes: Axes, table: pd.DataFrame, name: str, factor: float, colour: str, label: str
 ) -> None:
-    """Draw a number for each alignment with its interval; a triangle: no upper limit."""
+    """Draw a value for each alignment with its interval; a triangle marks a missing upper limit."""
     value, low, high = (factor * table[name + end].to_numpy() for end in ENDS)
     ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
     style: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 0.8, "color": colour, "label": label}
@@ -65,7 +65,7 @@ def _draw(
 
 
 def _mark(axes: Axes, table: pd.DataFrame) -> None:
-    """Mark the best alignment and those not significantly different."""
+    """Mark the best alignment and those that do not differ significantly."""
     for choice, linestyle in ((BEST, "-"), (NOT_DISTINGUISHED, ":")):
         for distance in table["distance"][table["choice"] == choice]:
             axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)
