@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds: rebound models that replace the impact sets of a case, and the tables that define
-grounds (docs/grounds.md). The kernel defines the parameters of each model and their ranges.
+"""Grounds: rebound models that replace the impact sets of a case, and tables that define grounds
+(docs/grounds.md). The kernel defines the parameters of each model and their ranges.
 """
 
 import importlib.resources
@@ -34,17 +34,17 @@ from rockfall.io.zone_table import PAIR, NamedGround, Zone
 from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
 
-IMPACT_SETS = "impact_sets"  # model of a ground outside the table of grounds
-BLOCK_TABLE = "impact_table"  # model: impact table for blocks and their ground
+IMPACT_SETS = "impact_sets"  # model of a ground that is not in the ground table
+BLOCK_TABLE = "impact_table"  # model: impact table of blocks on yielding ground
 RATIO_TABLE = "ratio_table"  # model: impact table by R_b/R_m
-TABLES = BLOCK_TABLE, RATIO_TABLE  # models of impact tables
+TABLES = BLOCK_TABLE, RATIO_TABLE  # models that use impact tables
 YIELDING = "ploughed", "hard"  # models with a plane of impact tables
-ENSEMBLE = "-ensemble"  # suffix of the name of an ensemble
-ANY_RADIUS = 0.02, 20.0  # R_b [m] of boulders whose volumes are not in the case
-ABSORBS = "absorbs"  # model of a ground without rebound
-MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum number per scene
+ENSEMBLE = "-ensemble"  # suffix for names of ensembles
+ANY_RADIUS = 0.02, 20.0  # range of R_b [m] if the case does not give the volumes
+ABSORBS = "absorbs"  # model of a ground without rebounds
+MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum grounds in a scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
-#: Requirements that a case lacks if it names no ground.
+#: Missing inputs of a case that gives no ground.
 NO_GROUND: Mapping[str, None] = MappingProxyType(dict.fromkeys(("ground", *PAIR)))
 
 
@@ -53,35 +53,35 @@ class Plane(NamedTuple):
 
     model: str  # one of YIELDING
     ground: YieldingGround
-    radii: tuple[float, float]  # range of usual R_b [m]
-    weight: float  # of boulders, rho_b g [N/m3]
+    radii: tuple[float, float]  # usual range of R_b [m]
+    weight: float  # unit weight of boulders, rho_b g [N/m3]
 
 
 class GroundRule(NamedTuple):
-    """A ground as passed to the kernel."""
+    """A ground in the form passed to the kernel."""
 
     name: str
     model: str = IMPACT_SETS
-    text: bytes = b""  # content: impact set file, or a row of parameters
-    file: str = ""  # source of the content, for messages
-    rest_angle: float | None = None  # [degree]; None: not given, as for rocky ground
-    block_radius: float = math.nan  # R_b [m] of the largest blocks of its table; NaN: none
-    plane: Plane | None = None  # plane of its table
+    text: bytes = b""  # content of an impact set file, or a row of parameters
+    file: str = ""  # source of the content, used in messages
+    rest_angle: float | None = None  # [degree]; None if not given, as for rocky ground
+    block_radius: float = math.nan  # R_b [m] of the largest blocks in its table; NaN: no table
+    plane: Plane | None = None  # plane with its table
     table: ImpactTable | None = None
 
     @property
     def has_case_sets(self) -> bool:
-        """Return True for the ground with the impact sets of the case."""
+        """Return True if the ground uses the case's impact sets."""
         return not self.text and self.table is None
 
     @property
     def rocks(self) -> int:
-        """Required data on rocks of the ground: 0 none, 1 their size, 2 a size above zero."""
+        """Rock data that the ground requires: 0 none, 1 a size, 2 a size above zero."""
         return models()[self.model]
 
 
 class Parameter(NamedTuple):
-    """A column of a table of grounds, as a row of the kernel's table."""
+    """A column of a ground table, as a row of the kernel's parameter table."""
 
     name: str
     default: str
@@ -98,7 +98,7 @@ class Parameter(NamedTuple):
 
 @cache
 def models() -> dict[str, int]:
-    """Models of grounds, with the required data on rocks as in `GroundRule.rocks`."""
+    """Models of grounds, with the rock data that each requires, as in `GroundRule.rocks`."""
     rows: dict[str, int] = {}
     while text := _core.table_row("ground_models", len(rows) + 1).decode().strip():
         name, rocks = text.split("|")
@@ -108,7 +108,7 @@ def models() -> dict[str, int]:
 
 @cache
 def _columns() -> tuple[Parameter, ...]:
-    """The kernel's table of parameters; the first is the model."""
+    """The kernel's parameter table; the model comes first."""
     rows: list[Parameter] = []
     while text := _core.table_row("ground_parameters", len(rows) + 1).decode().strip():
         _, name, _, _, default, allowed, unit, meaning, _, takers = text.split("|")
@@ -117,31 +117,31 @@ def _columns() -> tuple[Parameter, ...]:
 
 
 def parameters() -> tuple[Parameter, ...]:
-    """Parameters of all models, without the model itself."""
+    """Parameters of all models, without the model column."""
     return _columns()[1:]
 
 
 @cache
 def repose() -> float:
-    """Rest angle of rocky ground [degree], also the default."""
+    """Rest angle of rocky ground [degree], which is also the default."""
     return next(
         float(parameter.default) for parameter in parameters() if parameter.name == "rest_angle"
     )
 
 
 def shipped_grounds() -> Path:
-    """Path of the shipped table."""
+    """Path of the included ground table."""
     return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))
 
 
 def other_tables() -> dict[str, Path]:
-    """Other shipped tables of grounds, by the name used in cases."""
+    """Other included ground tables, by the name used in cases."""
     folder = shipped_grounds().parent
     return {path.stem.partition("_")[2]: path for path in sorted(folder.glob("grounds_*.csv"))}
 
 
 def table_path(case: Case) -> Path:
-    """Path of the table of grounds of a case: the case's own, or a shipped table."""
+    """Path of the ground table of a case: its own, or an included table."""
     own = case.surface.get("ground_table")
     if not own:
         return shipped_grounds()
@@ -149,7 +149,7 @@ def table_path(case: Case) -> Path:
 
 
 class GroundTable:
-    """Rows of a table of grounds, by name and by id."""
+    """Rows of a ground table, by name and by id."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -160,7 +160,7 @@ class GroundTable:
             if needed not in columns:
                 raise RockfallError(f"{where}: no column {needed}, has: {', '.join(columns)}")
         self.rows: dict[str, Row] = {}
-        self.names: dict[int, str] = {}  # by id
+        self.names: dict[int, str] = {}  # names by id
         for row in rows:
             self._take(row)
 
@@ -181,7 +181,7 @@ class GroundTable:
 
     def ground(self, name: str, case: Case, pair: Mapping[str, float] | None = None) -> GroundRule:
         """Ground of a row, for the boulders of a case; `pair` (strength [Pa], relief [degree])
-        replaces the values of the row. The kernel checks the numbers.
+        replaces the values of the row. The kernel checks the values.
         """
         row, pair = self.rows[name], pair or {}
         model = row.choice("model", _columns()[0].allowed.split(", "))
@@ -195,23 +195,23 @@ class GroundTable:
 
     @property
     def yielding(self) -> list[str]:
-        """Names of the rows that use planes of impact tables."""
+        """Names of rows that use planes of impact tables."""
         return [name for name, row in self.rows.items() if row.cells["model"] in YIELDING]
 
 
 def _numbers(row: Row) -> dict[str, float]:
-    """Numbers given in a row, by column."""
+    """Numbers in a row, by column; empty cells are omitted."""
     names = (parameter.name for parameter in parameters())
     return {name: row.number(name) for name in names if row.cells.get(name)}
 
 
 def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
-    """Model and values of a row that uses a plane of tables."""
+    """Model and values for a row that uses a plane of tables."""
     return row.cells["model"], _yielding(_numbers(row))
 
 
 def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
-    """Ground with these numbers; others have the kernel's defaults."""
+    """Ground with these values; missing values have the kernel's defaults."""
     usual = {
         key.name: float(key.default)
         for key in parameters()
@@ -221,7 +221,7 @@ def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
 
 
 def is_calibrated(plane: Plane) -> bool:
-    """Return True for the strength and relief of a shipped ground."""
+    """Return True if strength and relief are those of an included ground."""
     apart = {"rest_angle": 0.0, "strength_sigma": 0.0}
     shipped = (yielding_ground(shipped_rows().rows[name]) for name in shipped_rows().yielding)
     own = plane.model, plane.ground._replace(**apart)
@@ -229,7 +229,7 @@ def is_calibrated(plane: Plane) -> bool:
 
 
 def check_yielding(where: str, model: str, numbers: Mapping[str, float]) -> None:
-    """Refuse values of a ground that the kernel refuses."""
+    """Raise the kernel's error for invalid values of a ground."""
     _check_text(_row_text(model, numbers), where)
 
 
@@ -245,8 +245,8 @@ def _row_text(model: str, numbers: Mapping[str, float | str]) -> str:
 def _plane_rule(
     name: str, model: str, text: str, numbers: Mapping[str, float], where: str, case: Case
 ) -> GroundRule:
-    """Ground with a plane of tables, for the boulders of a case. The kernel first checks the
-    numbers, because parts can only be selected for valid numbers.
+    """Ground with a plane of tables, for the boulders of a case. The kernel checks the values
+    first, because parts can only be selected for valid values.
     """
     _check_text(text, where)
     ground = _yielding(numbers)
@@ -260,14 +260,14 @@ def _plane_rule(
 
 
 def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
-    """Return the ground with the tables of a block shape."""
+    """Ground with the tables of a block shape."""
     table = plane_table(plane.model, shape, plane.ground, np.array(plane.radii), plane.weight)
     return rule._replace(plane=plane, table=table, block_radius=block_radius(table))
 
 
 def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) -> GroundRule:
-    """Return a ground with strength and relief multiplied by factors, clipped to their limits,
-    which are far outside all tables.
+    """Ground with strength and relief multiplied by factors, and clipped to limits far outside all
+    tables.
     """
     assert rule.plane is not None
     given = rule.plane.ground
@@ -281,7 +281,7 @@ def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) ->
 
 
 def usual_radii(case: Case) -> tuple[float, float]:
-    """Minimum and maximum R_b [m] of nearly all boulders of a case."""
+    """Minimum and maximum R_b [m] of nearly all boulders in a case."""
     given = facts(case, "boulder", "release", "breakage")
     low, high = _core.usual_radii(in_kernel(case)).tolist()
     if given.by_raster or given.by_layer or not {"points", "polygons"}.isdisjoint(case.release):
@@ -291,19 +291,19 @@ def usual_radii(case: Case) -> tuple[float, float]:
 
 @cache
 def shipped_rows() -> GroundTable:
-    """The shipped table of grounds."""
+    """The included ground table."""
     return GroundTable(shipped_grounds())
 
 
 def table_names() -> list[str]:
-    """Names of shipped grounds with impact tables, for each block shape or for all."""
+    """Names of included grounds with impact tables, for each block shape or for all shapes."""
     return sorted([*shipped_rows().yielding, *tables_of_all_shapes()])
 
 
 @cache
 def band(name: str) -> tuple[str, ...]:
-    """Names of the next softer and the next firmer shipped ground with impact tables. At the ends
-    of the scale there is only one; for a ground whose strength depends on boulder size, none.
+    """Names of the next softer and the next firmer included ground with impact tables. At the ends
+    of the scale there is only one name; for a ground whose strength depends on boulder size, none.
 
     >>> band("meadow")
     ('vegetated-soil', 'compact')
@@ -320,7 +320,7 @@ def band(name: str) -> tuple[str, ...]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of the uncertain parameters of a shipped ground, by draw; may be empty."""
+    """Values of the uncertain parameters of an included ground, by draw; may be empty."""
     _, columns, rows = read_table(_draws())
     return [
         {key: row.number(key) for key in columns if key != "ground"}
@@ -334,13 +334,13 @@ def _draws() -> Path:
 
 
 def ensemble_names() -> list[str]:
-    """Names of shipped ensembles of grounds, which only `&ensemble sets` accepts."""
+    """Names of included ensembles of grounds, which are only allowed in `&ensemble sets`."""
     return [name + ENSEMBLE for name in shipped_rows().yielding if draws_of(name)]
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """File of impact sets or an impact table, shipped or next to the case (None if not found); and
-    whether it is a table.
+    """File of impact sets or of an impact table, included or next to the case (None if not found);
+    and True if it is a table.
     """
     if name in ensemble_names():
         return _draws(), True
@@ -352,7 +352,7 @@ def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """Ground with a given name: a row of the table of grounds, an impact table, or impact sets.
+    """Ground with a given name: a row in the ground table, an impact table, or impact sets.
     `where` is the position of the name, for messages.
     """
     if name in table.rows:
@@ -377,7 +377,7 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
 
 
 def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
-    """Ground of a zone that gives a ground, or its own strength or relief."""
+    """Ground of a zone that gives a ground, a strength or a relief."""
     named = zone.ground_in(named_ground(case))
     rule = find_ground(case, table, named.name, f"{zone.where}: ground")
     return _with_pair(rule, case, table, named, f"{zone.where}: ")
@@ -396,7 +396,7 @@ def case_ground(case: Case, table: GroundTable) -> GroundRule:
 def _with_pair(
     rule: GroundRule, case: Case, table: GroundTable, named: NamedGround, where: str
 ) -> GroundRule:
-    """Replace the strength and relief of a ground; `where` is the beginning of messages."""
+    """Replace strength and relief of a ground; messages start with `where`."""
     if not named.pair:
         return rule
     limits = {parameter.name: parameter.limits for parameter in parameters()}
@@ -415,12 +415,13 @@ def _with_pair(
 
 
 def usual_key(case: Case) -> str:
-    """Key of `impact` for the impact sets or table of a case."""
+    """Key of &impact used by a case: sets or table."""
     return "sets" if case.impact["form"] == "matrix" else "table"
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Default ground, impact sets or impact table: for places without a zone or cell ground."""
+    """Default ground, impact sets or impact table, for places without a ground from a zone or
+    cell."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)
@@ -459,7 +460,7 @@ def table_ground(case: Case, name: str) -> GroundRule:
 
 
 def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:
-    """Grounds of all draws of an ensemble; a single ground for a single table."""
+    """Grounds from all draws of an ensemble, or a single ground from a single table."""
     if name not in ensemble_names():
         return [table_ground(case, name)]
     ground = name.removesuffix(ENSEMBLE)
@@ -473,14 +474,14 @@ def ensemble_grounds(case: Case, name: str) -> list[GroundRule]:
 
 
 def block_radius(table: ImpactTable) -> float:
-    """R_b [m] of the largest blocks of a table; NaN if the table does not depend on R_b."""
+    """R_b [m] of the largest blocks in a table; NaN if the table does not depend on R_b."""
     ground = table.ground
     largest = float(table.size.max())
     return float(_core.largest_block(largest, ground.strength, ground.strength_radius))
 
 
 def block_axes() -> dict[str, tuple[float, ...]]:
-    """Axes of the blocks of each shape, relative to the longest."""
+    """Axes of the blocks for each shape, relative to the longest axis."""
     axes = kernel_numbers("block_axes").reshape(-1, 3).tolist()
     return dict(zip(BLOCK_SHAPES, map(tuple, axes), strict=True))
 
@@ -488,9 +489,9 @@ def block_axes() -> dict[str, tuple[float, ...]]:
 def grounds_by_shape(
     grounds: Sequence[GroundRule], shapes: Collection[str]
 ) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
-    """Grounds for boulders of some block shapes: the given grounds with the table of one shape,
-    then substitutes for the other shapes; and, for each of BLOCK_SHAPES, the number (from 1) of the
-    ground that replaces each given ground.
+    """Grounds for boulders of several block shapes: the given grounds with the table of one shape,
+    then their replacements for other shapes; and, for each of BLOCK_SHAPES, the number (from 1) of
+    the ground that replaces each given ground.
     """
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
@@ -509,6 +510,6 @@ def grounds_by_shape(
 
 
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:
-    """Refuse more grounds than a scene may have."""
+    """Refuse more grounds than a scene can have."""
     if (number := len(list(grounds))) > MAX_GROUNDS:
         raise RockfallError(f"{where}: {number} grounds: at most {MAX_GROUNDS}")

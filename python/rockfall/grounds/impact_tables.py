@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Impact tables: netCDF files, and arrays of a scene (docs/impact_tables.md)."""
+"""Impact tables: netCDF files, and their arrays in a scene (docs/impact_tables.md)."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
-INPUTS, MAPPED = 4, 3  # V_t, V_n, W, height; along, V_n, W
-BY_SOURCE = "source"  # value of block_shape for shapes from sources
-#: Numbered from 1.
+INPUTS, MAPPED = 4, 3  # number of inputs (V_t, V_n, W, height) and of mapped ones (along, V_n, W)
+BY_SOURCE = "source"  # value of block_shape if sources give the shapes
+#: Block shapes, numbered from 1.
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
 )
 SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
-BY_BIN = "map", "low", "high"  # arrays over bins
+BY_BIN = "map", "low", "high"  # arrays with a value for each bin
 KINDS = "flight", "roll"
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
-MARGIN = 3.3  # covered standard deviations of the strength
+MARGIN = 3.3  # range of strengths covered, in standard deviations
 
-#: Laboratory parameters of all grounds of a model (docs/impact_tables.md), with little influence on
-#: contacts.
+#: Laboratory parameters common to all grounds of a model (docs/impact_tables.md), with little
+#: influence on contacts.
 CONSTANTS: dict[str, dict[str, Any]] = {
     "ploughed": {
         "plough": True,
@@ -57,35 +57,35 @@ CONSTANTS: dict[str, dict[str, Any]] = {
 
 
 class YieldingGround(NamedTuple):
-    """Ground with an impact table, as a row of a table of grounds (docs/grounds.md)."""
+    """Ground with an impact table, as a row of a ground table (docs/grounds.md)."""
 
     rest_angle: float = 90.0  # stopped boulders roll again on steeper ground [degree]
     strength: float = 0.0  # median yield pressure [Pa]; 0: never yields
     strength_sigma: float = 0.0  # standard deviation of ln(strength) between boulders [-]
     strength_radius: float = 0.0  # R_b [m] of that strength if proportional to R_b; else 0
-    relief: float = 0.0  # standard deviation of the slope of the relief [degree],
-    relief_radius: float = 1.0  # for this R_b [m]
+    relief: float = 0.0  # standard deviation of the slope of the relief [degree]
+    relief_radius: float = 1.0  # R_b [m] to which it applies
     hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
 
     def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
-        """Size parameter rho_b g R_b/strength, from radii R_b [m] and weight rho_b g [N/m3]."""
+        """Size parameter rho_b g R_b/strength for radii R_b [m] and unit weight rho_b g [N/m3]."""
         scale = radius / self.strength_radius if self.strength_radius else np.ones_like(radius)
         return weight * radius / (self.strength * scale)
 
     def reliefs(self, radius: np.ndarray) -> np.ndarray:
-        """Slope of the relief [degree] for boulders of radii R_b [m]."""
+        """Slope of the relief [degree] for boulders with radii R_b [m]."""
         return self.relief * (radius / self.relief_radius) ** (self.hurst - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class ImpactTable:
     """Records of contacts in bins (theory, chapter 5), in parts by boulder size (columns) and
-    ground relief (rows); the rows follow one another. Edges: (part, bins of the keys before,
-    edges); `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS), `record` (record, FIELDS)
-    in the order of their bins, bin b from `first[b]`, counted from 0.
+    ground relief (rows), stored row by row. Arrays of edges: (part, bins of the previous keys,
+    edges). `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS). `record` (record, FIELDS)
+    is ordered by bin; bin b starts at the 0-based index `first[b]`.
     """
 
-    size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b/strength of yielding ground
+    size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b/strength for yielding ground
     relief: np.ndarray  # (row): slope of the relief [degree]
     edges: dict[str, np.ndarray]
     first: np.ndarray
@@ -99,21 +99,21 @@ class ImpactTable:
 
     @property
     def bins(self) -> dict[str, list[int]]:
-        """Numbers of bins by key, for each kind."""
+        """Numbers of bins by key, for each kind of contact."""
         return {
             kind: [self.edges[f"{kind}_edge_{key}"].shape[-1] + 1 for key in (1, 2, 3)]
             for kind in KINDS
         }
 
     def equals(self, other: ImpactTable) -> bool:
-        """Return True if another table is identical for the kernel, bit for bit."""
+        """Return True if another table is bit-identical for the kernel."""
         own, others = table_arrays([self]), table_arrays([other])
         return own.keys() == others.keys() and all(
             np.array_equal(array, others[name]) for name, array in own.items()
         )
 
     def columns(self, low: float, high: float) -> ImpactTable:
-        """Select the columns for sizes from `low` to `high` of a table with a single row."""
+        """The columns for sizes from `low` to `high` in a table with a single row."""
         kept = _around(self.size, low, high)
         per_part = (len(self.first) - 1) // len(self.size)
         bins = slice(kept.start * per_part, kept.stop * per_part)
@@ -129,7 +129,7 @@ class ImpactTable:
 
 
 def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
-    """Arrays of tables in a scene, one table after the other (docs/files.md); {} without tables."""
+    """Arrays of consecutive tables in a scene (docs/files.md); {} without tables."""
     arrays: dict[str, list[np.ndarray]] = {}
     for table in tables:
         sizes = len(table.size), len(table.relief)
@@ -153,14 +153,14 @@ def table_arrays(tables: Sequence[ImpactTable]) -> dict[str, np.ndarray]:
 
 
 def _around(values: np.ndarray, low: float, high: float) -> slice:
-    """Slice of increasing values that encloses a range, or of the values nearest to it."""
+    """Slice of increasing values that encloses a range, or the nearest values."""
     last = len(values) - 1
     first = min(max(int(np.searchsorted(values, low, "right")) - 1, 0), last)
     return slice(first, max(first, min(int(np.searchsorted(values, high)), last)) + 1)
 
 
 def joined_rows(rows: Sequence[ImpactTable], ground: YieldingGround) -> ImpactTable:
-    """Join rows with equal columns and bins into the table of a ground."""
+    """Join rows with equal columns and bins to the table of a ground."""
     before = np.cumsum([0, *(len(row.record) for row in rows)])
     records = [row.record.copy() for row in rows]
     for record, start in zip(records, before, strict=False):
@@ -185,8 +185,8 @@ def plane_table(
     radii: np.ndarray,
     weight: float = USUAL_WEIGHT,
 ) -> ImpactTable:
-    """Select the parts of a plane of impact tables for boulders with R_b from radii[0] to radii[1]
-    [m] and a weight [N/m3], on a ground whose `strength` varies by MARGIN.
+    """Parts of a plane of impact tables for boulders with R_b from radii[0] to radii[1] [m] and
+    this unit weight [N/m3], on a ground whose `strength` varies by MARGIN.
     """
     files = plane_files(model, shape)
     reliefs = np.array(list(files))
@@ -210,7 +210,7 @@ def softest_thrown(model: str) -> float:
 
 @cache
 def plane_files(model: str, shape: str) -> dict[float, Path]:
-    """Files of the rows of a plane, by increasing relief [degree]."""
+    """Files with the rows of a plane, by increasing relief [degree]."""
     files = {
         float(name.rpartition("-")[2]): path
         for name, path in shipped_tables().items()
@@ -248,19 +248,19 @@ def _write(table: ImpactTable, path: Path) -> None:
 
 @cache
 def shipped_tables() -> dict[str, Path]:
-    """Files of the shipped tables, by name."""
+    """Files of included tables, by name."""
     folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_tables"))
     return {path.stem: path for path in sorted(folder.glob("*.nc"))}
 
 
 def possible_shapes(case: Case) -> list[str]:
-    """Block shapes of the boulders of a case: with a fraction above zero, or by their axes."""
+    """Block shapes of a case's boulders: shapes with a fraction above zero, or given by axes."""
     given = facts(case, "boulder")
     return [shape for shape in BLOCK_SHAPES if getattr(given, f"is_{shape}")]
 
 
 def own_table(case: Case, name: str) -> Path | None:
-    """File of a table named in a case, shipped or next to the case; None if not found."""
+    """File of a table that a case names, included or next to the case; None if not found."""
     if name in tables_of_all_shapes():
         return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
@@ -270,13 +270,13 @@ def own_table(case: Case, name: str) -> Path | None:
 
 @cache
 def tables_of_all_shapes() -> list[str]:
-    """Names of shipped tables that do not belong to planes."""
+    """Names of included tables that do not belong to planes."""
     return [name for name in shipped_tables() if not re.search(r"-[0-9.]+$", name)]
 
 
 @lru_cache(maxsize=64)
 def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactTable:
-    """Read the table in a file; the first and last arguments are cache keys."""
+    """Read a table from a file; the first and last arguments are only cache keys."""
     try:
         data = load_dataset(path)
     except RockfallError:
@@ -300,6 +300,6 @@ def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactT
 
 
 def open_table(path: str | Path) -> ImpactTable:
-    """Read a file written by `save_table`; cached until the file is replaced."""
+    """Read a file written by `save_table`; cached until the file changes."""
     state = os.stat(path)
     return _read_table(os.path.abspath(path), path, (state.st_ino, state.st_mtime_ns))

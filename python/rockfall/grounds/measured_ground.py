@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strength and relief of a ground from field evidence: impact scars, and elevations of a patch
+"""Strength and relief of a ground from field data: impact scars, and elevations of a patch
 (theory, chapter 14).
 """
 
@@ -27,12 +27,12 @@ from rockfall.kernel_rules import USUAL_DENSITY
 from rockfall.limits import MAX_NAME
 
 GRAVITY = float(keys_of("flight")["gravity"].default)  # [m/s2]
-UPRIGHT = 0.4  # pressure on an upright ploughing facet, relative to a flat one, as in pressure.f90
+UPRIGHT = 0.4  # pressure on an upright ploughing facet relative to a flat facet, as in pressure.f90
 SPHERE = "sphere"
-BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # waves of the planes of tables
-BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # blocks, attitudes per block, depth steps
-EDGE = 0.25  # longest edge of facets, over R_b
-DEGREES_OF_TWO = 4.5  # relief that changes speeds like a factor 2 in strength
+BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # wavelengths in planes of tables
+BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # blocks, attitudes of each block, depth steps
+EDGE = 0.25  # longest edge of facets, in R_b
+DEGREES_OF_TWO = 4.5  # change of relief that has the effect on speeds of a factor 2 in strength
 COLUMNS = (
     "depth", "depth_error", "mass", "volume", "density", "fall", "fall_error", "speed",
     "speed_error",
@@ -46,9 +46,9 @@ Scars = str | Path | Sequence[Mapping[str, float]]  # path of a table, or its ro
 
 
 class Scar(NamedTuple):
-    """Scar of a vertical impact on flat ground, or of the normal speed on a slope."""
+    """Scar of a vertical impact on flat ground, or of the normal velocity component on a slope."""
 
-    depth: float  # depth of the lowest point below the undisturbed ground [m]
+    depth: float  # lowest point below the undisturbed ground [m]
     depth_error: float  # standard error [m]
     radius: float  # R_b of the block [m]
     density: float  # [kg/m3]
@@ -58,13 +58,14 @@ class Scar(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredGround:
-    """A ground derived from measurements; NaN where evidence is missing.
+    """A ground derived from measurements; NaN for missing data.
 
-    `strength` [Pa] is the median of a lognormal distribution between boulders with `strength_sigma`
-    in its logarithm; `relief` [degree] is the slope of the relief for blocks of `radius` (R_b, m).
-    Errors are standard errors; those of the strength are of its logarithm. `strengths` has a value
-    for each scar, `scar_errors` its error from the readings of depth and fall, `attitude_sigma` the
-    scatter due to the unknown attitude of the blocks. `nearest` is the most similar shipped ground.
+    `strength` [Pa] is the median of a lognormal distribution over boulders; `strength_sigma` is
+    the standard deviation of its logarithm. `relief` [degree] is the slope of the relief for
+    blocks of `radius` (R_b, m). Errors are standard errors, for the strength of its logarithm.
+    `strengths` has a value for each scar, `scar_errors` the error from the readings of depth and
+    fall, `attitude_sigma` the scatter due to the unknown attitude of the blocks. `nearest` is the
+    most similar included ground.
     """
 
     model: str
@@ -85,7 +86,7 @@ class MeasuredGround:
     remarks: tuple[str, ...] = field(default=())
 
     def row(self, name: str, source: str) -> dict[str, str]:
-        """Row of a table of grounds, as text by column."""
+        """Row for a ground table, as text by column."""
         for key, text in (("name", name), ("source", source)):
             if not (text.strip() and text.isprintable()):
                 raise RockfallError(f"{key} = {text!r}: must be a line of text")
@@ -124,13 +125,13 @@ def measure_ground(
 ) -> MeasuredGround:
     """Measure strength and relief of a ground, each with its standard error.
 
-    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or normal
-    `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`, `speed_error`.
-    `patch` is a raster of elevations [m]. The relief includes waves from 2 to 32 R_b for blocks of
-    `radius` (R_b, m; default: mean of the scars); if the patch only has waves from `shortest` to
-    `longest` R_b, its Hurst exponent is used to extrapolate. `shape` is sphere, compact, elongated
-    or platy. `proportional` makes the strength proportional to R_b. Raises RockfallError for
-    implausible evidence.
+    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or
+    normal `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`,
+    `speed_error`. `patch` is a raster of elevations [m]. The relief includes waves from 2 to 32
+    R_b for blocks of `radius` (R_b, m; default: mean of the scars); if the patch only has waves
+    from `shortest` to `longest` R_b, its Hurst exponent is used to extrapolate. `shape` is sphere,
+    compact, elongated or platy. `proportional` makes the strength proportional to R_b. Raises
+    RockfallError for implausible data.
 
     >>> import rockfall
     >>> scar = {"depth": 0.2, "depth_error": 0.02, "mass": 780.0, "fall": 10.0}
@@ -180,7 +181,7 @@ def _check(name: str, value: float | None, low: float, high: float) -> None:
         raise RockfallError(f"{name} = {value:g}: must be {low:g} to {high:g}")
 
 
-# ---- strength
+# ---- Strength
 
 
 class _Strength(NamedTuple):
@@ -195,7 +196,7 @@ class _Strength(NamedTuple):
 
 
 def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -> _Strength:
-    """Lognormal distribution of the strength [Pa]; at R_b = radius, if proportional to R_b."""
+    """Lognormal distribution of the strength [Pa], at R_b = radius if proportional to R_b."""
     if not scars:
         return _Strength()
     by_scar = [_of_scar(scar, model, shape) for scar in scars]
@@ -206,7 +207,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
     read_error = float(np.mean(errors**2 + attitudes**2))
     spread = float(np.var(logs, ddof=1)) if n > 1 else math.nan
     sigma = math.sqrt(max(0.0, spread - read_error)) if n > 1 else math.nan
-    # increased by the standard error of the variance
+    # Includes the standard error of the variance.
     of_square = spread * math.sqrt(2 / (n - 1)) if n > 1 else math.nan
     sigma_error = math.sqrt(sigma**2 + of_square) - sigma
     error = math.sqrt(max(read_error, spread if n > 1 else 0.0) / n)
@@ -218,7 +219,8 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Log strength from a scar, its error from depth and speed, and its scatter due to attitude."""
+    """Log strength from a scar, its error due to depth and speed, and its scatter due to
+    attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)
@@ -238,12 +240,12 @@ def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
 def scaled_strength(
     depth: float, head: float, density: float, model: str, shape: str
 ) -> np.ndarray:
-    """Strength of flat ground, over rho_b g R_b, at which a block that does not rotate comes to
-    rest at `depth`, for each attitude (attitudes,).
+    """Strength of flat ground divided by rho_b g R_b, at which a block that does not rotate comes
+    to rest at `depth`, for each attitude (attitudes,).
 
-    `depth` and `head` = V_n^2/(2 g) are over R_b; `density` is the block's [kg/m3]. The contact
-    model is the laboratory's: yield pressure, inertia of displaced soil and friction on submerged
-    facets (theory, eqs. 14.21 to 14.24).
+    `depth` and `head` = V_n^2/(2 g) are divided by R_b; `density` is that of the block [kg/m3].
+    The contact model is as in the laboratory: yield pressure, inertia of displaced soil and
+    friction on submerged facets (theory, eqs. 14.21 to 14.24).
     """
     soil = CONSTANTS[model]["soil_density"] / density
     z, push, inertia = _resistance(model, shape)
@@ -265,7 +267,7 @@ def _integral(values: np.ndarray, step: float) -> np.ndarray:
 @cache
 def _resistance(model: str, shape: str) -> tuple[list[np.ndarray], ...]:
     """For each attitude: increasing heights of facets above the lowest point and, below each
-    height, vertical forces per pressure and per rho V^2 of the soil, over R_b.
+    height, vertical forces per pressure and per rho V^2 of the soil, all relative to R_b.
     """
     constants, draw = CONSTANTS[model], Uniform(1, 0)
     profiles: tuple[list[np.ndarray], ...] = ([], [], [])
@@ -294,7 +296,7 @@ def _resistance(model: str, shape: str) -> tuple[list[np.ndarray], ...]:
 
 
 def _sphere() -> Surface:
-    """Sphere of 1,000 vertices on a spiral."""
+    """Sphere with 1,000 vertices on a spiral."""
     k = np.arange(1000)
     z, turn = (2 * k + 1) / 1000 - 1, np.pi * (3 - np.sqrt(5)) * k
     side = np.sqrt(1 - z**2)
@@ -316,7 +318,7 @@ def _scars(scars: Scars) -> list[Scar]:
 
 
 def _scar(row: Row) -> Scar:
-    """Convert a row to a scar in SI units; implausible values are refused."""
+    """Scar from a table row, in SI units; implausible values are refused."""
 
     def either(first: str, second: str, low: float, high: float, low2: float, high2: float
                ) -> tuple[float, float]:  # fmt: skip
@@ -349,12 +351,12 @@ def _scar(row: Row) -> Scar:
     return Scar(depth, errors["depth"], radius, density, speed, errors["speed"])
 
 
-# ---- most similar shipped ground
+# ---- Most similar included ground
 
 
 def _nearest(model: str, radius: float, strength: float, relief: float) -> str:
-    """Shipped ground of a model with the most similar strength and relief at R_b = radius [m]; NaN
-    is ignored.
+    """Included ground of a model with the most similar strength and relief at R_b = radius [m];
+    NaN is ignored.
     """
     grounds = shipped_rows()
     distances: dict[str, float] = {}

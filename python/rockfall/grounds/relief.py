@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Relief of a ground: random surfaces of a given spectrum, and spectrum of a measured patch."""
+"""Relief of a ground: random surfaces with a given spectrum, and the spectrum of a measured
+patch."""
 
 from dataclasses import dataclass
 
@@ -8,19 +9,19 @@ import numpy as np
 from rockfall.errors import RockfallError
 from rockfall.grounds.uniform import Uniform
 
-CELLS = 512  # cells along the side of a patch
-CELLS_OF_WAVE = 16  # cells per shortest wave
+CELLS = 512  # cells along a side of a patch
+CELLS_OF_WAVE = 16  # waves across a measured patch, cells per wave
 WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements for a measured patch
 WINDOWED = 35 / 18  # waves per independent wave in a Hann window, along each axis
-RINGS = 12  # rings of wave numbers for fitting the Hurst exponent
-QUANTUM = 2.0**-20  # rounding of heights [R_b]: last bits of FFTs differ
+RINGS = 12  # rings of wavenumbers for the fit of the Hurst exponent
+QUANTUM = 2.0**-20  # rounding of heights [R_b], because the last bits of FFTs differ
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Isotropic random surface whose power decreases as wave number**(-2 - 2 hurst) between two
-    wave lengths (over the block radius R_b). `slope` is the standard deviation of the slope along a
-    line [degree]; 0: flat ground.
+    """Isotropic random surface whose power decreases as wavenumber**(-2 - 2 hurst) between two
+    wavelengths (in units of the block radius R_b). `slope` is the standard deviation of the slope
+    along a line [degree]; 0 is flat ground.
     """
 
     slope: float
@@ -30,7 +31,7 @@ class Spectrum:
 
 
 def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, float]:
-    """Heights (CELLS, CELLS, count) of periodic patches, and their width, over R_b."""
+    """Heights (CELLS, CELLS, count) and width of periodic patches, in units of R_b."""
     if spectrum.slope == 0:
         return np.zeros((1, 1, 1)), 1.0
     width = spectrum.shortest * CELLS / CELLS_OF_WAVE
@@ -38,7 +39,7 @@ def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, floa
 
 
 def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarray:
-    """Patch of white noise, filtered and scaled to the exact standard deviation of the slope."""
+    """Patch of filtered white noise, scaled to the exact standard deviation of the slope."""
     wave = np.fft.fftfreq(CELLS, width / CELLS)  # cycles per R_b
     square = wave[:, None] ** 2 + wave[None, :] ** 2
     inside = (square >= spectrum.longest**-2) & (square <= spectrum.shortest**-2)
@@ -46,7 +47,7 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
     gain[inside] = square[inside] ** (-0.5 - 0.5 * spectrum.hurst)
     noise = Uniform(seed, number).between(-1, 1, (CELLS, CELLS))
     spectrum_of_noise = gain * np.fft.fft2(noise)
-    # mean square of the slope along x, by Parseval
+    # Mean square slope along x, by Parseval's theorem.
     power = np.abs(spectrum_of_noise) ** 2 * square / 2
     slope = 2 * np.pi * np.sqrt(power.sum()) / CELLS**2
     heights = np.fft.ifft2(spectrum_of_noise).real * np.tan(np.radians(spectrum.slope)) / slope
@@ -54,12 +55,12 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
 
 
 def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
-    """Slope [degree] of a surface extrapolated to another band of wave lengths by its Hurst
+    """Slope [degree] of a surface in another band of wavelengths, extrapolated with its Hurst
     exponent.
     """
 
     def variance(waves: Spectrum) -> float:
-        """Integral of wave number**(1 - 2 hurst) over a band."""
+        """Integral of wavenumber**(1 - 2 hurst) over a band."""
         low, high, power = 1 / waves.longest, 1 / waves.shortest, 2 - 2 * spectrum.hurst
         if abs(power) < 1e-6:
             return float(np.log(high / low))
@@ -72,12 +73,12 @@ def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
 def measure(
     heights: np.ndarray, cell: float, radius: float, band: Spectrum, name: str
 ) -> tuple[Spectrum, float]:
-    """Spectrum of measured heights (rows, columns) [m] in square cells [m] within a band of wave
-    lengths, for blocks of radius R_b [m]; and the standard error of its slope [degree], from the
-    number of independent waves in the patch.
+    """Spectrum of measured heights (rows, columns) [m] in square cells [m] within a band of
+    wavelengths, for blocks of radius R_b [m]; and the standard error of its slope [degree], from
+    the number of independent waves in the patch.
 
-    A patch smaller than four times the longest wave, or too coarse for the shortest wave, is
-    refused; `name` is the file name for messages. The power is computed with a Hann window, after
+    A patch smaller than four times the longest wavelength, or too coarse for the shortest, raises
+    an error; `name` is the file name for messages. The power is computed with a Hann window, after
     removing the best-fitting plane.
     """
     if not np.isfinite(heights).all():

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block shapes: random convex polyhedra of a class or with given axes, or the hull of points."""
+"""Block shapes: random convex polyhedra of a class or with given axes, or the convex hull of
+points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,11 +11,11 @@ from rockfall.errors import RockfallError
 from rockfall.grounds import block_axes
 from rockfall.grounds.uniform import Uniform
 
-#: Lengths of the axes of each shape class, relative to the longest.
+#: Lengths of the axes of each shape class, relative to the longest axis.
 SHAPES = block_axes()
 JITTER = 0.12  # scatter of the tilt and relative distance of the box faces
-FACETS = 14  # random facets that cut off corners and edges
-CUT = 0.72, 1.0  # their distance relative to a tangent plane, see `random_block`
+FACETS = 14  # number of random facets that cut off corners and edges
+CUT = 0.72, 1.0  # rounding of vertices: the last bits of a hull may differ between libraries
 QUANTUM = 2.0**-20  # rounding of vertices: the last bits of a hull may differ between libraries
 
 
@@ -29,7 +30,7 @@ class Surface:
 
 
 def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
-    """Block `number` with axes (3,): a jittered box with edges and corners cut off by random
+    """Block `number` with axes (3,): a perturbed box whose edges and corners are cut off by random
     facets.
     """
     from scipy.spatial import HalfspaceIntersection
@@ -41,7 +42,7 @@ def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     distance = np.empty(6 + FACETS)
     distance[:6] = np.tile(half, 2) * (1 + JITTER * draw.between(-1, 1, 6))
-    # tangent planes of the ellipsoid that has the axes of the box
+    # Tangent planes of the ellipsoid with the axes of the box.
     tangent = np.linalg.norm(normals[6:] * half, axis=1)
     distance[6:] = np.sqrt(3.0) * 0.75 * tangent * draw.between(*CUT, FACETS)
     cuts = np.column_stack([normals, -distance])
@@ -72,8 +73,8 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
 
 
 def refine(surface: Surface, edge: float) -> Surface:
-    """Halve triangles at their longest edge until no edge is longer than `edge` times R_b (radius
-    of the sphere of equal volume), so that contact in the middle of a facet is detected.
+    """Split triangles at their longest edge until no edge exceeds `edge` times R_b (radius of the
+    sphere of equal volume), so that contacts in the middle of a facet are detected.
     """
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))

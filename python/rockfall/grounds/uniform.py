@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Uniform random numbers independent of the NumPy version: raw words of Philox."""
+"""Uniform random numbers that do not depend on the NumPy version: raw Philox words."""
 
 import numpy as np
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protection: performance of barriers, and their requirements."""
+"""Protection: performance and requirements of barriers."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Candidate alignments of a barrier above a protected line: shifted copies of the line towards the
-sources, or lines drawn by the user."""
+"""Candidate barrier alignments above a protected line: shifted copies of the line towards the
+sources, or drawn lines."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from rockfall.terrain.height import height, inside
 from rockfall.terrain.polyline import beside, lengths, spaced
 
 MAX_ALIGNMENTS = 200
-SAMPLES = 200  # number of places along a line for elevation and distance
+SAMPLES = 200  # points on a line at which elevation and distance are computed
 
 
 class Alignment(NamedTuple):
-    """Candidate line [m]: vertices, distances from the protected line, elevation, length."""
+    """Candidate line [m]: vertices, distance from the protected line, elevation, length."""
 
     name: str
     x: list[float]
@@ -36,8 +36,8 @@ class Alignment(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Shifts of the protected line: step [m], maximum distance [m], and azimuth [degree]; None:
-    perpendicular to the line, towards the sources."""
+    """Shifts of the protected line: step [m], maximum distance [m], and azimuth [degree] (None:
+    perpendicular to the line, towards the sources)."""
 
     every: float
     to: float
@@ -45,8 +45,8 @@ class Shift(NamedTuple):
 
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
-    """Scene with copies of a line as evaluation lines, and these lines, beginning with the
-    original. Copies entirely outside the terrain are omitted."""
+    """Scene with copies of a line as evaluation lines, and the list of these lines, original
+    first. Copies entirely outside the terrain are omitted."""
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -72,8 +72,8 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
 def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
-    """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and these
-    lines; `scene` is the scene without them."""
+    """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and the list
+    of these lines; `scene` is the scene without them."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
@@ -94,7 +94,7 @@ def drawn_scene(
 
 
 def vertices_of(case: Case, line: str) -> np.ndarray:
-    """Vertices of an evaluation line or barrier of a case, as x + iy [m]."""
+    """Vertices x + iy [m] of an evaluation line or barrier in a case."""
     for entry in case.lines:
         if entry["name"] == line:
             return np.array(entry["x"]) + 1j * np.array(entry["y"])
@@ -105,7 +105,7 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
 def alignment(
     scene: Scene, name: str, vertices: np.ndarray, line: np.ndarray, shift: float | None = None
 ) -> Alignment:
-    """Alignment above a line, shifted or drawn, with its elevation; NaN without terrain."""
+    """Shifted or drawn alignment above a line, with its elevation (NaN without terrain)."""
     apart = beside(spaced(vertices, SAMPLES), line)[0]
     distance = float(apart.mean()) if shift is None else shift
     z, grid, places = scene.rasters.z, scene.grid, spaced(vertices, SAMPLES)
@@ -137,8 +137,8 @@ def _steps(shift: Shift) -> int:
 
 
 def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
-    """Unit vector of a shift: along its azimuth, or perpendicular to the line's chord towards the
-    mean source."""
+    """Unit vector of the shift: along its azimuth, or perpendicular to the line's chord towards
+    the mean source position."""
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]

@@ -25,7 +25,7 @@ COLUMNS += with_limits("fraction")
 
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
-    """Table with one row for each barrier and outcome: n and fraction of all boulders with this
+    """Table with a row for each barrier and outcome: n and fraction of all boulders with this
     outcome at the barrier, with the limits of its 95 % confidence interval (as in
     `line_statistics`).
 
@@ -45,7 +45,7 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 
 def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
-    """Table rows for `barrier_statistics`."""
+    """Rows of the table `barrier_statistics`."""
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):
@@ -64,7 +64,7 @@ def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
 
 
 def barriers_of(result: Held) -> list[int]:
-    """Indices of the lines of a result that are barriers."""
+    """Line indices of the barriers in a result."""
     if "barrier_height" not in result:
         return []
     return np.flatnonzero(~np.isnan(result["barrier_height"].values)).tolist()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line, as seen by a barrier there."""
+"""Boulders that reach a line, as a barrier there would meet them."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Mask of boulders that pass a barrier of this height [m] and capacity [J], over or through it,
-    at first contact: the kernel's rule without its stop speed."""
+    """Mask of boulders that pass a barrier of this height [m] and capacity [J], over or through
+    it, at first contact. The rule is the kernel's, without stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams of a result, as rasterised on its terrain."""
+"""Dams of a result as rasterised on its terrain."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ if TYPE_CHECKING:
 
 
 def dams_of(result: Held) -> list[DamShape]:
-    """Dams of a run in the order of its case; empty for results without them."""
+    """Dams of a run in case order; empty for results without dams."""
     return [DamShape(**dam) for dam in json.loads(str(result.attrs.get("dams", "[]")))]

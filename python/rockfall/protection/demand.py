@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requirements of standards from boulders at a barrier: energy, height, EAD class."""
+"""Requirements of standards from the boulders at a barrier: energy, height, EAD class."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from rockfall.protection.factors import Factors
 from rockfall.result.variables import ENDS
 from rockfall.scene.rebounds.rebound import sphere_radius
 
-ABOVE = len(EAD_ENERGY)  # class of barriers with a declared energy above the list
+ABOVE = len(EAD_ENERGY)  # class of barriers whose declared energy exceeds the list
 
-ROUNDING = 1e-9  # rounding error of a density from an energy
+ROUNDING = 1e-9  # rounding error of a density computed from an energy
 
 Row = dict[str, float]
 
 
 def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
-    """Design values, in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
-    slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min, and the EAD
-    class for E_d. `volume` [m3] is the volume of the design block; None: a quantile of the boulders
-    that reach the line. `density` is the case's density, unless a source layer gives densities."""
+    """Design values in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
+    slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min; and the EAD
+    class for E_d. `volume` [m3] is the design block volume (None: a quantile of the boulders that
+    reach the line). `density` is the case's density, unless a source layer gives densities."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -38,7 +38,8 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def _density(came: Crossings, density: float) -> float:
-    """Density [kg/m3] of the densest boulder by energy; the case's density if equal."""
+    """Density [kg/m3] of the densest boulder, from its energy; exactly the case's density if
+    equal."""
     moves = came.speed > 0
     mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
     densest = float((mass / came.volume[moves]).max(initial=0.0))
@@ -46,15 +47,15 @@ def _density(came: Crossings, density: float) -> float:
 
 
 def class_for(energy: float, factors: Factors) -> float:
-    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if no class does, NaN if
-    the energy is unknown. Class 0 kits are not tested at SEL."""
+    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
+    energy is unknown. Class 0 kits are not tested at SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]
     return np.nan if np.isnan(energy) else enough[0] if enough else ABOVE
 
 
 def usable(capacity: float, factors: Factors) -> float:
-    """Usable capacity [J] of a barrier with this capacity (MEL) [J]."""
+    """Usable capacity [J] of a barrier with this MEL capacity [J]."""
     return capacity * factors["energy_share"] / factors["gamma_E"]
 
 
@@ -83,7 +84,7 @@ def _heights(came: Crossings, level: float, factor: float) -> Row:
 
 
 def _scaled(came: Crossings, quantity: str, level: float, factor: float) -> list[float]:
-    """A quantile and its limits, multiplied by a factor."""
+    """A quantile and its limits multiplied by a factor."""
     return [factor * value for value in quantile(getattr(came, quantity), level, came.source)]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design sheet of a result: loads at lines, requirements of standards, barrier checks."""
+"""Design sheet of a result: loads at lines, requirements of standards, checks of barriers."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ DESIGN = ("v_d", "E_d", "h_d", "normal_h_d", "height_needed", "normal_height_nee
 _WITH_LIMITS = [name + end for name in DESIGN for end in ENDS]
 _LOADS = ["line", "n", "quantity", *with_limits("q95"), *with_limits("q99")]
 _LOADS += [name for N in LEVELS for name in with_limits(f"level_{N}")]
-FAR = 10.0  # ratio of design block to boulder volume, above which to remark
+FAR = 10.0  # ratio of design block to boulder volume that triggers a remark
 _DEMAND = ["n", "volume", "m_d", *_WITH_LIMITS, "f_min", *with_limits("ead_class"), "unconfirmed"]
 _CHECKS = [
     "line", "n", "height", "capacity", "height_needed", "height_holds", "height_certain", "E_d",
@@ -60,13 +60,12 @@ _ALONG = ["line", "start", "end", *_DEMAND]
 class Design:
     """Tables of a design, in SI units; intervals are 95 % confidence intervals.
 
-    `loads` has a row for each line and quantity; `demand`, the requirements of the standard at each
-    line; `checks`, a check of each barrier; `choices`, for each line and EAD class the height that
-    leaves at most `residual`; `along`, as `demand`, for windows of a line, or None unless
-    requested. Their column `unconfirmed` lists the unconfirmed assumptions of the loads (rebounds,
-    forest, logs): a check that passes under these assumptions is not proven. `warnings` are the
-    remarks on the model. `kept` describes the boulders behind the numbers if a run did not keep
-    all; else "".
+    `loads` has a row for each line and quantity, `demand` the requirements of the standard at each
+    line, `checks` a check of each barrier, and `choices` for each line and EAD class the height
+    that leaves at most `residual`. `along` is like `demand` for windows of a line, if requested,
+    else None. The column `unconfirmed` lists unconfirmed assumptions behind the loads (rebounds,
+    forest, logs): a check that passes under these assumptions is not proven. `warnings` are model
+    remarks. If a run did not keep all boulders, `kept` describes which ones are used; else "".
     """
 
     factors: Factors
@@ -78,8 +77,8 @@ class Design:
     along: pd.DataFrame | None
     warnings: tuple[str, ...] = ()
     kept: str = ""
-    population: tuple[str, ...] = ()  # notes on the boulders behind the numbers
-    priced: bool = False  # whether costs come from prices, else class energy [kJ] x height
+    population: tuple[str, ...] = ()  # notes on the boulders used
+    priced: bool = False  # True if costs come from prices, else class energy [kJ] x height
 
 
 def design(
@@ -98,10 +97,10 @@ def design(
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
     `line` selects a single line or barrier for the sheet. `along` selects a line to be cut into
-    windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
-    the fraction of the boulders that may pass, and `volume` [m3] the design block. `factors` is a
-    table with the numbers of the standard, without which its requirements are left open; `costs` is
-    a table of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
+    windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual`
+    is the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
+    with the factors of the standard; without it, requirements stay open. `costs` is a table of
+    prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -119,7 +118,7 @@ def design(
     asked, barriers, chosen = [], [], []
     loads: list[dict[str, Any]] = []
     shown = [(k, name) for k, name in enumerate(names) if line in (None, name)]
-    for k, name in stepped(shown):  # one line in memory at a time
+    for k, name in stepped(shown):  # loads the boulders of one line at a time
         came = crossings(result, k)
         _, *percents = passing_percent(result, k)
         fractions = (value / 100 for value in percents)
@@ -156,15 +155,15 @@ def design(
 
 
 def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
-    """Remark on a design block much larger or smaller than the boulders that supply its speeds."""
+    """Remark on a design block much larger or smaller than the boulders whose speeds are used."""
     low, high = float(result["volume"].min()), float(result["volume"].max())
     if volume is not None and not low / FAR <= volume <= high * FAR:
         yield say("design.far_block", volume=volume, low=low, high=high)
 
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
-    """Unconfirmed assumptions of the loads. The user's own grounds are confirmed by declaring the
-    rebound back-analysed; shipped grounds, forest and lying logs are always unconfirmed."""
+    """Unconfirmed assumptions behind the loads. The user confirms own grounds by declaring the
+    rebound back-analysed; included grounds, forest and lying logs are always unconfirmed."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
     forest = ["forest"] if case.has_forest else []
@@ -177,7 +176,7 @@ def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
 
 
 def conditions_of(given: dict[str, str]) -> Conditions:
-    """Conditions of the standard from options."""
+    """Conditions of the standard from the options."""
     unknown = given.keys() - Conditions.__dataclass_fields__.keys()
     if unknown:
         raise TypeError(f"design: unknown option {sorted(unknown)[0]!r}")
@@ -213,7 +212,7 @@ def _check(
 
 
 def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
-    """Quantiles and return levels of the boulders that reach the line with this index."""
+    """Quantiles and return levels for the boulders that reach the line with this index."""
     for quantity in LOADS:
         sample, tail = tail_at(samples, k, quantity)
         row: dict[str, Any] = {"line": line, "n": sample.n, "quantity": quantity}
@@ -227,7 +226,8 @@ def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
 def _check_of(
     result: xr.Dataset, k: int, came: Crossings, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
-    """Check of a barrier against the standard, and the boulders that passed it in the run."""
+    """Check of a barrier against the standard, and the boulders that passed the barrier in the
+    run."""
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     flags = flags_of(result["crossing_outcome"])
     outcome = stored_at(result, "outcome", k)
@@ -248,9 +248,9 @@ def _check_of(
 
 
 def verdict_of(row: Mapping[str, Any]) -> str:
-    """Verdict on a barrier with the deciding requirements, for tables and texts: "no" if a
-    requirement certainly fails; "undecided" if the interval of a requirement contains its limit, or
-    the loads depend on unconfirmed assumptions; else "yes". "" for a barrier that no boulder
+    """Verdict on a barrier with the governing requirements, for tables and texts: "no" if a
+    requirement certainly fails; "undecided" if the interval of a requirement includes its limit,
+    or if loads depend on unconfirmed assumptions; else "yes". "" for a barrier that no boulder
     reaches."""
     if not row["n"]:
         return ""
@@ -270,7 +270,8 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and whether the entire interval agrees; unknown is ignored."""
+    """Verdict on a requirement, and True if the entire interval agrees; unknown requirements are
+    ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)
@@ -280,7 +281,7 @@ def _verdict(
 def _along(
     result: xr.Dataset, line: str, came: Crossings, width: float, min_boulders: int, *how: Any
 ) -> Iterator[dict[str, Any]]:
-    """Requirements of the standard for windows along a line; blank where few boulders pass."""
+    """Requirements of the standard in windows along a line; blank where few boulders pass."""
     edges, window = windows(result, line_number(result, line), width)
     window = window[window >= 0]
     for k, (start, end) in enumerate(itertools.pairwise(edges)):

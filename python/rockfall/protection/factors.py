@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of the standards from the user's table. None is shipped, because the texts of the
-standards were not available."""
+"""Partial factors of standards from a table of the user. None are included, because the texts of
+the standards were not available."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from rockfall.errors import RockfallError
 from rockfall.io.tables import check_columns, read_table
 
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
-BACK_ANALYSED = "back-analysed"  # the rebound was fitted to observations on the slope
+BACK_ANALYSED = "back-analysed"  # rebounds were fitted to observations on the slope
 
-#: Condition that selects the row of a factor; other factors have only one row.
+#: Condition that selects the row of a factor; other factors have a single row.
 DECIDES = {
     "gamma_dp": "survey",
     "gamma_vol": "blocks",
@@ -34,7 +34,7 @@ NEEDED = {
 
 @dataclass(frozen=True)
 class Conditions:
-    """A designer's knowledge of the site; defaults are conservative."""
+    """A designer's knowledge of the site; the defaults are conservative."""
 
     standard: str = "UNI"
     survey: str = "poor"  # survey of the topography: good, poor
@@ -44,7 +44,7 @@ class Conditions:
     consequence: str = "CC2"  # consequence class of a failure: CC1, CC2, CC3
 
 
-#: Allowed values of each condition.
+#: Allowed values for each condition.
 ALLOWED = {
     "standard": tuple(NEEDED),
     "survey": ("good", "poor"),
@@ -57,7 +57,7 @@ ALLOWED = {
 
 @dataclass(frozen=True)
 class Factors:
-    """Factors of a standard under given conditions, NaN if not given, with their sources."""
+    """Factors of a standard under given conditions with their sources, NaN if not given."""
 
     conditions: Conditions
     values: dict[str, float]
@@ -67,7 +67,7 @@ class Factors:
         return self.values[name]
 
     def condition(self, name: str) -> str:
-        """Condition that selects the row of a factor, or ""."""
+        """Condition that selects the row of a factor; "" if there is none."""
         return getattr(self.conditions, DECIDES[name]) if name in DECIDES else ""
 
     @property
@@ -86,7 +86,7 @@ class Factors:
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under these conditions, from a table; missing without a table."""
+    """Factors of a standard under these conditions, from a table; all missing without a table."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection of the cheapest barrier that lets at most a chosen fraction of the boulders pass."""
+"""Selection of the cheapest barrier that at most a given fraction of the boulders passes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from rockfall.language import Text, say
 from rockfall.protection.crossings import Crossings, passes
 from rockfall.scene.rules.protection import NET
 
-Costs = dict[tuple[int, float], float]  # price per metre, by class and maximum height [m]
-MAX_HEIGHT = 100.0  # maximum barrier height [m], as in a case
+Costs = dict[tuple[int, float], float]  # price per metre by class and maximum height [m]
+MAX_HEIGHT = 100.0  # maximum barrier height in a case [m]
 COST_COLUMNS = ["class", "height", "cost"]
 
 
 class Choice(NamedTuple):
-    """Barrier of a class: its height [m], NaN if none suffices; cost per metre, NaN if unknown."""
+    """Barrier of a class: height [m] (NaN if none suffices) and cost per metre (NaN if unknown)."""
 
     ead_class: int
     height: float
@@ -35,14 +35,14 @@ class Choice(NamedTuple):
 
     @classmethod
     def of(cls, ead_class: int, height: float, costs: Costs | None) -> Choice:
-        """Barrier with this class and height, and its cost."""
+        """Barrier with this class and height, including its cost."""
         return cls(ead_class, height, cost_of(ead_class, height, costs))
 
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
     """Minimum height [m] of a barrier with this capacity [J] that at most the fraction `residual`
-    of the boulders passes, over or through it; NaN if too many break through. One sort suffices:
-    among the boulders that it can stop, the rest of `residual` may pass over."""
+    of the boulders passes, over or through; NaN if too many break through. A single sort suffices:
+    of the boulders that the barrier can stop, the rest of `residual` may pass over."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -53,8 +53,8 @@ def height_for(came: Crossings, capacity: float, residual: float) -> float:
 def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
-    """Height for each EAD class that leaves at most `residual`, the actual residual fraction with
-    its 95 % interval, and the cost per metre; `cheapest` marks the cheapest barrier."""
+    """For each EAD class, the height that leaves at most `residual`, the actual residual fraction
+    with its 95 % interval, and the cost per metre; `cheapest` marks the cheapest barrier."""
     rows: list[dict[str, float | bool]] = []
     by_class = [
         Choice.of(k, height_for(came, capacity, residual), costs)
@@ -77,8 +77,8 @@ def least_heights(
     is_enough: Callable[[int, int], bool],
     costs: Costs | None,
 ) -> list[Choice]:
-    """Barrier of each class with the lowest sufficient height from an ascending list [m]; a higher
-    barrier lets fewer boulders pass."""
+    """Barrier of each class with the lowest sufficient height in an ascending list [m]; higher
+    barriers let fewer boulders pass."""
     numbers, ends = range(len(heights)), [*heights, math.nan]
     return [
         Choice.of(own, ends[bisect_left(numbers, True, key=partial(is_enough, own))], costs)
@@ -87,7 +87,7 @@ def least_heights(
 
 
 def cheapest(choices: Iterable[Choice]) -> Choice | None:
-    """Barrier of the lowest cost, or the lowest class at equal cost; None without barriers."""
+    """Barrier with the lowest cost, or the lowest class at equal cost; None without barriers."""
     priced = [choice for choice in choices if not math.isnan(choice.cost)]
     return min(priced, key=lambda choice: choice.cost, default=None)
 
@@ -100,8 +100,8 @@ def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float,
 
 
 def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
-    """Cost per metre: the lowest price of a sufficiently high barrier of the class. Without prices,
-    energy x height [kJ m], which favours no manufacturer. NaN if no barrier has a price."""
+    """Cost per metre: the lowest price of a sufficiently high barrier of this class. Without
+    prices, energy x height [kJ m], which favours no manufacturer. NaN if no barrier has a price."""
     if math.isnan(height):
         return math.nan
     if costs is None:
@@ -111,7 +111,7 @@ def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
 
 
 def read_costs(path: str | Path) -> Costs:
-    """Read prices per metre of barrier from a table with the columns class, height [m] and cost."""
+    """Read barrier prices per metre from a table with the columns class, height [m] and cost."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COST_COLUMNS)
     if missing := [name for name in COST_COLUMNS if name not in columns]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Forest stands of a result, with their numbers of stems."""
+"""Forest stands of a result, with numbers of stems."""
 
 from __future__ import annotations
 
@@ -13,5 +13,5 @@ if TYPE_CHECKING:
 
 
 def stands_of(result: Held) -> list[Stand]:
-    """Stands of a run in the order of their layer; empty for results without them."""
+    """Stands of a run in layer order; empty for results without stands."""
     return [Stand(*stand) for stand in json.loads(str(result.attrs.get("stands", "[]")))]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of passing boulders: loads by return period at the lines of a hazard,
-the sufficient barrier in each class, and the case's barriers."""
+"""Barriers designed for the frequency of passing boulders: loads by return period at the lines of
+a hazard, sufficient barriers of each class, and the case's barriers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rockfall.protection.selection import Costs, cheapest, least_heights, read_c
 from rockfall.result.variables import ENDS
 
 YEARS = 100.0  # default return period [year]
-HIGHEST = 10.0  # maximum height of an advised barrier [m]; higher barriers are not built
+HIGHEST = 10.0  # maximum height of an advised barrier [m]; higher ones are not built
 _BEHIND = [f"behind{end}" for end in ENDS]
 _THROUGH = [f"through{end}" for end in ENDS]
 _LOADS = ["line", *(f"{name}{end}" for name in ("frequency", *LEVELS) for end in ENDS)]
@@ -32,13 +32,13 @@ _CHECKS = ["line", "height", "capacity", *_BEHIND, "holds", "certain"]
 class YearlyDesign:
     """Tables for a return period [year], in SI units, with 95 % limits.
 
-    `loads`: for each line and barrier, the annual number of boulders that arrive, and the energy
-    and height reached once in the period. `choices`: for each line and class of EAD 340059, the
-    least height [m] up to `HIGHEST` of a barrier that boulders pass at most once in the period, by
-    the upper limit, or NaN; the annual number of boulders `behind` it, and the annual number that
-    would break `through` any barrier of the class; and the advised barrier, the cheapest, if
-    boulders may arrive more often than once in the period. `checks`: annual number of boulders that
-    pass the barriers of the case, and whether it is at most one in the period.
+    `loads`: for each line and barrier, the annual number of arriving boulders, and the energy and
+    height that are reached once in the period. `choices`: for each line and class of EAD 340059,
+    the minimum height [m], up to `HIGHEST`, of a barrier that boulders pass at most once in the
+    period by the upper limit (NaN if there is none); the annual number of boulders `behind` it,
+    and that would break `through` any barrier of the class; and the advised (cheapest) barrier, if
+    boulders may arrive more often than once in the period. `checks`: annual number of boulders
+    that pass the case's barriers, and whether it is at most one in the period.
     """
 
     period: float
@@ -50,9 +50,9 @@ class YearlyDesign:
 def yearly_design(
     hazard: xr.Dataset, return_period: float = YEARS, costs: str | Path | None = None
 ) -> YearlyDesign:
-    """Design of barriers at the lines of a hazard for a return period [year], over all its
-    scenarios. `costs` is a table of barrier prices, as in `rockfall.design`. Raises RockfallError
-    for a hazard without lines, and for return periods without levels in the hazard.
+    """Design barriers at the lines of a hazard for a return period [year], over all scenarios.
+    `costs` is a table of barrier prices, as in `rockfall.design`. Raises RockfallError for a
+    hazard without lines, and for return periods for which it has no levels.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -90,7 +90,7 @@ def yearly_design(
 
 
 def check_period(years: float) -> None:
-    """Refuse a return period for which a hazard has no levels."""
+    """Refuse a return period for which the hazard has no levels."""
     if years not in PERIODS:
         shown = ", ".join(f"{period:g}" for period in PERIODS)
         raise RockfallError(f"return_period = {years:g}: must be one of {shown}")
@@ -108,7 +108,7 @@ def _loads(hazard: xr.Dataset, k: int, at: int) -> dict[str, float]:
 def _choices(
     hazard: xr.Dataset, k: int, allowed: float, prices: Costs | None
 ) -> Iterator[dict[str, Any]]:
-    """Rows for a line that at most `allowed` [1/year] boulders may pass."""
+    """Rows for a line that at most `allowed` boulders [1/year] may pass."""
     tall = EXCEEDED["height"] <= HIGHEST
     rates = yearly(hazard, "line", k, hazard["line_class_behind"].values[:, k])
     heights, high = EXCEEDED["height"][tall].tolist(), rates[2]
@@ -127,7 +127,7 @@ def _choices(
 
 
 def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:
-    """Check of the barrier at a line from the boulders that pass it."""
+    """Check of the barrier at a line, from the boulders that pass it."""
     behind = hazard["line_behind"].values[:, k]
     value, low, high = (float(limit) for limit in yearly(hazard, "line", k, behind))
     names = ("height", "capacity")
