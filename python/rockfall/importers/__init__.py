@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Import of projects of PlatRock and AvaFrame as cases (docs/other_programs.md)."""
+"""Import of PlatRock and AvaFrame projects as cases (docs/other_programs.md)."""

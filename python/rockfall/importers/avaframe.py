@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Import of the inputs of an avalanche folder of AvaFrame (com1DFA, com4FlowPy and others)."""
+"""Import of inputs from an AvaFrame avalanche folder (com1DFA, com4FlowPy and others)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rockfall.io.rasters.aligned import aligned_blocks
 RASTERS, LAYERS = (".asc", ".tif"), (".shp",)
 BOULDERS = 100_000
 OBJECTS = "objects.gpkg"
-#: Folders of inputs that are irrelevant for boulders, and why.
+#: Input folders that are irrelevant for boulders, with reasons.
 WITHOUT = {
     "SECREL": "secondary releases are of snow", "ENT": "boulders entrain nothing",
     "RELTH": "release thickness is of snow", "RASTERS": "friction and diameters are of flows",
@@ -43,12 +43,12 @@ def import_avaframe(
     no_forest: bool = False,
     ask: Ask | None = None,
 ) -> dict[str, list[str]]:
-    """Write to the folder `out` a case of the inputs of an AvaFrame folder (or of its `Inputs`):
-    the DEM, release areas of `REL` (several are variants), and the cells of `INFRA` as polygons for
-    `rockfall hazard --objects`. Returns lines about inputs imported unchanged, imported with
-    changes, and ignored. `ground` is that of the slope, which AvaFrame does not know, `crs` (such
-    as EPSG:31287) the coordinate system of a DEM without one. A raster in `RES` has no stems: it is
-    refused, or left out by `no_forest`.
+    """Write a case to the folder `out`, made from the inputs of an AvaFrame folder (or of its
+    `Inputs`): the DEM, the release areas in `REL` (several become variants), and the cells of
+    `INFRA` as polygons for `rockfall hazard --objects`. Return lines on inputs that were imported
+    unchanged, imported with changes, or ignored. `ground` is the ground of the slope, which
+    AvaFrame lacks; `crs` (such as EPSG:31287) applies to a DEM without a CRS. A raster in `RES`
+    has no stems: it is refused, or with `no_forest` ignored.
 
     >>> import rockfall
     >>> lines = rockfall.import_avaframe("avaHill", "boulders", ground="talus", crs="EPSG:31287")
@@ -80,7 +80,7 @@ def import_avaframe(
 
 
 def _files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
-    """Files of a folder with these endings; none if it does not exist."""
+    """Files in a folder with these extensions; none if the folder does not exist."""
     if not folder.is_dir():
         return []
     paths = (path for path in folder.iterdir() if path.is_file())
@@ -88,7 +88,7 @@ def _files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
 
 
 def _check_forest(inputs: Path, no_forest: bool) -> None:
-    """Refuse rasters of forest: an index of its structure, or a friction, gives no stems."""
+    """Refuse forest rasters: a structure index or a friction gives no stems."""
     for path in _files(inputs / "RES", RASTERS):
         if not no_forest:
             raise RockfallError(
@@ -98,7 +98,7 @@ def _check_forest(inputs: Path, no_forest: bool) -> None:
 
 
 def _note_left(made: Import, inputs: Path) -> None:
-    """Note every input that a case does not use."""
+    """Note each input that the case does not use."""
     for path in _files(inputs / "RES", RASTERS):
         made.left.append(f"{made.name(path)}: no stems; &forest takes stems and diameters")
     for path in _files(inputs / "RES", LAYERS):
@@ -110,7 +110,7 @@ def _note_left(made: Import, inputs: Path) -> None:
 
 
 def _release(made: Import, path: Path) -> tuple[str, str]:
-    """Key of a release area, and the name of a copy of it ("": the original serves)."""
+    """Key of a release area, and the name of its copy ("" if the original is used)."""
     if path.suffix.lower() in LAYERS:
         made.taken.append(f"{made.name(path)}: release polygons")
         made.left.append(f"{made.name(path)}: thickness and other attributes of snow")
@@ -125,7 +125,7 @@ def _release(made: Import, path: Path) -> tuple[str, str]:
 
 
 def _objects(made: Import, path: Path) -> None:
-    """Write the cells of infrastructure as polygons, one for each connected area of a value."""
+    """Write cells of infrastructure as polygons, one for each connected area of equal value."""
     need("objects need", "vector", "pyogrio", "shapely")
     import rasterio.features
     import shapely
@@ -158,7 +158,7 @@ def _objects(made: Import, path: Path) -> None:
 def _groups(
     made: Import, place: Path, ground: str, paths: list[Path], releases: list[tuple[str, str]]
 ) -> Iterator[Group]:
-    """Groups of the case, as seen from a folder."""
+    """Groups of the case; file names are relative to a folder."""
     files = [
         copy or relative_name(path.resolve(), place.resolve())
         for path, (_, copy) in zip(paths, releases, strict=True)
@@ -180,6 +180,6 @@ def _groups(
         Entry(key, files[0]), Entry("drop_height", 1.0, "CHOOSE [m]"),
     ])  # fmt: skip
     yield Group("output", [Entry("maps", list(MAPS)), Entry("rebounds", True)])
-    if len(paths) > 1:  # AvaFrame runs each alone
+    if len(paths) > 1:  # AvaFrame runs each one separately
         for path, file in zip(paths, files, strict=True):
             yield Group("variant", [Entry("name", path.stem), Entry(f"release_{key}", file)])

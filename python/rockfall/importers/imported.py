@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Imports of projects of other programs: the report on each input, and the case file."""
+"""Import of other programs' projects: the report on each input, and the case file."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -23,7 +23,7 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.memory import machine_memory
 
 CASE, DEM = "case.nml", "dem.tif"
-#: Headings of the three lists reported by an import.
+#: Headings of the three lists that an import reports.
 TAKEN, CHANGED, LEFT = "taken over", "imported with changes", "not imported"
 
 
@@ -56,23 +56,23 @@ class Import:
         raise RockfallError(f"{path}: {flaw}")
 
     def terrain(self, place: Path) -> Group:
-        """Terrain group of a case in a folder."""
+        """Terrain group for a case in a folder."""
         name = DEM if self.crs else relative_name(self.dem.resolve(), place.resolve())
         return Group("terrain", [Entry("dem", name, f"in {self.crs}" if self.crs else "")])
 
     def write_raster(self, name: str, values: np.ndarray) -> None:
-        """Write a raster on the cells of the DEM to the folder of the case."""
+        """Write a raster on the DEM cells to the case folder."""
         nodata = np.nan if values.dtype.kind == "f" else None
         path = self.part / name
         write_geotiff(path, values, self.grid, nodata=nodata, TIFFTAG_SOFTWARE="rockfall")
 
     def lists(self) -> dict[str, list[str]]:
-        """All lines, by their heads; lists without a line are left out."""
+        """All lines under their headings; empty lists are omitted."""
         lists = {TAKEN: self.taken, CHANGED: self.changed, LEFT: self.left}
         return {head: lines for head, lines in lists.items() if lines}
 
     def write(self, program: str, groups: Callable[[Path], Iterable[Group]]) -> None:
-        """Write the case, whose groups name files as seen from a folder, and read all of them."""
+        """Write the case, whose file names are relative to a folder, and read all its inputs."""
         head = [f"Made by `rockfall import-{program}` from {self.folder.resolve().name}."]
         head += ["Keys: docs/case.md."]
         foot = [
@@ -91,7 +91,7 @@ class Import:
 
 
 def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
-    """Return the only path; none, or several, are refused."""
+    """The only path; none or several raise an error."""
     several = sorted(paths)
     if len(several) != 1:
         names = ", ".join(path.name for path in several) or "none"
@@ -100,8 +100,8 @@ def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
 
 
 def tree_rows(path: Path) -> tuple[list[str], bool]:
-    """A list of trees (x, y, DBH separated by blanks, commas or semicolons) as the lines of a table
-    with a head, and whether it has further columns."""
+    """Lines of a CSV table with header from a tree list (x, y, DBH separated by blanks, commas or
+    semicolons), and True if the list has further columns."""
     rows = ["x,y,dbh"]
     more = False
     for line, cells in _lines(read_text(path)):
@@ -121,8 +121,8 @@ def tree_rows(path: Path) -> tuple[list[str], bool]:
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each line that has some, split at commas only if blanks and semicolons do
-    not split it, since commas may be decimal."""
+    """Number and cells of each non-empty line. Lines are split at commas only if they have no
+    blanks and semicolons, because commas may be decimal signs."""
     for line, words in enumerate(text.splitlines(), start=1):
         cells = [cell for word in re.split(r"[\s;]+", words) if (cell := word.strip(","))]
         if len(cells) <= 2:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Import of a three-dimensional PlatRock simulation, by the defaults of PlatRock 0.4.6."""
+"""Import of a three-dimensional PlatRock simulation, with the defaults of PlatRock 0.4.6."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ GROUNDS, TREES = "grounds.csv", "trees.csv"
 
 
 class Key(NamedTuple):
-    """An attribute of PlatRock: its names, default and the values that it can have."""
+    """A PlatRock attribute: its names, default and allowed values."""
 
     names: tuple[str, ...]
     default: float
     minimum: float = 0.0
-    positive: bool = False  # excludes zero
+    positive: bool = False  # True if zero is not allowed
 
 
-#: Attributes by kind of layer, case-sensitive as in PlatRock.
+#: Attributes by kind of layer; names are case-sensitive, as in PlatRock.
 KEYS = {
     ROCKS: {
         "number": Key(("number", "rocks_nb", "nb_rocks"), 10, 1),
@@ -61,10 +61,10 @@ KEYS = {
     },
 }  # fmt: skip
 WITHOUT_EFFECT = {"mu_r": "has no effect in three dimensions"}
-#: Ground of terrain without a soil: `Terrain` there discards the defaults of its own.
+#: Ground of terrain without a soil: PlatRock's `Terrain` ignores its own defaults.
 OUTSIDE = {name: key.default for name, key in KEYS[SOILS].items()}
-MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # by their numbers there
-NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # of each
+MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # in the order of PlatRock's numbers
+NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # attributes needed
 OURS = {"R_n": "r_n", "R_t": "r_t", "v_half": "half_speed", "phi": "friction_angle"}
 GRAVITY, STOP_SPEED = 9.8, 0.2  # [m/s2], [m/s]
 MAPS = ["passages", "deposits", "energy_q95", "jump_height_q95"]
@@ -72,7 +72,7 @@ MAPS = ["passages", "deposits", "energy_q95", "jump_height_q95"]
 
 @dataclass
 class Layer:
-    """Features of a GeoJSON; attributes by PlatRock's own names for them."""
+    """Features of a GeoJSON file, with PlatRock's attribute names."""
 
     path: Path
     shapes: np.ndarray
@@ -80,7 +80,7 @@ class Layer:
 
     @property
     def kind(self) -> str:
-        """Use of the layer, "" if PlatRock would find nothing in it."""
+        """Use of the layer; "" if PlatRock would find nothing in it."""
         shapes = {shape.geom_type.removeprefix("Multi") for shape in self.shapes}
         if shapes == {"LineString"}:
             return CHECKPOINTS
@@ -99,7 +99,7 @@ class Layer:
         return best if hits[best] else ""
 
     def values(self, made: Import, kind: str) -> dict[str, list[float]]:
-        """Numbers of all features by key; defaults are noted where they have an effect."""
+        """Values of all features by key; defaults are noted if they have an effect."""
         own = {name for key in KEYS[kind].values() for name in key.names}
         for name in self.columns.keys() - own - {"name"}:
             why = WITHOUT_EFFECT.get(name, "is not an attribute of PlatRock here")
@@ -122,7 +122,7 @@ class Layer:
         return values
 
     def _given(self, key: Key) -> list[Any]:
-        """Values of an attribute, None where missing."""
+        """Values of an attribute; None for missing values."""
         names = [name for name in key.names if name in self.columns]
         if len(names) > 1:
             raise RockfallError(
@@ -146,7 +146,7 @@ class Layer:
         return number
 
     def names(self, prefix: str, first: int = 1) -> list[str]:
-        """Names of the features: their own where all differ, else numbers."""
+        """Names of the features if all differ, else numbers."""
         own = [plain(value) for value in self.columns.get("name", ())]
         if own and None not in own and len(set(map(str, own))) == len(own):
             return [*map(str, own)]
@@ -156,10 +156,11 @@ class Layer:
 def import_platrock(
     directory: str | Path, out: str | Path, *, crs: str | None = None
 ) -> dict[str, list[str]]:
-    """Write to the folder `out` a case of the layers of a PlatRock simulation in three dimensions:
-    one DEM (.asc, .tif), GeoJSON of rocks, soils, forest and checkpoints by their attributes, trees
-    (.xyd). Returns lines about inputs imported unchanged, imported with changes, and ignored. `crs`
-    (such as EPSG:2154) is the coordinate system of all of them, which PlatRock ignores.
+    """Write a case to the folder `out`, made from the layers of a three-dimensional PlatRock
+    simulation: a DEM (.asc, .tif), GeoJSON layers of rocks, soils, forest and checkpoints
+    (recognised by attributes), and trees (.xyd). Return lines on inputs that were imported
+    unchanged, imported with changes, or ignored. `crs` (such as EPSG:2154) applies to all layers,
+    because PlatRock ignores CRSs.
 
     >>> import rockfall
     >>> lines = rockfall.import_platrock("simulation", "imported", crs="EPSG:2154")
@@ -216,7 +217,7 @@ def _case(folder: Path, number: int) -> Group:
 
 
 def _note_half_cell(made: Import) -> None:
-    """Note where PlatRock has the terrain: it takes corners of cells for their centres."""
+    """Note the shift of PlatRock's terrain by half a cell: it takes cell corners for centres."""
     made.changed.append(
         f"{made.name(made.dem)}: elevations are at cell centres; PlatRock has them at south-west "
         f"corners, its slope lies {made.grid.cell / 2:g} m further west and south"
@@ -224,9 +225,9 @@ def _note_half_cell(made: Import) -> None:
 
 
 def _by_kind(made: Import, paths: list[Path]) -> dict[str, Layer]:
-    """The layers by their use; several of one use are refused."""
+    """Layers by use; several with the same use raise an error."""
     layers: dict[str, Layer] = {}
-    plain_grid = replace(made.grid, crs=None)  # PlatRock takes coordinates as they are
+    plain_grid = replace(made.grid, crs=None)  # PlatRock uses coordinates unchanged
     for path in paths:
         shapes, columns = read_features(path, plain_grid, [])
         layer = Layer(path, shapes, columns)
@@ -244,7 +245,7 @@ def _by_kind(made: Import, paths: list[Path]) -> dict[str, Layer]:
 
 
 def _write_layer(made: Import, name: str, layer: Layer, fields: dict[str, Any]) -> None:
-    """Write the shapes of a layer with our attributes to the folder of the case."""
+    """Write the shapes of a layer with rockfall's attributes to the case folder."""
     import shapely
 
     crs = plan_wkt(made.grid.crs) if made.grid.crs else None
@@ -253,7 +254,7 @@ def _write_layer(made: Import, name: str, layer: Layer, fields: dict[str, Any]) 
 
 
 def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]:
-    """Groups of boulders and release, the radius [m] of the mean volume, and the number."""
+    """Groups for boulders and release, radius [m] of the mean volume, and number of boulders."""
     values = layer.values(made, ROCKS)
     number = [int(value) for value in values["number"]]
     low, high = np.array(values["rocks_min_vol"]), np.array(values["rocks_max_vol"])
@@ -288,12 +289,13 @@ def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]
 
 
 def _radius(volume: float) -> float:
-    """Radius [m] of a sphere [m3]."""
+    """Radius [m] of a sphere with this volume [m3]."""
     return (3 * volume / (4 * math.pi)) ** (1 / 3)
 
 
 def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
-    """Surface group, with a table of one ground for each soil, and one for the terrain outside."""
+    """Surface group, and a ground table with a row for each soil and for the terrain outside
+    soils."""
     soils = [("outside", OUTSIDE)]
     entries = [
         Entry("ground_table", GROUNDS),
@@ -326,10 +328,11 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
 
 
 def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
-    """Number of the soil at the centre of each cell, from 1, the first if several; 0 outside."""
+    """Number (from 1) of the soil at each cell centre, the first if several overlap; 0 outside
+    soils."""
     path = made.part / "soils.gpkg"
     n = len(layer.shapes)
-    ids = np.arange(n, 0, -1)  # the last polygon counts in layers
+    ids = np.arange(n, 0, -1)  # in layers, the last polygon counts
     _write_layer(made, path.name, Layer(layer.path, layer.shapes[::-1], {}), {"id": ids})
     soils = burn_polygons(path, made.grid, "id", [])
     path.unlink()
@@ -339,7 +342,7 @@ def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
 def _ground(
     made: Import, layer: Layer | None, name: str, soil: dict[str, float], radius: float
 ) -> dict[str, Any]:
-    """Row of a table of grounds."""
+    """Row of a ground table."""
     number = soil["bounce_model_number"]
     if number not in range(len(MODELS)):
         assert layer is not None

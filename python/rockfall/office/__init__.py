@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of a result and of a design as a workbook (.xlsx) and as a document (.docx)."""
+"""Tables of a result or design as a workbook (.xlsx) and a document (.docx)."""

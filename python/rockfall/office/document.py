@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Document of Word with the tables of a report."""
+"""Word document with the tables of a report."""
 
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
@@ -11,11 +11,11 @@ from rockfall.language import spoken, translated
 from rockfall.office.workbook import CONTROL
 from rockfall.table import Table
 
-SMALL = 8  # size of letters in tables [pt]
-SHORT = 12  # rows of a table that stays on one page
+SMALL = 8  # font size in tables [pt]
+SHORT = 12  # maximum rows of a table that must stay on one page
 MARGIN = 1.8  # [cm]
-A4 = 29.7, 21.0  # wide, high [cm]
-#: For the spelling and hyphenation of Word; German without sharp s.
+A4 = 29.7, 21.0  # width, height [cm]
+#: Language for spelling and hyphenation in Word; German is Swiss, without sharp s.
 PROOFED = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT"}
 
 
@@ -72,11 +72,11 @@ def _set_language(document: Any, language: str) -> None:
 
 
 def _add_table(document: Any, table: Table) -> None:
-    """Add a table; its first row is repeated on each page, no row is split, and a short table stays
-    on one page."""
+    """Add a table. Its first row is repeated on each page, rows are not split, and a short table
+    stays on one page."""
     rows = [table.head, *table.texts()]
     grid = document.add_table(len(rows), len(table.head), style="Table Grid")
-    cells = iter(grid._cells)  # grid.cell(i, j) would build this list each time
+    cells = iter(grid._cells)  # grid.cell(i, j) would build this list for each cell
     for number, row in enumerate(rows):
         for _, value in zip_longest(table.head, row, fillvalue=""):
             cell = next(cells)
@@ -90,7 +90,7 @@ def _add_table(document: Any, table: Table) -> None:
 
 
 def _flag(name: str) -> Any:
-    """Element that switches a property on."""
+    """Element that enables a property."""
     from docx.oxml import OxmlElement
     from docx.oxml.ns import qn
 

@@ -12,15 +12,15 @@ from rockfall.tables.dossier import Section
 
 
 def write_dossier_document(title: str, sections: Sequence[Section], path: Path) -> Path:
-    """Write all sentences and tables as a document of Word."""
+    """Write all sentences and tables as a Word document."""
     return write_document(
         title, [Part(section.heading, section.notes, section.tables) for section in sections], path
     )
 
 
 def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
-    """Write each table as a sheet of a workbook, after a sheet with the sentences; numbers have all
-    digits, and interval limits have their own columns."""
+    """Write each table to a sheet of a workbook, after a sheet with the sentences. Numbers have
+    all digits; interval limits have separate columns."""
     rows: list[tuple[str, str]] = [("", title), ("", say("office.intervals"))]
     sheets, number = [], 0
     for section in sections:

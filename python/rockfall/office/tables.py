@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of a result and of designs for workbooks and documents."""
+"""Tables of results and designs for workbooks and documents."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ from rockfall.tables.design import factor_lines, load_tables
 from rockfall.tables.lines import level_table, line_tables, rows_of
 from rockfall.tables.run import barrier_table, provenance
 
-FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # endings, and the packages that write them
+FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # extensions, and packages that write them
 
 
 def check_tables(formats: Iterable[str], language: str) -> None:
@@ -40,7 +40,7 @@ def put_tables(
     result: xr.Dataset, folder: Path, formats: Sequence[str], language: str, checksum: str = ""
 ) -> Iterator[Path]:
     """Write line statistics, return levels and effects of barriers to tables.xlsx and tables.docx
-    in a new folder, with facts on the run; `checksum` belongs to the result's file, if any."""
+    in a new folder, with details of the run; `checksum` belongs to the result file, if any."""
     sheets = [*_result_sheets(result)] if "xlsx" in formats else []  # texts as in CSV files
     with speaking(language):
         facts = _facts(result, checksum)
@@ -62,8 +62,8 @@ def put_design(
     language: str,
     checksums: Mapping[str, str],
 ) -> Iterator[Path]:
-    """Write designs, by the names of their results, to design.xlsx and design.docx in a new folder;
-    `tables` are those of the CSV files, by name."""
+    """Write designs, by the names of their results, to design.xlsx and design.docx in a new
+    folder; `tables` are the tables of the CSV files, by name."""
     if not formats:
         return
     with speaking(language):
@@ -108,7 +108,7 @@ def _result_parts(result: xr.Dataset) -> Iterator[Part]:
 
 
 def _facts(result: xr.Dataset, checksum: str) -> Table:
-    """The run: the title of the case and the checksum of the result's file."""
+    """Details of the run: title of the case and checksum of the result file."""
     table = provenance(result)["table"]
     first = [(say("office.case"), str(result.attrs["title"]))]
     first += [(say("office.result"), checksum)] if checksum else []
@@ -117,7 +117,7 @@ def _facts(result: xr.Dataset, checksum: str) -> Table:
 
 
 def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
-    """Sheet with the run, units, intervals, and notes on numbers."""
+    """Sheet with details of the run, units, intervals, and notes on values."""
     rows: list[Sequence[str]] = [(say("office.units"),), (say("office.intervals"),)]
     rows += [(note,) for note in notes]
     for table in facts:
@@ -126,7 +126,7 @@ def _fact_sheet(facts: Iterable[Table], notes: Iterable[str]) -> Sheet:
 
 
 def _notes_of(name: str, notes: Iterable[str]) -> Iterator[str]:
-    """Non-empty notes, each after the name of its subject."""
+    """Non-empty notes, each preceded by the name of its subject."""
     for note in filter(None, notes):
         yield say("join.colon", before=name, after=translated(note))
 

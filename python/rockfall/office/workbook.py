@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Workbook of Excel: a sheet for each table, as the CSV with units in the headers."""
+"""Excel workbook with a sheet for each table, like the CSV files, but with units in the headers."""
 
 import math
 import re
@@ -13,16 +13,16 @@ import numpy as np
 from rockfall.io.atomic import atomic_write
 from rockfall.table import Table
 
-CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # not allowed in XML
-WIDEST, PAD = 60, 2  # of a column, in letters
-NARROWEST_HEAD = 12  # letters from which a header is wrapped
-DIGITS = 3  # shown at least of a number; its cell has all
-LINE = 15.0  # height of a line [pt]
-LETTER = 1.2  # width of a letter at most, on average, in those of the column's width
+CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # characters not allowed in XML
+WIDEST, PAD = 60, 2  # maximum column width and padding, in letters
+NARROWEST_HEAD = 12  # minimum letters of a header that is wrapped
+DIGITS = 3  # minimum digits displayed; the cell keeps full precision
+LINE = 15.0  # line height [pt]
+LETTER = 1.2  # maximum mean letter width, in units of the column width
 
 
 class Sheet(NamedTuple):
-    """A sheet: its name, and its table, or rows of texts."""
+    """A sheet: name, and a table or rows of texts."""
 
     name: str
     table: Table
@@ -30,10 +30,10 @@ class Sheet(NamedTuple):
 
 
 def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
-    """Write sheets to one workbook, atomically.
+    """Write sheets to a workbook, atomically.
 
-    Numbers have all their digits, as in a CSV, and are shown with a few; missing and infinite ones
-    are empty cells. Texts are never run as formulas. Each sheet is printed one page wide.
+    Numbers keep all digits, as in a CSV file, but fewer are displayed; missing and infinite
+    numbers are empty cells. Texts are never executed as formulas. Each sheet prints one page wide.
     """
     from openpyxl import Workbook
 
@@ -69,7 +69,7 @@ def _put(page: Any, row: int, column: int, value: Any, is_head: bool) -> None:
         cell.number_format = number_format(value)
     elif isinstance(value, str):
         cell.value = CONTROL.sub(" ", value)
-        cell.data_type = "s"  # openpyxl takes texts that begin with = for formulas
+        cell.data_type = "s"  # openpyxl takes texts that start with = for formulas
         cell.alignment = Alignment(wrap_text=True, vertical="top")
     else:
         cell.value = value
@@ -80,7 +80,7 @@ def _put(page: Any, row: int, column: int, value: Any, is_head: bool) -> None:
 
 
 def number_format(value: float) -> str:
-    """Format that shows at least `DIGITS` digits of a number, and all of its integer part."""
+    """Number format that shows at least `DIGITS` digits and the whole integer part."""
     size = abs(value)
     if size and size < 10.0**-DIGITS:
         return "0.00E+00"
@@ -89,7 +89,7 @@ def number_format(value: float) -> str:
 
 
 def _widen(page: Any, is_table: bool) -> None:
-    """Set column widths to their displayed contents, within limits; long headers wrap."""
+    """Fit column widths to their displayed contents, within limits; long headers wrap."""
     for column in page.columns:
         head, *cells = column
         longest = max((len(_shown(cell)) for cell in cells), default=0)
@@ -99,7 +99,7 @@ def _widen(page: Any, is_table: bool) -> None:
 
 
 def _heighten(page: Any) -> None:
-    """Set the height of rows with multi-line texts, which LibreOffice does not do."""
+    """Set the height of rows with multi-line texts, because LibreOffice does not."""
     for row in page.rows:
         lines = max(_lines(cell, page.column_dimensions[cell.column_letter].width) for cell in row)
         if lines > 1:
@@ -114,7 +114,7 @@ def _lines(cell: Any, width: float) -> int:
 
 
 def _shown(cell: Any) -> str:
-    """Text of a cell, about as wide as on screen."""
+    """Text of a cell, about as long as displayed."""
     if cell.data_type != "n" or cell.value is None:
         return str(cell.value or "")
     _, _, decimals = cell.number_format.partition(".")
@@ -124,7 +124,8 @@ def _shown(cell: Any) -> str:
 
 
 def _set_print(page: Any, is_table: bool) -> None:
-    """A4, one page wide, with page numbers; tables are landscape and repeat their header."""
+    """Set up A4 printing, one page wide with page numbers; tables are landscape and repeat their
+    header."""
     page.page_setup.paperSize = page.PAPERSIZE_A4
     page.page_setup.orientation = "landscape" if is_table else "portrait"
     page.page_setup.fitToWidth, page.page_setup.fitToHeight = 1, 0

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""XML of a project: coordinate system, tree of layers, layers, themes, extent, layouts.
+"""XML of a project: coordinate system, layer tree, layers, themes, extent, layouts.
 
-Elements and attributes are those read by QGIS 3.22 and later, which uses defaults for omitted ones.
-Sources of layers are relative to the project.
+Elements and attributes are those that QGIS 3.22 and later reads, with defaults for omitted ones.
+Layer sources are relative to the project.
 """
 
 import zipfile
@@ -16,13 +16,13 @@ from rockfall.io.atomic import atomic_write
 from rockfall.qgis_project.layers import Group, Layer
 
 VERSION = "3.22.0"
-LONG_AGO = (1980, 1, 1, 0, 0, 0)  # date in the archive: the same project has the same bytes
-CLASS_ROWS = {"item", "paletteEntry"}  # elements of the classes of maps
+LONG_AGO = (1980, 1, 1, 0, 0, 0)  # fixed date in the archive: equal projects have equal bytes
+CLASS_ROWS = {"item", "paletteEntry"}  # elements with map classes
 Extent = tuple[float, float, float, float]  # west, east, south, north [m]
 
 
 class Theme(NamedTuple):
-    """Layers shown together, with a name."""
+    """Named set of layers that are shown together."""
 
     name: str
     layers: tuple[Layer, ...]
@@ -40,7 +40,7 @@ class Project(NamedTuple):
 
 
 def write_project(project: Project, path: Path) -> Path:
-    """Write a project as a .qgz, an archive with the project as XML in it."""
+    """Write a project as .qgz, an archive with the project XML."""
     text = HEAD + ElementTree.tostring(_document(project), encoding="unicode") + "\n"
     with atomic_write(path) as part, zipfile.ZipFile(part, "w") as archive:
         info = zipfile.ZipInfo(path.with_suffix(".qgs").name, LONG_AGO)
@@ -50,7 +50,7 @@ def write_project(project: Project, path: Path) -> Path:
 
 
 def crs_element(name: str, crs: str | None) -> ElementTree.Element:
-    """Coordinate system from its well-known text; empty if there is none."""
+    """Coordinate system element from well-known text; empty if there is none."""
     element = ElementTree.Element(name)
     system = ElementTree.SubElement(element, "spatialrefsys")
     if crs:
@@ -61,8 +61,8 @@ def crs_element(name: str, crs: str | None) -> ElementTree.Element:
 def tree_layer(
     layer: Layer, visible: bool = True, expanded: bool = True, title: str = ""
 ) -> ElementTree.Element:
-    """Layer in the tree of the project, or of a legend with its own title. A map shows the rows of
-    its classes, not the row of its band, which comes first."""
+    """Layer in the tree of the project, or of a legend with its own title. For a map, the rows of
+    its classes are shown, but not the row of its band, which comes first."""
     attrs = {
         "id": layer.id, "name": layer.title, "source": layer.source,
         "providerKey": provider(layer), "checked": _checked(visible),
@@ -82,7 +82,7 @@ def tree_layer(
 
 
 def provider(layer: Layer) -> str:
-    """Provider of QGIS that reads a layer."""
+    """QGIS provider that reads a layer."""
     return "gdal" if layer.is_raster else "ogr"
 
 
@@ -126,7 +126,7 @@ def _checked(yes: bool) -> str:
 
 
 def _layer(layer: Layer, crs: str | None) -> ElementTree.Element:
-    """Layer element with its style: the children of the style element."""
+    """Layer element with its style, which consists of the children of the style element."""
     attrs = {"type": "raster" if layer.is_raster else "vector"}
     if "labelsEnabled" in layer.style.attrib:
         attrs["labelsEnabled"] = layer.style.attrib["labelsEnabled"]
@@ -154,14 +154,14 @@ def _canvas(project: Project) -> ElementTree.Element:
 
 
 def corners(extent: Extent) -> dict[str, str]:
-    """Corners of an extent by their names in QGIS."""
+    """Corners of an extent by their QGIS names."""
     west, east, south, north = extent
     named = {"xmin": west, "ymin": south, "xmax": east, "ymax": north}
     return {name: repr(float(value)) for name, value in named.items()}
 
 
 def _properties() -> ElementTree.Element:
-    """Project properties: a coordinate system is set; sources are relative to the project."""
+    """Project properties: coordinate system enabled, relative sources."""
     properties = ElementTree.Element("properties")
     system = ElementTree.SubElement(properties, "SpatialRefSys")
     ElementTree.SubElement(system, "ProjectionsEnabled", type="int").text = "1"

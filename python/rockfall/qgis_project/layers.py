@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of a project, from the files of a folder and their styles there."""
+"""Layers of a project, from the files and styles in a folder."""
 
 import re
 import sqlite3
@@ -11,14 +11,14 @@ from xml.etree import ElementTree
 from rockfall.files.vector_style import TABLE
 from rockfall.language import localised, word
 
-#: Labels of classes of maps, in `rockfall.result.maps.classes`.
+#: Labels of map classes in `rockfall.result.maps.classes`.
 CLASS = re.compile(r"(?:up to (\S+)|(\S+) to (\S+)|above (\S+)) (\S+)")
-LABELLED = "label"  # attribute of styles and their elements with a text for users
+LABELLED = "label"  # attribute with user text in styles and their elements
 
 
 class Layer(NamedTuple):
-    """A layer: title, source relative to the project, style as XML elements, and whether it is
-    initially visible and in printed legends."""
+    """A layer: title, source relative to the project, style as XML elements, and flags for initial
+    visibility and printed legends."""
 
     title: str
     source: str
@@ -28,7 +28,7 @@ class Layer(NamedTuple):
 
     @property
     def id(self) -> str:
-        """Name of the layer within the project, unique like its source and style."""
+        """Id of the layer in the project, unique for its source and style."""
         renderer = next((node.get("type", "") for node in self.style.iter("rasterrenderer")), "")
         return re.sub(r"\W+", "_", f"{self.source.removeprefix('./')} {renderer}").strip("_")
 
@@ -38,7 +38,7 @@ class Layer(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group of layers, top layer first."""
+    """A group of layers, topmost first."""
 
     title: str
     layers: tuple[Layer, ...]
@@ -52,19 +52,19 @@ def raster_layer(path: Path, title: str, **options: bool) -> Layer:
 
 
 def vector_styles(path: Path) -> dict[str, str]:
-    """Style of each layer of a GeoPackage that has one, as text."""
+    """Style text of each layer in a GeoPackage that has a style."""
     with closing(sqlite3.connect(path)) as database:
         return dict(database.execute(f"SELECT f_table_name, styleQML FROM {TABLE}"))
 
 
 def vector_layer(path: Path, name: str, style: str, title: str, **options: bool) -> Layer:
-    """Layer of a GeoPackage with a style from its table of styles."""
+    """Layer of a GeoPackage with a style from its style table."""
     root = _translated(ElementTree.fromstring(style))
     return Layer(title, f"./{path.name}|layername={name}", root, **options)
 
 
 def _translated(style: ElementTree.Element) -> ElementTree.Element:
-    """Style with the labels of its legend in the current language, classes by signs."""
+    """Style with legend labels in the current language; classes are labelled with signs."""
     for element in style.iter():
         if label := element.get(LABELLED):
             match = CLASS.fullmatch(label)

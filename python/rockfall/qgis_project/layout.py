@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""XML of a layout for printing on A3: the map at a round scale, and next to it a block with title,
-legend, north arrow, scale bar, coordinate system, data and date.
+"""XML of an A3 print layout: the map at a round scale and, next to it, a block with title, legend,
+north arrow, scale bar, coordinate system, data and date.
 
-All positions are in millimetres, from the upper left corner of the paper.
+Positions are in millimetres from the upper left corner of the paper.
 """
 
 import base64
@@ -16,23 +16,23 @@ from rockfall.plots.cartography.sheet import round_scale
 from rockfall.qgis_project.document import Extent, corners, tree_layer
 from rockfall.qgis_project.layers import Layer
 
-WIDE, HIGH, MARGIN, BLOCK, GAP = 420.0, 297.0, 10.0, 95.0, 6.0  # paper, and its parts
+WIDE, HIGH, MARGIN, BLOCK, GAP = 420.0, 297.0, 10.0, 95.0, 6.0  # paper, margin, block width, gap
 MAP_WIDE, MAP_HIGH = WIDE - 2 * MARGIN - BLOCK - GAP, HIGH - 2 * MARGIN
-LEFT = WIDE - MARGIN - BLOCK  # of the block
-PAD = 4.0  # of texts in the block
+LEFT = WIDE - MARGIN - BLOCK  # left edge of the block
+PAD = 4.0  # padding of texts in the block
 FONT = "Arial"
-SMALL, NORMAL, LARGE, TITLE = 7, 8, 10, 15  # sizes of letters [pt]
-LETTER = 0.5  # average width of a letter, relative to its size
-LINE = 1.45  # height of a line, relative to its size
-POINT = 25.4 / 72  # [mm]
-LETTERS = 44  # letters of a bold title in the legend, in the widest fonts
+SMALL, NORMAL, LARGE, TITLE = 7, 8, 10, 15  # font sizes [pt]
+LETTER = 0.5  # mean letter width, relative to the font size
+LINE = 1.45  # line height, relative to the font size
+POINT = 25.4 / 72  # point [mm]
+LETTERS = 44  # letters in a bold legend title, for the widest fonts
 BAR = 35.0  # maximum length of the scale bar
 FOOT = 66.0  # height of the items below the legend
-#: Numbers of QGIS for the kinds of items.
+#: QGIS numbers of item types.
 PAGE, MAP, PICTURE, LABEL, LEGEND, SHAPE, SCALE_BAR = (
     65638, 65639, 65640, 65641, 65642, 65643, 65646,
 )  # fmt: skip
-MAP_ITEM = "map"  # named in the expression for its scale
+MAP_ITEM = "map"  # id used in the scale expression
 SCALE = f"[% format_number(round(map_get(item_variables('{MAP_ITEM}'), 'map_scale')), 0) %]"
 TODAY = "[% format_date(now(), 'yyyy-MM-dd') %]"
 NORTH = (
@@ -45,7 +45,7 @@ NORTH = (
 
 
 class Texts(NamedTuple):
-    """Texts of a layout: headings, lines, lines of the legend, words of scale and date."""
+    """Texts of a layout: headings, lines, legend lines, words for scale and date."""
 
     title: str
     subtitle: str
@@ -58,7 +58,7 @@ class Texts(NamedTuple):
 def layout(
     name: str, theme: str, extent: Extent, layers: Iterable[Layer], texts: Texts
 ) -> ElementTree.Element:
-    """Layout of a theme; `layers` appear in its legend."""
+    """Layout of a theme; `layers` appear in the legend."""
     attrs = {"name": name, "units": "mm", "printResolution": "300", "worldFileMap": ""}
     root = ElementTree.Element("Layout", attrs)
     pages = ElementTree.SubElement(root, "PageCollection")
@@ -74,7 +74,7 @@ def layout(
 
 
 def paper_extent(extent: Extent) -> Extent:
-    """Extent of the map on paper around an extent, at the next round scale."""
+    """Map extent on paper that includes an extent, at the next round scale."""
     west, east, south, north = extent
     scale = scale_of(extent)
     x, y = (west + east) / 2, (south + north) / 2
@@ -83,7 +83,7 @@ def paper_extent(extent: Extent) -> Extent:
 
 
 def scale_of(extent: Extent) -> float:
-    """Round scale denominator at which an extent fits on the paper."""
+    """Round scale denominator at which an extent fits the paper."""
     west, east, south, north = extent
     return round_scale(1e3 * max((east - west) / MAP_WIDE, (north - south) / MAP_HIGH))
 
@@ -96,7 +96,7 @@ def bar_unit(scale: float) -> float:
 
 
 def _item(layout_name: str, kind: int, what: str, place: Sequence[float], **options: str):
-    """An item at x, y with width and height."""
+    """Layout item at x, y with width and height."""
     x, y, wide, high = (f"{number:.6g}" for number in place)
     own = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, f'rockfall/{layout_name}/{what}')}}}"
     usual = {
@@ -121,7 +121,7 @@ def _map(name: str, theme: str, extent: Extent) -> ElementTree.Element:
 
 
 def _frame(name: str) -> ElementTree.Element:
-    """Frame of the block: an empty label with a frame."""
+    """Frame of the block: an empty label with a border."""
     place = LEFT, MARGIN, BLOCK, MAP_HIGH
     return _label(name, "block", "", place, NORMAL, frame="true", background="true")
 
@@ -138,7 +138,7 @@ def _label(
 
 
 def _font(size: int, bold: bool = False) -> str:
-    """A font as Qt describes it."""
+    """Font in Qt's description format."""
     return f"{FONT},{size},-1,5,{75 if bold else 50},0,0,0,0,0"
 
 
@@ -148,13 +148,13 @@ def _head_texts(texts: Texts) -> list[tuple[str, int, bool]]:
 
 
 def _height(text: str, size: int, *_: bool) -> float:
-    """Height of a text in the block [mm], broken into lines."""
+    """Height of a wrapped text in the block [mm]."""
     letters = (BLOCK - 2 * PAD) / (LETTER * size * POINT)
     return (int(len(text) / letters) + 1) * LINE * size * POINT
 
 
 def _head(name: str, texts: Texts) -> Iterable[ElementTree.Element]:
-    """Title, subtitle and imprint, from the top down."""
+    """Title, subtitle and imprint, from top to bottom."""
     y = MARGIN + PAD
     for k, (text, size, bold) in enumerate(_head_texts(texts)):
         high = _height(text, size)
@@ -163,7 +163,7 @@ def _head(name: str, texts: Texts) -> Iterable[ElementTree.Element]:
 
 
 def _legend(name: str, chart: str, y: float, layers: Iterable[Layer]) -> ElementTree.Element:
-    """Legend of these layers only."""
+    """Legend with only these layers."""
     place = LEFT + PAD, y + PAD, BLOCK - 2 * PAD, HIGH - MARGIN - FOOT - y - PAD
     attrs = {
         "map_uuid": chart, "title": "", "resizeToContents": "1", "wrapChar": "\n",
@@ -201,7 +201,7 @@ def _foot(name: str, chart: str, extent: Extent, texts: Texts) -> Iterable[Eleme
     yield _label(name, "scale", scale, (left, top, 60, 5), LARGE, True)
     y = top + 21
     for k, text in enumerate([*texts.foot, f"{texts.printed}: {TODAY}"]):
-        shown = text.replace(TODAY, "2000-01-01")  # by its length on paper
+        shown = text.replace(TODAY, "2000-01-01")  # length on paper differs
         high = _height(shown, SMALL)
         yield _label(name, f"foot {k}", text, (left, y, BLOCK - 2 * PAD, high), SMALL)
         y += high

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Project of an exported result: its layers, groups, themes and layouts."""
+"""Project of an exported result: layers, groups, themes and layouts."""
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,8 +34,8 @@ from rockfall.result.trajectories import Terrain
 PROJECT, ELEVATION = "project.qgz", "elevation_m.tif"
 RESULT, HAZARD = "rockfall.gpkg", "hazard.gpkg"
 CONTOUR = "#5a4632"
-MAX_FILES = 8  # named on paper
-#: Titles of layers of GeoPackages, by file and name.
+MAX_FILES = 8  # maximum file names on paper
+#: Titles of GeoPackage layers, by file and layer name.
 TITLES = {
     RESULT: {
         "trajectories": "qgis.trajectories", "crossings": "qgis.crossings", "stops": "qgis.stops",
@@ -47,11 +47,11 @@ TITLES = {
         "zones_by_cell": "qgis.zones_by_cell",
     },
 }  # fmt: skip
-NOT_IN_LEGEND = "lines"  # its names are on the map
+NOT_IN_LEGEND = "lines"  # the map shows their names
 
 
 class _Layers(NamedTuple):
-    """Layers of GeoPackages by name, and of maps by the stem of their files."""
+    """GeoPackage layers by name, and maps by file stem."""
 
     result: dict[str, Layer]
     hazard: dict[str, Layer]
@@ -68,7 +68,7 @@ def put_project(
     imprint: Imprint = NOBODY,
     language: str = "en",
 ) -> Iterator[Path]:
-    """Write project.qgz for the files of an export in a new folder and, if the terrain is known,
+    """Write project.qgz for the files of an export to a new folder; if the terrain is known, also
     elevation_m.tif with its style. `files` may include the files of a hazard."""
     extent = reached(data, terrain)
     with speaking(language):
@@ -101,7 +101,7 @@ def _put_terrain(terrain: Terrain, folder: Path) -> Iterator[Path]:
 
 
 def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
-    """Contours over shaded relief, both of the file of elevations."""
+    """Contours over shaded relief, both from the elevation file."""
     interval = contours_of(terrain, extent).interval
     path = folder / ELEVATION
     style, title = contour_style(interval, INDEX, CONTOUR), say("map.contours", interval=interval)
@@ -110,8 +110,8 @@ def _relief(terrain: Terrain, extent: Extent, folder: Path) -> list[Layer]:
 
 
 def _vectors(path: Path) -> dict[str, Layer]:
-    """Styled layers of a GeoPackage in drawing order; none if there is no file. Objects of several
-    shape types have no style, because QGIS would choose a random colour; risk layers show them."""
+    """Styled layers of a GeoPackage in drawing order; none without a file. Objects of several
+    shape types are omitted, because QGIS would choose a random colour; risk layers show them."""
     if not path.exists():
         return {}
     with closing(sqlite3.connect(path)) as database:
@@ -119,7 +119,7 @@ def _vectors(path: Path) -> dict[str, Layer]:
         names = {name for (name,) in database.execute(text)}
     styles, titles = vector_styles(path), TITLES[path.name]
     others = sorted(names - titles.keys())
-    risk = [name for name in others if name.startswith("risk")]  # small: above the zones
+    risk = [name for name in others if name.startswith("risk")]  # small objects, drawn above zones
     ordered = [*risk, *(name for name in titles if name in names)]
     ordered += [name for name in others if name not in risk]
     return {
@@ -134,7 +134,7 @@ def _vectors(path: Path) -> dict[str, Layer]:
 
 
 def _maps(files: Iterable[Path]) -> tuple[dict[str, Layer], dict[str, Layer]]:
-    """Maps of numbers and maps of classes of a hazard, with the long names of their files."""
+    """Maps of numbers, and class maps of a hazard, with their long names."""
     import rasterio
 
     maps: dict[str, Layer] = {}
@@ -152,7 +152,7 @@ def _maps(files: Iterable[Path]) -> tuple[dict[str, Layer], dict[str, Layer]]:
 
 
 def _themes(layers: _Layers) -> Iterator[Theme]:
-    """Themes: trajectories, zones, and each map, above sources, lines, nets and relief."""
+    """Themes: trajectories, zones, and each map, together with sources, lines, nets and relief."""
     above, below = _base(layers)
     shown = [layer for name, layer in layers.hazard.items() if name != "zones_by_cell"]
     if "trajectories" in layers.result:
@@ -167,7 +167,7 @@ def _themes(layers: _Layers) -> Iterator[Theme]:
 
 
 def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
-    """Layers above and below a map, common to all themes."""
+    """Layers above and below a map, which all themes share."""
     sources = "source_areas" if "source_areas" in layers.result else "sources"
     names = "lines", "barriers", "dams", sources
     above = tuple(layers.result[name] for name in names if name in layers.result)
@@ -175,7 +175,7 @@ def _base(layers: _Layers) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
 
 
 def _groups(layers: _Layers) -> Iterator[Group]:
-    """Groups from top to bottom of the map, with the initial selection."""
+    """Groups from the top to the bottom of the map, with initial visibility."""
     above, _ = _base(layers)
     first = next((name for name in PASSED if name in layers.maps), next(iter(layers.maps), ""))
     chosen = {layer.id for layer in above} | {name for name in (_id(layers.maps, first),) if name}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Import of folders of the program Rockyfor3D as cases (docs/rockyfor3d.md)."""
+"""Import of Rockyfor3D folders as cases (docs/rockyfor3d.md)."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files in a folder of Rockyfor3D, by their names in that program."""
+"""Files of a Rockyfor3D folder, by the program's file names."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,7 +21,7 @@ LISTS = (".txt", ".csv", ".xyz")  # extensions of tree lists
 
 
 class Folder:
-    """Contents of a folder."""
+    """Contents of a Rockyfor3D folder."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -57,7 +57,7 @@ class Folder:
         return [f"{name}.asc" for name in names if name not in self.rasters]
 
     def read(self, name: str) -> np.ndarray:
-        """A raster on the cells of the DEM, NaN where it has no data."""
+        """Read a raster on the DEM cells, NaN where it has no data."""
         values = np.empty(self.grid.shape)
         path, what = self.rasters[name], f"values of {name}"
         for rows, block in aligned_blocks(path, self.grid, what, "f8", smooth=False):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a Rockyfor3D folder to a case, which uses its files where they mean the same."""
+"""Conversion of a Rockyfor3D folder to a case that uses its files where they have the same
+meaning."""
 
 from __future__ import annotations
 
@@ -22,18 +23,18 @@ from rockfall.language import say
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
 
-MARK = "! Made by `rockfall import-rockyfor3d`"  # first words of an imported case
+MARK = "! Made by `rockfall import-rockyfor3d`"  # first line of an imported case
 STEMS, SOURCES = "stems.tif", "sources.tif"
 TREES = "trees.csv"
 HECTARE = 1e4  # [m2]
-BOULDERS = 100  # per source
+BOULDERS = 100  # boulders per source
 DROP_HEIGHT = 1.0  # [m]
 MAPS = (
     "passages", "deposits", "reach_probability_by_source", "energy_mean", "energy_q95",
     "jump_height_mean", "jump_height_q95", "speed_max_map", "energy_line_angle_min",
     "travel_time_min",
 )  # fmt: skip
-LEFT = (  # inputs that no folder contains, or that have no counterpart here
+LEFT = (  # inputs that the folder lacks, or that have no counterpart in rockfall
     "Rockyfor3D requests boulders, drop_height and volume_spread at its start: set them above.",
     "Its heights are normal to the slope; ours are vertical (docs/rockyfor3d.md).",
     "Its choice of the height at which a tree is hit has no counterpart; see &forest stem_height.",
@@ -47,21 +48,21 @@ class Import:
     folder: Folder
     out: Path
     part: Path  # temporary folder for the files of `out`
-    crs: str | None = None  # of the rasters
-    notes: list[str] = field(default_factory=list)  # inputs that were guessed or not imported
+    crs: str | None = None  # CRS of the rasters
+    notes: list[str] = field(default_factory=list)  # on inputs that were guessed or not imported
     model: list[str] = field(default_factory=list)  # remarks on the model
 
     def path(self, name: str) -> str:
-        """Path of a raster of the folder as named in the case."""
+        """Path of a raster, as named in the case."""
         return relative_name(self.folder.rasters[name], self.out.resolve())
 
 
 def import_rockyfor3d(
     directory: str | Path, out: str | Path, *, crs: str | None = None
 ) -> list[str]:
-    """Write to the folder `out` a case that runs a folder of Rockyfor3D; returns one line for each
-    input that could not be imported. `crs` (such as EPSG:2056) is the coordinate system of its
-    rasters, which contain none: the case then has a DEM with a CRS.
+    """Write a case for a Rockyfor3D folder to the folder `out`. Return a line for each input that
+    could not be imported. `crs` (such as EPSG:2056) is the CRS of the rasters, whose format cannot
+    store one; the case then has a DEM with a CRS.
 
     >>> import rockfall
     >>> left_out = rockfall.import_rockyfor3d("folder", "imported", crs="EPSG:2056")
@@ -87,7 +88,7 @@ def import_rockyfor3d(
 
 
 def _groups(made: Import) -> Iterator[Group]:
-    """The groups of the case, in order."""
+    """Groups of the case, in order."""
     title = f"{made.folder.path.resolve().name}, after Rockyfor3D"
     yield Group(
         "case", [Entry("title", title), Entry("boulders", BOULDERS, "from each source cell")]
@@ -102,7 +103,7 @@ def _groups(made: Import) -> Iterator[Group]:
 
 
 def _terrain(made: Import) -> Group:
-    """Terrain group with the original DEM, or with a copy if a coordinate system is given."""
+    """Terrain group with the original DEM, or with a copy if a CRS is given."""
     if made.crs is None:
         return Group("terrain", [Entry("dem", made.path("dem"))])
     z, made.folder.grid = read_source(made.folder.rasters["dem"], made.crs)[:2]
@@ -156,7 +157,7 @@ def _release(made: Import) -> Group:
 
 
 def _forest(made: Import) -> Iterator[Group]:
-    """Forest group with trees from a list, or generated from the data of each cell."""
+    """Forest group with trees from a list, or generated from cell data."""
     folder = made.folder
     conifers = Entry("uniform_conifers", 100.0, "[%]; conifers stop less than broadleaved trees")
     if "conif_percent" in folder:
@@ -197,7 +198,7 @@ def _forest(made: Import) -> Iterator[Group]:
 
 
 def _nets(made: Import) -> Iterator[Group]:
-    """Barrier groups, one for each net."""
+    """Barrier groups for the nets, one each."""
     missing = made.folder.missing(NETS)
     if len(missing) == len(NETS):
         return

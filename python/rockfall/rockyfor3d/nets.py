@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets as lines, from Rockyfor3D rasters with a net number in each cell."""
+"""Nets as lines, from Rockyfor3D rasters with net numbers in cells."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -12,20 +12,20 @@ from rockfall.rockyfor3d.folder import Folder
 
 NETS = ("net_number", "net_energy", "net_height")
 AROUND = np.ones((3, 3), int)  # adjacent cells, including diagonal ones
-TOLERANCE = 1.0  # deviation of a line through cells from their centres [cells]
-TOUCH = 1.5  # upper limit of the distance of adjacent centres, including diagonal ones [cells]
-DECIMALS = 3  # of coordinates [m]
+TOLERANCE = 1.0  # maximum distance of a line from cell centres [cells]
+TOUCH = 1.5  # exceeds the distance of adjacent centres, including diagonal ones [cells]
+DECIMALS = 3  # decimals of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and the number of its cells off the line, in branches or loops."""
+    """A barrier, and the number of its cells off the line, on branches or loops."""
 
     keys: dict[str, Any]
     off: int
 
 
 def barriers(folder: Folder) -> Iterator[Net]:
-    """Barriers for each net, or for each connected part of a net."""
+    """Barriers for all nets; a net in several parts gives a barrier for each part."""
     from scipy.ndimage import label
 
     number, energy, height = (folder.read(name) for name in NETS)
@@ -48,7 +48,7 @@ def barriers(folder: Folder) -> Iterator[Net]:
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
     """Minimum value over the cells of a net."""
-    if not (values > 0).all():  # including no data
+    if not (values > 0).all():  # true for nodata, too
         raise RockfallError(
             f"{folder.rasters[raster]}: {name} has cells that are not > 0: give every cell of "
             "net_number an energy [kJ] and a height [m]"
@@ -57,8 +57,8 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """Line through cells from end to end, half a cell beyond their centres, without raster steps. A
-    single cell gives a line along the contour."""
+    """Line along cells, extended by half a cell at both ends and without raster steps. A single
+    cell gives a line along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])
@@ -70,7 +70,7 @@ def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[flo
 
 
 def longest_way(cells: np.ndarray) -> np.ndarray:
-    """Shortest path (n, row and column) between the two most distant cells, over adjacent cells."""
+    """Shortest path (n, row and column) over adjacent cells between the two most distant cells."""
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
@@ -84,20 +84,20 @@ def longest_way(cells: np.ndarray) -> np.ndarray:
 
 
 def _off(cells: np.ndarray, way: np.ndarray) -> int:
-    """Number of cells not adjacent to the path."""
+    """Number of cells that are not adjacent to the path."""
     from scipy.spatial import cKDTree
 
     return int((cKDTree(way).query(cells)[0] > TOUCH).sum())
 
 
 def _lengthened(path: np.ndarray) -> np.ndarray:
-    """Path with both ends moved outwards by half a step."""
+    """Path extended by half a step at both ends."""
     first, last = path[0] + 0.5 * (path[0] - path[1]), path[-1] + 0.5 * (path[-1] - path[-2])
     return np.concatenate(([first], path[1:-1], [last]))
 
 
 def _simplified(path: np.ndarray) -> np.ndarray:
-    """Path of the fewest points within the tolerance (Douglas and Peucker 1973)."""
+    """Path with the fewest points within the tolerance (Douglas and Peucker 1973)."""
     need("nets need", "vector", "shapely")
     import shapely
 
@@ -105,7 +105,7 @@ def _simplified(path: np.ndarray) -> np.ndarray:
 
 
 def _contour(dem: np.ndarray, row: int, column: int) -> np.ndarray:
-    """Direction (rows, columns) of the contour; east where the terrain is flat or unknown."""
+    """Contour direction (rows, columns); east if the terrain is flat or unknown."""
     block = dem[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
     if min(block.shape) < 2 or np.isnan(block).any():
         return np.array([0.0, 1.0])
