@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results: made from tallies, and written to files."""
+"""Results: created from tallies, and written to files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random properties of the boulders of a result: shape and ground strength."""
+"""Random properties of boulders in a result: shape and ground strength."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def ground_strength(result: xr.Dataset) -> xr.DataArray:
-    """Strength of the ground under each boulder, (boulder,), as a standard normal number z. The
-    strength of a ground by impact tables is its median times exp(strength_sigma z) (theory, eq.
-    5.25a); rocks have the radius R_m exp(-mean_radius_sigma z) (eq. 7.3a). It depends only on the
-    seed and the boulder number.
+    """Ground strength for each boulder, (boulder,), as a standard normal variable z. With impact
+    tables, the strength of a ground is its median times exp(strength_sigma z) (theory, eq. 5.25a);
+    rocks have the radius R_m exp(-mean_radius_sigma z) (eq. 7.3a). z depends only on the seed and
+    the boulder number.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(case={"boulders": 5})
@@ -31,7 +31,7 @@ def ground_strength(result: xr.Dataset) -> xr.DataArray:
     ('boulder',)
     """
     numbers = result["boulder"].astype("i8")
-    if "boulder" not in result.coords:  # the result is a part of a run
+    if "boulder" not in result.coords:  # a part of a run
         numbers = numbers + int(result.attrs["boulder_first"])
     deviates = _core.strength_deviates(case_of(result).case["seed"], np.asarray(numbers))
     return (
@@ -44,7 +44,7 @@ def ground_strength(result: xr.Dataset) -> xr.DataArray:
 
 
 def boulders_by_shape(values: Held | Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
-    """Mask (boulders,) of each block shape, by name; {} if the run has only one shape."""
+    """Mask (boulders,) for each block shape, by name; {} if the run has a single shape."""
     if "block_shape" not in values:
         return {}
     shape = np.asarray(values["block_shape"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents of a result, for netCDF files and xarray.Datasets. Writing a file does not need xarray,
+"""Contents of a result for netCDF files and xarray.Datasets. Writing a file does not need xarray,
 which takes longer to import than a small run.
 """
 
@@ -15,7 +15,7 @@ from rockfall.accessor import add_accessor
 if TYPE_CHECKING:
     import xarray as xr
 
-Held: TypeAlias = "xr.Dataset | Contents"  # both forms are read by the same names
+Held: TypeAlias = "xr.Dataset | Contents"  # both forms are read with the same names
 HeldVariable: TypeAlias = "xr.Variable | xr.DataArray | Variable"
 
 
@@ -42,7 +42,7 @@ class Variable:
 
 
 class Contents:
-    """Variables and coordinates by name, with the reading interface of an xarray.Dataset."""
+    """Variables and coordinates by name; they are read like an xarray.Dataset."""
 
     def __init__(
         self, data: Mapping[str, tuple], attrs: Mapping[str, Any], coords: Iterable[str] = ()
@@ -62,8 +62,8 @@ class Contents:
         return self.variables[name]
 
     def dataset(self) -> xr.Dataset:
-        """Convert to an xarray.Dataset. Variables are made explicitly: otherwise xarray loads Dask,
-        if installed, to check their type (half a second).
+        """Convert to an xarray.Dataset. Variables are created explicitly, because xarray would
+        otherwise load Dask, if installed, to check their type (0.5 s).
         """
         import xarray as xr
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First crossings of evaluation lines: one row per line and boulder, sorted by line, then by
+"""First crossings of evaluation lines: a row for each line and boulder, sorted by line, then by
 boulder. Results store the kernel's measurements; speeds, energies and other heights are derived
 from them by the kernel's rules.
 """
@@ -33,18 +33,18 @@ HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
 QUANTITIES = fields("line_quantity")  # in the kernel's order
 DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
-POSITION = "position"  # quantity: the distance along a line
-MAX_DENSE = 2e9  # bytes of a dense view
-MAX_SHARED = 5e8  # bytes of cached quantities of lines within `sharing`
+POSITION = "position"  # distance along the line
+MAX_DENSE = 2e9  # maximum size of a dense view [bytes]
+MAX_SHARED = 5e8  # maximum size of quantities cached within `sharing` [bytes]
 
 
 def line_names(result: Known) -> list[str]:
-    """Names of the evaluation lines of a result; may be empty."""
+    """Names of the evaluation lines in a result; may be empty."""
     return [str(name) for name in np.asarray(result["line_name"])] if "line_name" in result else []
 
 
 def line_index(result: Held, line: str | int) -> int:
-    """Index of a line, given by its name or index; a RockfallError lists the names."""
+    """Index of a line from its name or index; a RockfallError lists the known names."""
     names = line_names(result)
     if isinstance(line, str) and line in names:
         return names.index(line)
@@ -54,14 +54,14 @@ def line_index(result: Held, line: str | int) -> int:
 
 
 def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list[tuple[int, str]]:
-    """Index and name of each line, or of the lines given by names or indices."""
+    """Index and name of each line, or of lines given by name or index."""
     names = line_names(result)
     chosen = range(len(names)) if lines is None else [line_index(result, line) for line in lines]
     return [(k, names[k]) for k in chosen]
 
 
 def rows_at(result: Known, line: int) -> slice:
-    """Rows of the crossings at the line with this index."""
+    """Rows of crossings at the line with this index."""
     sizes = np.asarray(result["row_size"])
     first = int(sizes[:line].sum(dtype="i8"))
     return slice(first, first + int(sizes[line]))
@@ -71,17 +71,15 @@ class AtLine:
     """Crossings at the line with this index, of all or selected boulders; values are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
-        """Crossings of a result, or of arrays by name; the latter have no energies, as they lack a
-        case.
-        """
+        """Crossings of a result, or of arrays by name; arrays lack a case and thus energies."""
         self._result: Any = result
-        self._held: Any = getattr(result, "variables", result)  # faster than making DataArrays
+        self._held: Any = getattr(result, "variables", result)  # faster than creating DataArrays
         self._line = line
         self.kept: dict[Any, Any] = {}  # results of analyses, cached for other analyses
         self._rows, self.boulders = self._rows_and_boulders()
 
     def _rows_and_boulders(self) -> tuple[slice | np.ndarray, np.ndarray]:
-        """Rows of the crossings, and the index along `boulder` of each, in boulder order."""
+        """Rows of crossings, and the `boulder` index of each, in boulder order."""
         rows, kept = rows_at(self._held, self._line), np.asarray(self._held["boulder"])
         numbers = np.asarray(self._held["crossing_boulder"][rows])  # only these rows of a file
         if not kept.size or not numbers.size:
@@ -100,19 +98,19 @@ class AtLine:
         return rows.start + np.flatnonzero(is_kept), index[is_kept]
 
     def stored(self, name: str) -> np.ndarray:
-        """Values of a stored variable, crossing_NAME."""
+        """Values of the stored variable crossing_NAME."""
         return np.asarray(self._held[f"crossing_{name}"][self._rows])
 
     @cached_property
     def volumes(self) -> np.ndarray:
-        """Volume [m3] of each boulder or, where boulders may break, of the crossing fragment."""
+        """Volume [m3] of each boulder or, if boulders may break, of the crossing fragment."""
         if "crossing_volume" in self._result:
             return self.stored("volume").astype("f8")
         return np.asarray(self._held["volume"])[self.boulders]
 
     @cached_property
     def derived(self) -> np.ndarray:
-        """Quantities derived from others, in the order of `DERIVED` (quantities, n)."""
+        """Quantities derived from stored ones, in the order of `DERIVED` (quantities, n)."""
         if not self.boulders.size:
             return np.empty((len(DERIVED), 0))
         mass = masses_of(self._result, self.boulders)
@@ -122,7 +120,7 @@ class AtLine:
         return np.ascontiguousarray(line_quantities(motion, self.volumes, mass))
 
     def values(self, quantity: str) -> np.ndarray:
-        """Values of a quantity, in the order of `boulders`; the result must have rows."""
+        """Values of a quantity, in the order of `boulders`; requires a result with rows."""
         if quantity in ("x", "y"):
             return self.places()["xy".index(quantity)]
         if quantity in DERIVED and quantity not in MOTION:
@@ -147,19 +145,19 @@ def masses_of(result: Held, boulders: np.ndarray | slice = slice(None)) -> np.nd
 
 @lru_cache(maxsize=8)
 def _density(text: str, file: str) -> float:
-    """Density of the boulders of a case [kg/m3]; cached, because parsing a case with many lines
-    takes longer than the statistics at a line."""
+    """Density of a case's boulders [kg/m3]; cached, because parsing a case with many lines takes
+    longer than the statistics at a line."""
     return float(case_in({"case": text, "case_file": file}).boulder["density"])
 
 
 class _Shared:
-    """Cache of crossings at lines, most recent last, with a limited size."""
+    """Cache of crossings at lines with a limited size, most recent last."""
 
     def __init__(self, result: Known) -> None:
         self.result = result
         self._lines: dict[int, AtLine] = {}
-        self._kept: dict[int, dict[Any, Any]] = {}  # of all lines
-        self._size = 0  # crossings of `_lines`
+        self._kept: dict[int, dict[Any, Any]] = {}  # caches of all lines
+        self._size = 0  # crossings in `_lines`
         self.kept: dict[Any, Any] = {}
 
     def at(self, line: int) -> AtLine:
@@ -179,7 +177,7 @@ _shared: ContextVar[_Shared | None] = ContextVar("shared", default=None)
 
 @contextmanager
 def sharing(result: Known) -> Iterator[None]:
-    """Share values at lines between the analyses of a block; the result must not change."""
+    """Within the block, analyses share the values at lines; the result must not change."""
     token = _shared.set(_Shared(result))
     try:
         yield
@@ -202,24 +200,24 @@ def kept_of(result: Known) -> dict[Any, Any]:
 
 
 def boulders_at(result: Known, line: int) -> np.ndarray:
-    """Index along `boulder` of each boulder that crosses a line, by increasing number."""
+    """The `boulder` index of each boulder that crosses a line, by increasing number."""
     return at_line(result, line).boulders
 
 
 def has_crossed(result: Known, line: int) -> np.ndarray:
-    """Mask (boulder,) of the boulders that cross a line."""
+    """Mask (boulder,) of boulders that cross a line."""
     crossed = np.zeros(np.asarray(result["boulder"]).size, bool)
     crossed[boulders_at(result, line)] = True
     return crossed
 
 
 def stored_at(result: Known, name: str, line: int) -> np.ndarray:
-    """Values of a stored variable, crossing_NAME, of the crossings of a line."""
+    """Values of the stored variable crossing_NAME at a line."""
     return at_line(result, line).stored(name)
 
 
 def values_at(result: Held, quantity: str, line: int) -> np.ndarray:
-    """Values of a quantity for the boulders that cross a line, in the order of `boulders_at`."""
+    """Values of a quantity for boulders that cross a line, in the order of `boulders_at`."""
     check_rows(result, "a quantity of each boulder at a line")
     return at_line(result, line).values(quantity)
 
@@ -238,14 +236,14 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
 
 
 def outcomes_at(result: Held, line: int) -> np.ndarray:
-    """Outcome (boulder,) at the barrier on a line; 0 where a boulder does not reach it."""
+    """Outcome (boulder,) at the barrier on a line; 0 for boulders that do not reach it."""
     outcome, at = np.zeros(result.sizes["boulder"], "i1"), at_line(result, line)
     outcome[at.boulders] = at.stored("outcome")
     return outcome
 
 
 def without_absent(result: Held) -> Held:
-    """Result without the crossings of missing boulders, for instance after a selection."""
+    """Result without crossings of absent boulders, for instance after a selection."""
     if isinstance(result, Contents) or "row_size" not in result:
         return result
     line, number = (result[f"crossing_{name}"].values for name in ("line", "boulder"))
@@ -258,13 +256,14 @@ def without_absent(result: Held) -> Held:
 
 
 def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame:
-    """One row for each first crossing of a line (by name or index; default: of all lines), sorted
-    by line, then by boulder.
+    """Table with a row for each first crossing of a line (by name or index; default: all lines),
+    sorted by line, then by boulder.
 
     Columns: line (name), boulder (number), x, y [m], time [s], distance along the line [m], speed
     and its components [m/s], omega [rad/s], heights [m], energies [J]; volume [m3] and fragments
-    where boulders may break, outcome where there are barriers. Times and motion are stored in
-    single precision: relative errors are below 1e-7, places along a line of 1 km are within 0.1 mm.
+    if boulders may break, outcome if there are barriers. Times and motion are stored in single
+    precision: relative errors are below 1e-7, and positions along a 1 km line are accurate to 0.1
+    mm.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -282,7 +281,7 @@ def crossings(result: xr.Dataset, line: str | int | None = None) -> pd.DataFrame
 
 
 def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
-    """Columns of `crossings` for the line with this index, without its name."""
+    """Columns of `crossings` at the line with this index, without its name."""
     at = at_line(result, line)
     x, y = at.places()
     columns = {"boulder": at.stored("boulder"), "x": x, "y": y}
@@ -293,9 +292,9 @@ def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
 
 def at_lines(result: xr.Dataset) -> xr.Dataset:
     """Crossings of a few lines as a dense Dataset: line_x, line_y, line_time and so on, with
-    dimensions (line, boulder); NaN where a boulder does not cross.
+    dimensions (line, boulder); NaN if a boulder does not cross.
 
-    A RockfallError refuses more than 2 GB.
+    Raises a RockfallError for more than 2 GB.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of runs as an xarray.Dataset and as a CF netCDF file."""
+"""Results of runs as an xarray.Dataset and a CF netCDF file."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
 
 CONVENTIONS = "CF-1.11"
 NO_COUNT = -1  # fill value of counts
-#: Exceptions of netCDF4 and xarray for a damaged file.
+#: Exceptions of netCDF4 and xarray on a damaged file.
 DAMAGED = (
     OSError, ValueError, TypeError, LookupError, RuntimeError, AttributeError, OverflowError,
 )  # fmt: skip
 CHUNK = 32_768  # crossings per chunk
-SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples per chunk
+SAMPLES = {"sample_entry": 2048, "sample_line": 1}  # rows of samples in a chunk
 TILE = 256  # width of a compressed tile [cells]
 
 
 def centre_variables(x: np.ndarray, y: np.ndarray) -> dict[str, tuple]:
-    """Coordinates of cell centres [m] as CF variables."""
+    """Cell-centre coordinates as CF variables."""
     words = (("x", x, "easting"), ("y", y, "northing"))
     return {
         axis: (axis, centres, {
@@ -71,14 +71,13 @@ def provenance(scene: Any) -> dict[str, str]:
 
 
 def feature_names(scene: Any) -> dict[str, str]:
-    """Feature names of the source layer, one per line; empty without a layer."""
+    """Feature names in the source layer, one per line; empty without a layer."""
     return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a netCDF result without decoding: counts remain integers, times remain numbers of
-    seconds.
-    """
+    """Open a netCDF result without decoding: counts stay integers, times stay numbers of
+    seconds."""
     if Path(path).is_dir():
         names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
         raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")
@@ -97,8 +96,9 @@ def open_result(path: str | Path) -> xr.Dataset:
 
 
 def read_result(path: str | Path) -> xr.Dataset:
-    """Read the result of a run from its netCDF file, as `rockfall.run` returned it. More than a
-    million line crossings stay in the file and are read on demand until the result is closed.
+    """Read the result of a run from its netCDF file, in the form that `rockfall.run` returns. More
+    than a million line crossings stay in the file and are read on demand until the result is
+    closed.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -130,7 +130,7 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-#: Attribute of results in memory only: readers of files derive these warnings again.
+#: Attribute of results in memory only; it is derived again when a file is read.
 MODEL_WARNINGS = "model_warnings"
 
 
@@ -146,8 +146,8 @@ def write_result(result: Held, path: str | Path) -> None:
 
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
-    """Write the data to a new file, not through a link; `name` is for messages. netCDF4 is used
-    directly, because xarray would copy entire maps and load Dask, if installed.
+    """Write data to a new file, never through a link; `name` is used in messages. netCDF4 is used
+    directly, because xarray would copy whole maps and load Dask, if installed.
     """
     try:
         with open_netcdf(path, "x") as file:
@@ -158,24 +158,24 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
                 variable = data.variables[stored]
                 how = _storage(variable, {"part_layout", "scene_layout"} & data.attrs.keys())
                 _write_variable(file, stored, variable, how, _attached(data, stored))
-    except (RuntimeError, PermissionError) as error:  # netCDF4's errors for a failed write
+    except (RuntimeError, PermissionError) as error:  # errors of netCDF4 for a failed write
         reason = why_unwritten(error, Path(path).parent)
         raise RockfallError(f"{name}: cannot be written: {reason}") from error
 
 
 def _attached(result: Held, name: str) -> dict[str, Any]:
-    """Attributes that a variable has only in the file: missing value and auxiliary coordinates
+    """Attributes of a variable that exist only in files: missing value and auxiliary coordinates
     (CF). Coordinates and texts have no missing values.
     """
     variable = result.variables[name]
     if name in result.coords:
         return {}
-    beside = [  # avoids DataArrays, which cost more than writing
+    beside = [  # without DataArrays, which take longer than writing
         other for other in map(str, result.coords)
         if other not in result.sizes and {*result.variables[other].dims} <= {*variable.dims}
     ]  # fmt: skip
     attrs: dict[str, Any] = {"coordinates": " ".join(beside)} if beside else {}
-    if name.endswith("_bounds"):  # CF: bounds inherit the attributes of their parents
+    if name.endswith("_bounds"):  # CF: bounds inherit attributes
         return attrs
     if variable.dtype.kind == "f":
         attrs["_FillValue"] = np.nan
@@ -185,15 +185,15 @@ def _attached(result: Held, name: str) -> dict[str, Any]:
 
 
 def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
-    """Storage options of a variable: rasters are compressed in tiles, and data for resuming runs
+    """Storage options of a variable: rasters are compressed in tiles; data needed to resume runs
     have checksums (Fletcher, by HDF5)."""
     how: dict[str, Any] = {}
     if variable.dims[-2:] == ("y", "x"):
         tile = [1] * (variable.ndim - 2) + [min(TILE, size) for size in variable.shape[-2:]]
         how = {"chunksizes": tile, "zlib": True, "complevel": 1, "shuffle": True}
     if not checksums and variable.dims == ("crossing",) and variable.shape[0]:
-        # With default chunks, reading a line would read most of a variable. Compression would save
-        # a quarter of the reals, but would dominate the writing time.
+        # With default chunks, reading a line would read most of a variable. Compression would
+        # reduce reals by a quarter, but would dominate the writing time.
         how = {"chunksizes": [min(variable.shape[0], CHUNK)], "chunk_cache": CACHE}
         if variable.dtype.kind == "i":
             how |= {"zlib": True, "complevel": 1, "shuffle": True}
@@ -213,7 +213,7 @@ def _storage(variable: HeldVariable, checksums: Any) -> dict[str, Any]:
 def _write_variable(
     file: Any, name: str, variable: HeldVariable, how: dict[str, Any], attached: dict[str, Any]
 ) -> None:
-    """Write a variable; rasters are written in blocks of rows."""
+    """Write a variable; rasters in blocks of rows."""
     text, is_map = variable.dtype.kind in "OU", variable.dims == ("y", "x")
     how |= {"fill_value": attached.pop("_FillValue", None)}
     stored = file.createVariable(name, str if text else variable.dtype, variable.dims, **how)

@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
 
 class GroundRebounds(NamedTuple):
-    """Number of rebounds on a ground, and their fraction of all rebounds."""
+    """Number of rebounds on a ground, and the fraction of all rebounds."""
 
     name: str
     model: str
     rebounds: int
     fraction: float
-    block_radius: float  # R_b [m] of the largest blocks of its impact table; NaN: none or unknown
+    block_radius: float  # R_b [m] of the largest blocks in its impact table; NaN if unknown
 
 
 def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
-    """Rebounds by ground, in the order of the scene; empty if it has only the case's sets."""
+    """Rebounds by ground, in scene order; empty if there are only the case's impact sets."""
     if "rebounds_by_ground" not in values:
         return []
     names, models, counts = (
         np.asarray(values[name]) for name in ("ground", "ground_model", "rebounds_by_ground")
     )
     radii = np.full(len(names), np.nan)
-    if "ground_block_radius" in values:  # older results lack it
+    if "ground_block_radius" in values:  # absent in older results
         radii = np.asarray(values["ground_block_radius"])
     total = max(1, int(counts.sum()))
     return [
@@ -49,7 +49,7 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
 
 
 def source_text(values: Variables) -> str:
-    """Program and rebound models of a run, in English, for its result file."""
+    """Program and rebound models of a run, in English, for the result file."""
     with speaking("en"):
         return f"rockfall {__version__}, {_models(values)}"
 
@@ -61,7 +61,7 @@ def program_text(data: xr.Dataset) -> str:
 
 
 def _models(values: Variables) -> Text:
-    """Rebound models of a run: stochastic, impact tables, and classical models by name."""
+    """Names of a run's rebound models: stochastic, impact tables, and classical models."""
     grounds = rebounds_by_ground(values)
     followed = {ground.model for ground in grounds if ground.rebounds}
     parts = []
@@ -83,7 +83,7 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """Grounds with coefficients on which boulders rebounded, most rebounds first."""
+    """Grounds with coefficients on which boulders rebounded, by decreasing number of rebounds."""
     grounds = [
         ground
         for ground in rebounds_by_ground(values)
@@ -93,12 +93,12 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
 
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
-    """Impact tables that rebounds used."""
+    """Impact tables used for rebounds."""
     return [rule for rule in rebounds_by_ground(values) if rule.rebounds and rule.model in TABLES]
 
 
 def sets_followed(values: Variables, case_set: str) -> list[str]:
-    """Names of the impact sets used by rebounds; `case_set` is the impact set of the case."""
+    """Names of impact sets used for rebounds; `case_set` is the impact set of the case."""
     if "rebounds_by_ground" not in values:
         return [case_set]
     grounds = rebounds_by_ground(values)

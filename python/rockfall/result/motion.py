@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motion of recorded boulders between their vertices.
 
-A boulder flies on a parabola. On the ground it moves straight in plan at its mean speed, on the
-terrain; if a contact takes longer, it waits at the end. A roll or slide begins at a rebound. The
-next flight begins above the last vertex, by the rise of the boulder during the contact.
+A boulder flies on a parabola. On the ground it follows the terrain, straight in plan at its mean
+speed; if a contact takes longer, it waits at the end. A roll or slide begins at a rebound. The
+next flight begins above the last vertex; the difference is the rise during the contact.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from rockfall.result.variables import LEG
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-EXACT = 1e-6  # distance [m] and time [s] within which places and times are equal
-PARALLEL = 1e-9  # sine of the angle within which directions are equal
+EXACT = 1e-6  # tolerance for equal positions [m] and times [s]
+PARALLEL = 1e-9  # sine of the maximum angle between parallel directions
 TOLERANCE = 0.05  # [m]
 _Kept = TypeVar("_Kept")
 _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
 
 
 class Motion(NamedTuple):
-    """Pieces of motion (flights, legs on the ground, waits) of each boulder in order of time. A
-    boulder that never moved has one piece of zero duration.
+    """Motion segments (flights, ground legs, waits) of each boulder in chronological order. A
+    boulder that never moved has a single segment of zero duration.
     """
 
-    start: np.ndarray  # (4, n) x, y, z [m], time since release [s]
+    start: np.ndarray  # (4, n): x, y, z [m], time since release [s]
     end: np.ndarray  # (4, n)
-    velocity: np.ndarray  # (3, n) at the start [m/s]
-    gravity: np.ndarray  # (n) [m/s2]; 0: straight and steady
-    boulder: np.ndarray  # (n) number of the boulder
-    vertex: np.ndarray  # (n) index, in the result, of the last contact, release or obstacle hit
+    velocity: np.ndarray  # (3, n): at the start [m/s]
+    gravity: np.ndarray  # (n): [m/s2]; 0 for straight and steady motion
+    boulder: np.ndarray  # (n): boulder number
+    vertex: np.ndarray  # (n): index, in the result, of the last contact, release or obstacle hit
 
     def take(self, pieces: Any) -> Motion:
-        """Select pieces by index or mask; None selects all and adds an axis."""
+        """Select segments by index or mask; None selects all and adds an axis."""
         return Motion(*(values[..., pieces] for values in self))
 
     def straightened(self) -> Motion:
-        """Motion with straight legs on the ground, as the kernel traces lines and cells."""
+        """Motion with straight ground legs, as the kernel traces lines and cells."""
         slides = (self.gravity == 0) & self.velocity.any(axis=0)
         joins = slides & np.roll(slides, 1) & (np.diff(self.vertex, prepend=-1) == 0)
         first = np.flatnonzero(~joins)
@@ -54,7 +54,7 @@ class Motion(NamedTuple):
         return self.take(first)._replace(end=self.end[:, last])
 
     def at(self, part: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x, y, z [m], time [s] (4, ...) and speed [m/s] at a fraction (0 to 1) of each piece."""
+        """x, y, z [m], time [s] (4, ...) and speed [m/s] at a fraction (0 to 1) of each segment."""
         step = self.end - self.start
         fallen = self.gravity * step[3]  # g t at the end of the step
         place = self.start + part * step
@@ -64,14 +64,15 @@ class Motion(NamedTuple):
 
 
 def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
-    """Evenly select at most `number` of the recorded trajectories, which are ordered by source."""
+    """Select at most `number` evenly spaced trajectories of those recorded, which are ordered by
+    source."""
     if number is None or len(recorded) <= number:
         return recorded
     return [recorded[k * len(recorded) // number] for k in range(number)]
 
 
 def motion_of(result: Held, number: int | None = None, gravity: float | None = None) -> Motion:
-    """Motion of the recorded boulders, or of at most `number` evenly selected boulders. The default
+    """Motion of the recorded boulders, or of at most `number` evenly selected ones. The default
     gravity [m/s2] is that of the case.
     """
     if "trajectory_boulder" not in result:
@@ -90,9 +91,8 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of vertices that are releases, contacts, hits or ends, not points of a leg on the
-    ground.
-    """
+    """Mask of vertices that are releases, contacts, hits or ends, but not points on a ground
+    leg."""
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 
@@ -100,7 +100,8 @@ def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
 def _between(
     columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, leg: np.ndarray, g: float
 ) -> Motion:
-    """Motion between vertices, from `columns` in the order of _NAMES, which are overwritten."""
+    """Motion between vertices, from `columns` in the order of _NAMES; the columns are
+    overwritten."""
     start, velocity = columns[:4], columns[4:]
     begins, ends = np.diff(boulder, prepend=-1) != 0, np.diff(boulder, append=-1) != 0
     straight = leg > LEG["flight"]
@@ -123,13 +124,13 @@ def _between(
 
 
 def seconds(values: np.ndarray) -> np.ndarray:
-    """Durations as numbers of seconds; other values unchanged."""
+    """Durations as numbers of seconds; other values are unchanged."""
     return values / np.timedelta64(1, "s") if values.dtype.kind == "m" else values
 
 
 def spins(result: Held, motion: Motion) -> np.ndarray:
-    """W = R_b omega [m/s] of each piece of the motion of all recorded boulders. On a roll or slide,
-    W is the speed. At vertices without a rebound, W follows from the previous piece: a tree or
+    """W = R_b omega [m/s] for each motion segment of the recorded boulders. On a roll or slide, W
+    is the speed. At vertices without a rebound, W follows from the previous segment: a tree or
     barrier reduces W and speed by the same fraction.
     """
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
@@ -148,20 +149,20 @@ def spins(result: Held, motion: Motion) -> np.ndarray:
 
 
 def _are_parallel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """True for vectors (3, n) of equal or opposite direction; False for zero vectors."""
+    """True for vectors (3, n) in equal or opposite directions; False for zero vectors."""
     size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
     return np.linalg.norm(np.cross(a, b, axis=0), axis=0) < PARALLEL * size
 
 
 class Sampled(NamedTuple):
-    """Motion as chords: both ends of each piece, with parabolas sampled at equal times."""
+    """Motion as chords: both ends of each segment, and parabolas sampled at equal time steps."""
 
     motion: Motion
-    samples: np.ndarray  # (m, 4) x, y, z [m], time since release [s]
-    piece: np.ndarray  # (m) index of its piece
+    samples: np.ndarray  # (m, 4): x, y, z [m], time since release [s]
+    piece: np.ndarray  # (m): index of the segment
 
     def strings(self, by: np.ndarray) -> list[np.ndarray]:
-        """Samples (m, 4) of the pieces with the same number in `by`, without duplicate points."""
+        """Samples (m, 4) of the segments that share a number in `by`, without duplicate points."""
         group = by[self.piece]
         begins = np.diff(group, prepend=-1) != 0
         new = begins | np.append(True, (np.diff(self.samples, axis=0) != 0).any(axis=1))
@@ -172,8 +173,8 @@ class Sampled(NamedTuple):
 def sampled(motion: Motion, tolerance: float = TOLERANCE) -> Sampled:
     """Sample motion so that chords deviate from parabolas by at most `tolerance` [m].
 
-    The deviation of a chord over h seconds is at most g h^2/8, in space and, when the chord is
-    followed at a constant speed, at any time.
+    A chord over h seconds deviates by at most g h^2/8, in space and, if followed at constant
+    speed, at any time.
     """
     if not 0 < tolerance < np.inf:
         raise RockfallError(f"--tolerance {tolerance:g}: must be > 0 [m]")

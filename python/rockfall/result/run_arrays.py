@@ -16,9 +16,9 @@ from rockfall.io.rasters.grid import Box, Grid
 
 
 class Array(NamedTuple):
-    """A row of the kernel's table of arrays, with a view of the array."""
+    """A row of the kernel's array table, with a view of the array."""
 
-    group: str  # group and name in the table of variables; "work": in no file
+    group: str  # key in the variable table; "work" arrays are not written to files
     name: str
     file_name: str
     dims: tuple[str, ...]
@@ -26,25 +26,25 @@ class Array(NamedTuple):
 
 
 class _Row(NamedTuple):
-    """A row of the kernel's table, without a view, which would keep RunArrays alive."""
+    """A row of the kernel's array table without a view, which would keep RunArrays alive."""
 
     group: str
     name: str
     file_name: str
     dims: tuple[str, ...]
-    kind: str  # type of its values
+    kind: str  # type of the values
     shape: tuple[int, ...]
     address: int
 
 
 class RunArrays:
-    """Handle of a run; closed when no run or view uses it."""
+    """Handle of a run, closed when no run or view uses it any more."""
 
     def __init__(self, opened: tuple[int, int, bytes], name: str) -> None:
         handle, code, message = opened
         check_kernel(code, message, name)
         self.handle = handle
-        self._table: list[_Row] | None = None  # None: not listed since the last change
+        self._table: list[_Row] | None = None  # None if not listed since the last change
         weakref.finalize(self, _core.close_run, handle)
 
     @classmethod
@@ -52,9 +52,9 @@ class RunArrays:
         cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
-        """Create an empty run for joining parts, or a part. `boulders`: numbers of boulders in the
-        complete run, before the part, and in the part; `layout`: part_last and group_part of
-        samples.
+        """Create an empty run for a part, or for joining parts. `boulders` are the numbers of
+        boulders in the complete run, before the part, and in the part; `layout` is part_last and
+        group_part of samples.
         """
         extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
@@ -66,7 +66,7 @@ class RunArrays:
         check_kernel(code, message, "merge")
 
     def arrays(self, *groups: str) -> Iterator[Array]:
-        """Yield all arrays, or the arrays of some groups, including arrays that the next chunk
+        """Yield all arrays, or those of some groups, including arrays that the next chunk
         replaces.
         """
         if self._table is None:
@@ -97,7 +97,7 @@ class RunArrays:
             k += 1
 
     def changed(self) -> None:
-        """Record that the kernel may have replaced arrays."""
+        """Note that the kernel may have replaced arrays."""
         self._table = None
 
     def array(self, file_name: str) -> np.ndarray:
@@ -108,31 +108,31 @@ class RunArrays:
         raise KeyError(file_name)
 
     def pack_part(self, only_samples: bool = False) -> None:
-        """Pack the results up to the last boulder, or only samples, into a part."""
+        """Pack the results up to the last boulder, or only samples, as a part."""
         check_kernel(*_core.pack_part(self.handle, only_samples))
 
     def begin_part(self, boulders: int, lengths: Sequence[int], name: str) -> None:
-        """Allocate a part for the first boulders. Arguments are the numbers of rows, cells, shared
-        cells, bins, coarse bins of samples, and crossings (-1: none)."""
+        """Allocate a part for the first boulders. `lengths` are the numbers of rows, cells, shared
+        cells, bins, coarse sample bins, and crossings (-1: none)."""
         code, message = _core.begin_part(self.handle, boulders, lengths)
         check_kernel(code, message, name)
         self.changed()
 
     def unpack_part(self, name: str, grid: Grid, only_samples: bool = False) -> None:
-        """Store the filled part, or only its samples and row numbers, and discard it; a
-        RockfallError reports values that are impossible in a run."""
+        """Store the filled part, or only its samples and row numbers, and free the part. Raises a
+        RockfallError for values that are impossible in a run."""
         corner, nodes = (grid.west, grid.north, grid.cell), (grid.nx, grid.ny)
         code, message = _core.unpack_part(self.handle, only_samples, corner, nodes)
         check_kernel(code, message, name)
         self.changed()
 
     def sort_crossings(self) -> None:
-        """Sort the crossings by line, then by boulder; views of crossings become invalid."""
+        """Sort crossings by line, then by boulder; views of crossings become invalid."""
         check_kernel(*_core.sort_crossings(self.handle))
         self.changed()
 
     def forget_crossings(self) -> None:
-        """Free the memory of the crossings; views of crossings become invalid."""
+        """Free the memory of crossings; views of crossings become invalid."""
         _core.forget_crossings(self.handle)
         self.changed()
 
@@ -149,7 +149,7 @@ class RunArrays:
 
 
 class _Memory:
-    """Memory of a run, kept as long as there are views of it."""
+    """Memory of a run, kept while views of it exist."""
 
     def __init__(self, run: RunArrays, address: int, shape: tuple[int, ...], dtype: str) -> None:
         self.run = run

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check by metadata (case, input checksums, CRS, extent) that compared results have the same case,
-or are variants at one site.
+"""Checks of metadata (case, input checksums, CRS, extent): compared results must have the same
+case, or be variants at the same site.
 """
 
 import json
@@ -29,8 +29,8 @@ FILES = {  # checksums of files
 
 
 def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
-    """Refuse a result (named by `what`) whose case differs from the first: CRS, terrain, ground,
-    forest, sources, impact sets, or keys."""
+    """Refuse a result (called `what`) whose case differs from the first case: CRS, terrain,
+    ground, forest, sources, impact sets, or keys."""
     _check_crs(first, other, what)
     for attribute, names in (("decoded_checksums", DECODED), ("input_checksums", FILES)):
         ours, theirs = (json.loads(data.attrs[attribute]) for data in (first, other))
@@ -42,7 +42,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results (by file name) of different sites: with different CRS, or far apart."""
+    """Refuse results (by file name) from different sites: different CRS, or far apart."""
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
@@ -93,7 +93,7 @@ def _overlap(ours: np.ndarray, other: np.ndarray) -> bool:
 
 
 def _differences(first: Case, other: Case) -> Iterator[str]:
-    """Keys in which two cases differ, except for names of files."""
+    """Keys whose values differ between two cases, except file names."""
     files = {(key.group, key.name) for key in file_keys()}
     for group in GROUPS:
         ours, theirs = (_values(case, group) for case in (first, other))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of boulder values at lines and at their ends, for runs that do not keep all rows
-(`&output kept`): counts in narrow bins, exact sums, the largest values. Adding the samples of parts
-is exact to the bit.
+"""Samples of boulder values at lines and ends, for runs that do not keep all rows
+(`&output kept`): counts in narrow bins, exact sums, and the largest values. Samples of parts can
+be added bit-exactly.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ def simulated(result: Held) -> int:
 
 
 def kept_note(result: Held) -> str:
-    """Note on how many boulders have rows; "" if all have."""
+    """Note on the number of boulders that have rows; "" if all have."""
     rows, boulders = result.sizes["boulder"], simulated(result)
     return "" if rows == boulders else say("compare.kept", part=rows, n=boulders)
 
 
 def has_rows(result: Held) -> bool:
-    """Return True if a result has rows of boulders, for all or some boulders."""
+    """Return True if a result has rows, for all or some boulders."""
     return bool(result.sizes["boulder"])
 
 
 def check_rows(result: Held, what: str) -> None:
-    """Refuse an analysis that needs rows of boulders if the run kept none."""
+    """Refuse an analysis that needs boulder rows if the run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
             f"{what}: requires rows of boulders, but &output kept = 'none' keeps none; run with a "
@@ -43,7 +43,7 @@ def check_rows(result: Held, what: str) -> None:
 
 
 def check_all_rows(result: Held, what: str) -> None:
-    """Refuse an analysis that needs rows of all boulders if the run did not keep them."""
+    """Refuse an analysis that needs the rows of all boulders if the run did not keep them."""
     if result.sizes["boulder"] < simulated(result):
         raise RockfallError(f"{what}: requires rows of all boulders: &output kept = 'all'")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings read on demand from the result file, checked a few lines at a time."""
+"""Crossings that are read on demand from the result file, and checked a few lines at a time."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rockfall.result.validate import fault_of_crossings
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST = 1_000_000  # maximum number of crossings read into memory at once
+MOST = 1_000_000  # maximum crossings read into memory at once
 
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
     """Crossing variables of an open result, read from its file on demand; {} if there are few
-    crossings. `data` must stay open while they are read: HDF5 fails on a file that is opened twice
-    and closed once.
+    crossings. `data` must stay open meanwhile: HDF5 fails on a file that is opened twice and
+    closed once.
     """
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
@@ -42,11 +42,11 @@ def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variab
 
 
 class _Rows:
-    """Rows of the crossings in a file."""
+    """Rows of crossings in a file."""
 
     def __init__(self, name: str, data: xr.Dataset, ends: np.ndarray, kept: np.ndarray) -> None:
         self._name, self._data, self._kept = name, data, kept
-        self._ends = ends  # row after the last one of each line
+        self._ends = ends  # end row of each line
 
     def dtype(self, name: str) -> np.dtype:
         return self._data.variables[name].dtype
@@ -56,7 +56,7 @@ class _Rows:
         return int(self._ends[-1])
 
     def values(self, name: str, first: int, last: int) -> np.ndarray:
-        """Values of a variable in the rows first to last - 1."""
+        """Values of a variable in rows first to last - 1."""
         try:
             values = self._data.variables[name][first:last].values
         except (OSError, RuntimeError) as error:
@@ -75,12 +75,12 @@ class _Rows:
 
 
 def _column(rows: _Rows, name: str) -> Any:
-    """Variable of these rows as xarray indexes it."""
+    """Variable of these rows, in a form that xarray can index."""
     from xarray.backends import BackendArray
     from xarray.core.indexing import IndexingSupport, explicit_indexing_adapter
 
     class Column(BackendArray):
-        """One-dimensional read-only column; copies are identical."""
+        """Read-only one-dimensional column; copying returns the column itself."""
 
         shape, dtype = (rows.size,), rows.dtype(name)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recorded trajectories as curves, evaluation lines, distances and ends of boulders."""
+"""Recorded trajectories as curves; evaluation lines; distances and ends of boulders."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     from rockfall.result.contents import Held, HeldVariable
 
-Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m] and grid
+Terrain = tuple[np.ndarray, Grid]  # elevations (ny, nx) [m], and grid
 
-POINTS = 25  # per piece of a curve
-MOVING = "left_domain", "hit_nodata", "impact_limit"  # status of boulders not at rest
+POINTS = 25  # points of each motion segment
+MOVING = "left_domain", "hit_nodata", "impact_limit"  # statuses of boulders that are not at rest
 
 
 class Trajectory(NamedTuple):
@@ -33,12 +33,12 @@ class Trajectory(NamedTuple):
     distance: np.ndarray
     speed: np.ndarray
     time: np.ndarray
-    boulder: int  # its number
+    boulder: int  # boulder number
     gravity: np.ndarray  # [m/s2] in flight; 0 on the ground and at rest
 
 
 def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
-    """Variables trajectory_NAME of each recorded trajectory, as arrays (names, vertices)."""
+    """Variables trajectory_NAME of all recorded trajectories, as arrays (names, vertices)."""
     if "trajectory_boulder" not in result:
         return []
     cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
@@ -47,14 +47,13 @@ def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
 
 
 def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
-    """Return the recorded trajectories, or at most `number` evenly selected trajectories, as curves
-    with parabolas between contacts.
+    """Return the recorded trajectories, or at most `number` evenly selected ones, as curves with
+    parabolas between contacts.
 
-    A parabola is fixed by the velocity after a contact, the time and gravity. A boulder rolls and
-    slides along the terrain at its mean speed; while it rests, the speed is 0. `&output
-    trajectories` defines which trajectories are recorded. Each is a named tuple of arrays x, y, z,
-    distance [m], speed [m/s] and time [s], the boulder's number, and gravity [m/s2] (0 on the
-    ground and at rest).
+    The velocity after a contact, the time and gravity define a parabola. Boulders roll and slide
+    along the terrain at their mean speed; at rest the speed is 0. `&output trajectories` defines
+    which trajectories are recorded. A trajectory is a named tuple of arrays x, y, z, distance [m],
+    speed [m/s] and time [s], the boulder number, and gravity [m/s2] (0 on the ground and at rest).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(output={"trajectories": 3})
@@ -66,10 +65,11 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 
 
 def curves(motion: Motion) -> list[Trajectory]:
-    """A curve for each boulder, with `POINTS` points per piece of motion; a single point if it
-    never moved.
+    """A curve for each boulder, with `POINTS` points in each motion segment; a single point if the
+    boulder never moved.
     """
-    # Where the ground falls away after a contact from a table, the slide has no length or duration.
+    # Where the ground falls away after a contact from a table, the slide has neither length nor
+    # duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
     (x, y, z, time), speed = motion.take(None).at(np.linspace(0, 1, POINTS))
     numbers, first, size = np.unique(motion.boulder, return_index=True, return_counts=True)
@@ -98,7 +98,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def from_start(
     result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Plan distance [m] from the start of each boulder (or of selected boulders) to a place."""
+    """Plan distance [m] to a place from the start of each boulder (or of selected boulders)."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
     return np.hypot(x - start_x, y - start_y)
 
@@ -109,7 +109,7 @@ def stop_distances(result: xr.Dataset) -> np.ndarray:
 
 
 def ends(result: Held) -> dict[str, np.ndarray]:
-    """Mask of the boulders with each status, by name."""
+    """Mask of boulders with each status, by name."""
     status = result["status"]
     return {name: status.values == flag for name, flag in flags_of(status).items()}
 
@@ -128,14 +128,14 @@ def gone(result: Held) -> int:
 
 
 def left_terrain(result: xr.Dataset) -> np.ndarray:
-    """Mask of boulders that left the known terrain, whose full distance is unknown."""
+    """Mask of boulders that left the known terrain; their full distance is unknown."""
     ended = ends(result)
     return ended["left_domain"] | ended["hit_nodata"]
 
 
 def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Mask of boulders that did not come to rest: they left the terrain, or reached the limit of
-    contacts.
+    """Mask of boulders that did not come to rest: they left the terrain, or reached the contact
+    limit.
     """
     return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
 

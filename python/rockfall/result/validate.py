@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of a result, to refuse a damaged file with a clear message before it is used."""
+"""Checks of a result, which refuse a damaged file with a clear message before it is used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rockfall.result.run_arrays import RunArrays
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Name of a variable -> its dimensions.
+#: Dimensions of each variable, by name.
 _Group = dict[str, tuple[str, ...]]
 
 ALWAYS = (  # required attributes
@@ -26,7 +26,7 @@ ALWAYS = (  # required attributes
     "boulders_requested", "complete", "impact_set", "impact_set_checksum", "input_checksums",
     "threads", "wall_seconds", "cpu_seconds",
 )  # fmt: skip
-NUMBERS = (  # numeric required attributes
+NUMBERS = (  # required numeric attributes
     "seed", "boulder_first", "boulder_last", "boulders_requested", "complete", "threads",
     "wall_seconds", "cpu_seconds",
 )  # fmt: skip
@@ -36,7 +36,7 @@ FINITE = ("x", "y", "boulder", "crossing", "line_vertex", "trajectory_vertex")
 
 
 def check_result(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse a result that lacks a required variable or part of a group of variables."""
+    """Refuse a result that lacks a required variable, or a part of a group of variables."""
     if "case" not in data.attrs or "boulder" not in data.dims:
         raise RockfallError(f"{path}: is not a result of rockfall")
     if "line_time" in data.variables:
@@ -64,7 +64,7 @@ def check_result(data: xr.Dataset, path: str | Path) -> None:
 
 
 def check_dimensions(data: xr.Dataset, path: str | Path) -> None:
-    """Check that each known variable of a result is numeric and has its dimensions."""
+    """Check that each known variable of a result is numeric and has the right dimensions."""
     for name, dims in known_variables().items():
         if name in data.variables:
             _check_variable(data.variables[name], name, dims, path)
@@ -114,7 +114,7 @@ def _groups() -> Iterator[_Group]:
         "crossing_outcome": ("crossing",),
     }  # fmt: skip
     vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
-    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # variable that older versions lack
+    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # absent in older versions
     yield vertex
     yield {f"sample_{name}": variables.SAMPLE_DIMS[name] for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
@@ -139,7 +139,7 @@ def _check_variable(
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse missing or infinite required values, and bins without width."""
+    """Refuse missing or infinite required values, and empty bin ranges."""
     check_samples(data, path)
     check_crossings(data, path)
     for name, dims in known_variables().items():
@@ -158,8 +158,8 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
 
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse crossings out of order by line and boulder, or of a boulder without a row."""
-    if "crossing_line" not in data:  # none, or checked when read
+    """Refuse crossings that are not ordered by line and boulder, or whose boulder has no row."""
+    if "crossing_line" not in data:  # none, or checked on reading
         return
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
@@ -174,7 +174,8 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
 
 
 def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
-    """Error text for invalid crossings at these lines; "" if valid. `kept`: boulders with rows."""
+    """Error text for invalid crossings at these lines; "" if valid. `kept` are the boulders with
+    rows."""
     good = True
     if name == "crossing_line":
         good = bool((values == line).all())
@@ -188,7 +189,7 @@ def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np
 
 
 def check_samples(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse samples that no run can produce."""
+    """Refuse samples that a run cannot produce."""
     if "sample_ended" not in data:
         return
     requested, first, last = (
@@ -211,7 +212,7 @@ def check_samples(data: xr.Dataset, path: str | Path) -> None:
 
 
 def _are_edges(bounds: np.ndarray) -> bool:
-    """Return True for contiguous bins (n, 2)."""
+    """Return True if bins (n, 2) are contiguous."""
     if bounds.shape[1:] != (2,) or not np.isfinite(bounds).all():
         return False
     return bool((bounds[:, 0] < bounds[:, 1]).all() and (bounds[1:, 0] == bounds[:-1, 1]).all())

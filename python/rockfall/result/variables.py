@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""All variables of a result, from the kernel's table: groups of name -> CF attributes."""
+"""All variables of a result, from the kernel's table: CF attributes by group and name."""
 
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 
 _TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the kernel's order
-TYPES: dict[str, dict[str, str]] = {}  # group -> name -> type in part files
-SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # dimensions of samples, in files
+TYPES: dict[str, dict[str, str]] = {}  # types in part files, by group and name
+SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # dimensions of samples in files
 while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).decode().strip():
     _group, _name, _type, _axes, *_rest = _text.split("|")
     _about = zip(("units", "long_name", "comment"), _rest, strict=True)
@@ -20,13 +20,13 @@ BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # sums over all boulders
 GROUND = _TABLE["ground"]  # counts by ground
 ENERGY = _TABLE["energy"]  # by boulder, on request
-FEATURE = _TABLE["feature"]  # by boulder, if its source comes from a layer
+FEATURE = _TABLE["feature"]  # by boulder, if the source is from a layer
 SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
-MASS = _TABLE["mass"]  # by boulder, if its source comes from a layer or gives densities
+MASS = _TABLE["mass"]  # by boulder, if the source is from a layer or gives densities
 SHADOW = _TABLE["shadow"]  # by boulder, if an angle was observed; NaN without an apex
 TREE = _TABLE["tree"]  # by boulder, if there are trees
 BREAKAGE = _TABLE["breakage"]  # by boulder, if boulders may break
-CROSSING = _TABLE["crossing"]  # by crossing of a line: crossing_time, ...
+CROSSING = _TABLE["crossing"]  # by line crossing: crossing_time, ...
 FRAGMENT = _TABLE["fragment"]  # by crossing, if boulders may break: crossing_volume, ...
 HIT = _TABLE["hit"]  # by crossing, if there are barriers: crossing_outcome
 LINE = _TABLE["line"]  # quantities derived from a crossing, not in files
@@ -47,22 +47,23 @@ FLAGS = {
 }  # fmt: skip
 LEG = {name: number for number, name in enumerate(_TABLE["leg"], start=1)}  # 0: the end
 
-ENDS = "", "_low", "_high"  # suffixes of a value and its interval limits
+ENDS = "", "_low", "_high"  # suffixes for a value and its interval limits
 EXCEEDED = ("energy_exceeded", "hits_energy_exceeded")  # maps with a layer for each threshold
 
 
 def about(group: str, name: str) -> dict[str, str]:
-    """The CF attributes of a variable."""
+    """CF attributes of a variable."""
     return _TABLE[group][name]
 
 
 def map_dims(name: str) -> tuple[str, ...]:
-    """The dimensions of a map."""
+    """Dimensions of a map."""
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 
 def fault_of(name: str, values: np.ndarray) -> str:
-    """Error text for values of a variable (name in files) that no run can produce; "" if valid."""
+    """Error text for values of a variable (by its name in files) that a run cannot produce; "" if
+    valid."""
     return _core.value_fault(name, np.ravel(values)).decode().strip() if values.size else ""
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulation: from a scene to the tallies of its boulders."""
+"""Simulation: from a scene to tallies of its boulders."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run in batches of a given duration, each with boulders from all sources. It can be cancelled
-between pieces of a few milliseconds.
+"""Run in batches of a given duration, each with boulders from all sources. The run can be
+cancelled between pieces of a few milliseconds.
 """
 
 import time
@@ -15,28 +15,28 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.tally import Tally
 
-PIECE_SECONDS = 0.012  # between checks for a cancel (at most 0.05 s)
-FIRST_PIECE = int(_core.constant("first_chunk"))  # few boulders, in case they are slow
-LANES = int(_core.constant("lanes"))  # boulders per thread and call: fewer leave lanes empty
-RECOVERY = 1.5  # expected growth of the rate after a slow piece
+PIECE_SECONDS = 0.012  # duration between checks for a cancel (at most 0.05 s)
+FIRST_PIECE = int(_core.constant("first_chunk"))  # small, in case boulders are slow
+LANES = int(_core.constant("lanes"))  # boulders per thread and call; with fewer, lanes stay empty
+RECOVERY = 1.5  # maximum growth of the rate after a slow piece
 
 
 class Batches:
-    """Boulders of an empty tally, ordered so that completed boulders are evenly spread."""
+    """Boulders of an empty tally, in an order that keeps completed boulders evenly spread."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
-        self.begun = 0  # pieces
+        self.begun = 0  # number of pieces started
         self._threads = int(_core.team(tally.threads))
-        self._rate = 0.0  # boulders per second: the slowest recent rate; 0: unknown
-        if tells_sources(tally.scene.case):  # maps of sources need the sources in order
+        self._rate = 0.0  # boulders per second, from the slowest recent piece; 0: unknown
+        if tells_sources(tally.scene.case):  # maps by source need the sources in order
             self._pieces = self._in_order()
         else:
             tally.marks = np.zeros(tally.boulders, bool)
             self._pieces = self._spread()
 
     def advance(self, seconds: float, cancelled: Callable[[], bool]) -> None:
-        """Simulate boulders for a time, until all are done, or until cancelled."""
+        """Simulate boulders for a duration, until all are done, or until cancelled."""
         stop = time.perf_counter() + seconds
         while self.tally.done < self.tally.boulders and not cancelled():
             with self.lock:
@@ -45,27 +45,27 @@ class Batches:
                 return
 
     def _size(self) -> int:
-        """Number of boulders for a piece of this duration."""
+        """Number of boulders in a piece of this duration."""
         return max(1, int(PIECE_SECONDS * self._rate)) if self._rate else FIRST_PIECE
 
     def _in_order(self) -> Iterator[range]:
-        """Pieces of the boulders in sequence, from 0."""
+        """Yield pieces of boulders in sequence, from 0."""
         while self.tally.done < self.tally.boulders:
             stop = min(self.tally.done + self._size(), self.tally.boulders)
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Yield evenly spread pieces: every n-th boulder, then the boulders halfway between, and so
-        on.
+        """Yield evenly spread pieces: every n-th boulder, then the boulders halfway between these,
+        and so on.
         """
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
-                # smaller pieces, if boulders took more than twice the planned time
+                # Use smaller pieces if boulders took more than twice the planned time.
                 yield from spread_parts(piece, -(-len(piece) // (2 * self._size())))
 
     def _run(self, piece: range) -> None:
-        """Simulate boulders, counted from 0."""
+        """Simulate boulders (0-based numbers)."""
         tally = self.tally
         scene = tally.scene
         assert isinstance(scene, Scene)
@@ -84,16 +84,16 @@ class Batches:
         tally.done += len(piece)
         if tally.marks is not None:
             tally.marks[piece.start : piece.stop : piece.step] = True
-        # CPU time, because smaller pieces do not help on a busy machine. Windows counts it in steps
-        # of 1/64 s: zero for a short piece, or more than the elapsed time
+        # CPU time, because smaller pieces do not help on a busy machine. Windows counts it in
+        # steps of 1/64 s, so it may be zero, or exceed the elapsed time.
         computed = min(max(own, cpu / self._threads), wall) or wall
         rate = len(piece) / max(computed, 1e-9)
         self._rate = min(rate, RECOVERY * self._rate) if self._rate else rate
 
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
-    """Yield `parts` ranges with this stride, from different first numbers, ordered so that each
-    fills a gap between earlier ranges (van der Corput's order).
+    """Yield `parts` ranges with this stride and different first numbers; each range fills a gap
+    between earlier ranges (van der Corput's order).
     """
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()

@@ -24,19 +24,19 @@ from rockfall.simulation.simulate import simulate
 if TYPE_CHECKING:
     from rockfall.result.contents import Contents
 
-PARTS = 16  # parts per thread: workers finish together, a lost part costs little
-SECONDS = 20  # timeout for reaching a scheduler
-WINDOWS = threading.Lock()  # lock of the terrain windows on this worker
+PARTS = 16  # parts per thread; workers then finish together, and a lost part costs little
+SECONDS = 20  # timeout for connecting to a scheduler
+WINDOWS = threading.Lock()  # lock for the terrain windows on this worker
 
 
 def run_on_cluster(
     scene: Scene, where: str, *, parts: int | None = None, progress: bool = False
 ) -> Contents:
-    """Run a scene on the Dask cluster at an address, or on `local:N` processes of this machine.
+    """Run a scene on a Dask cluster at an address, or on `local:N` processes of this machine.
 
     Each worker reads the rasters once; the files of the case must have the same paths on all
-    workers. If a worker fails, another repeats its part. The result equals that of `simulate`, bit
-    for bit.
+    workers. If a worker fails, another repeats its part. The result is bit-identical to that of
+    `simulate`.
     """
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
@@ -44,7 +44,7 @@ def run_on_cluster(
     case = scene.case.replace(case={"threads": 1})  # workers have their own threads
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
-        memory = 2 * scene.windows.bytes if scene.windows else None  # windows of the same size
+        memory = 2 * scene.windows.bytes if scene.windows else None  # windows of equal size
         n = parts or PARTS * max(1, sum(client.nthreads().values()))
         n = max(2, min(n, scene.boulders))
         if scene.boulders < 2:
@@ -67,7 +67,7 @@ def run_on_cluster(
 
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
-    """Client of the cluster at an address, or of a local cluster that ends with the block."""
+    """Client for the cluster at an address, or for a local cluster that ends with the block."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
@@ -84,7 +84,7 @@ def _client(where: str) -> Iterator[Any]:
         raise RockfallError(f"--dask {where}: must be local:N with N >= 1, or an address")
     need("local processes of Dask need", "cluster", "cryptography")
     attrs = {"n_workers": int(number), "threads_per_worker": 1, "dashboard_address": None}
-    # Without credentials any other user of this machine could send code to the workers.
+    # Without credentials, other users of this machine could send code to the workers.
     with (
         LocalCluster(**attrs, processes=True, security=Security.temporary()) as cluster,
         Client(cluster, **_straight(cluster.scheduler_address)) as client,
@@ -93,7 +93,7 @@ def _client(where: str) -> Iterator[Any]:
 
 
 def _straight(address: str) -> dict[str, Any]:
-    """Options for direct transfer from local workers; others may not be reachable."""
+    """Options for direct transfer from local workers; other workers may be unreachable."""
     here = re.match(r"(\w+://)?(127\.|localhost)", address) is not None
     return {"set_as_default": False, "direct_to_workers": here}
 
@@ -108,7 +108,8 @@ def _result(future: Any) -> Contents:
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:
-    """Run a part on a worker. Only one thread at a time uses terrain windows, because they move."""
+    """Simulate a part on a worker. Only one thread at a time uses terrain windows, because the
+    windows move."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
         return simulate(scene, shard=(which, parts))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plan of the maps of a run: the layers that a case needs in the kernel's stacks."""
+"""Plan of the maps of a run: layers that a case needs in the kernel's stacks."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -8,21 +8,21 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.result.variables import EXCEEDED
 
-HITS = "tree_impacts"  # map of counts, stored with the sums, whose range is larger
+HITS = "tree_impacts"  # counts stored with the sums, because of their larger range
 
 
 class Plan(NamedTuple):
-    """Tallies needed for the maps of a case: number of the layer in its stack, from 1; 0: not
-    needed.
+    """Tallies needed for the maps of a case. A value is the layer number in its stack, from 1; 0
+    means not needed.
     """
 
-    #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded and
-    #: hits_energy_exceeded: first layer of the thresholds
+    #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded
+    #: and hits_energy_exceeded: layer of the first threshold.
     counts: dict[str, int]
-    sums: dict[str, int]  # of the quantities below, by name, followed by their squares
+    sums: dict[str, int]  # of the quantities below, by name; the layers with their squares follow
     maxima: dict[str, int]
-    bins: int  # count bins for quantiles
-    layers: dict[str, int]  # number of layers of each stack (counts, sums, maxima)
+    bins: int  # counting bins for quantiles
+    layers: dict[str, int]  # number of layers in each stack (counts, sums, maxima)
 
 
 def plan_of(case: Case) -> Plan:
@@ -47,6 +47,6 @@ def _plan(names: str, thresholds: int) -> Plan:
 
 
 def tells_sources(case: Case) -> bool:
-    """Return True if a map needs the source of each boulder."""
+    """Return True if a map requires the source of each boulder."""
     plan = plan_of(case).counts
     return bool(plan["sources"] or plan["released"])

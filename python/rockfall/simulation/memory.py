@@ -12,19 +12,19 @@ from rockfall.limits import MACHINE_MEMORY
 from rockfall.result.variables import TYPES
 from rockfall.system import memory_limits
 
-#: Memory [bytes] for a crossing of an evaluation line.
+#: Memory [bytes] for a crossing at an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
-#: Bytes per boulder in a result file, where integers are compressed to less than a byte.
+#: Bytes for a boulder in a result file, where compressed integers take less than a byte.
 BYTES_IN_FILE = 1 + sum(
     np.dtype(kind).itemsize for kind in TYPES["crossing"].values() if np.dtype(kind).kind == "f"
 )
-ROOM = 0.5  # fraction of the memory for boulders at lines
+ROOM = 0.5  # fraction of the memory available for boulders at lines
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 
 def machine_memory() -> float:
-    """Memory [bytes] that this process may use: smallest limit of machine, job (control group) and
-    shell.
+    """Memory [bytes] available to this process: the smallest limit of machine, job (control group)
+    and shell.
     """
     limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
@@ -35,8 +35,8 @@ def machine_memory() -> float:
 
 
 def limit_files(groups: str) -> list[Path]:
-    """Files that may contain a limit of the process's control group or its parents, in the unified
-    hierarchy or the older memory hierarchy. `groups` is the text of /proc/self/cgroup.
+    """Files with possible memory limits of the process's control group and its parents, in the
+    unified hierarchy or the older memory hierarchy. `groups` is the text of /proc/self/cgroup.
     """
     files = []
     for pattern, root, name in (
@@ -54,9 +54,9 @@ def limit_files(groups: str) -> list[Path]:
 
 
 def read_memory(text: str) -> float:
-    """Parse a text such as 500MB, 4G or 1.5 TB as bytes.
+    """Number of bytes from a text such as 500MB, 4G or 1.5 TB.
 
-    A RockfallError states the allowed form.
+    Other texts raise a RockfallError with the allowed form.
     """
     match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) *([kmgt]?)b?", text.strip(), re.IGNORECASE)
     if not match or float(match[1]) == 0:

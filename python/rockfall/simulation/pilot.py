@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pilot run with some boulders of a case, to estimate the resources for the complete run."""
+"""Pilot run with some boulders of a case, which gives estimates for the complete run."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,16 +18,16 @@ from rockfall.simulation.spilled_crossings import BLOCK
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 
-PROBE_BOULDERS = 100  # to estimate the number of rebounds
-PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, and the same on every machine
-PILOT_BOULDERS = 20_000  # maximum; cells of larger runs are extrapolated
-PROGRAM = 80e6  # bytes of the program and its packages during a simulation
-PACKAGES = 20e6  # additional bytes of the packages that write results
-READING = 80e6  # additional bytes for reading a window
-START = 0.4  # CPU seconds to start and end
-CALL_BYTES = 170  # bytes per crossing during a kernel call
-ROW = 1.0e-6  # CPU seconds to write the row of a boulder
-VALUE = 20e-9  # CPU seconds to write the value of a cell
+PROBE_BOULDERS = 100  # boulders used to estimate the number of rebounds
+PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, the same on all machines
+PILOT_BOULDERS = 20_000  # maximum boulders; cells of larger runs are extrapolated
+PROGRAM = 80e6  # memory of the program and its packages in a simulation [bytes]
+PACKAGES = 20e6  # additional memory of packages that write results [bytes]
+READING = 80e6  # additional memory to read a window [bytes]
+START = 0.4  # CPU time to start and end [s]
+CALL_BYTES = 170  # bytes for a crossing during a kernel call
+ROW = 1.0e-6  # CPU time to write a boulder row [s]
+VALUE = 20e-9  # CPU time to write a cell value [s]
 
 
 @dataclass
@@ -35,14 +35,14 @@ class Pilot:
     """Results of a pilot run, and estimates for the complete run."""
 
     tally: Tally
-    seconds: float  # CPU time per boulder
-    reading: float  # CPU time for windows of the terrain
-    cells: float  # cells reached by all boulders of the run
-    density: np.ndarray | float  # of the pilot's boulders [kg/m3]
-    blocks: float  # blocks of bins filled by all boulders of the run, if not all rows are kept
+    seconds: float  # CPU time per boulder [s]
+    reading: float  # CPU time to read terrain windows [s]
+    cells: float  # number of cells that all boulders of the run would reach
+    density: np.ndarray | float  # densities of the pilot boulders [kg/m3]
+    blocks: float  # bin blocks that all boulders of the run would fill, if not all rows are kept
 
     def values(self) -> dict[str, Any]:
-        """Variables of the pilot's boulders, as in a result, without line names."""
+        """Variables of the pilot boulders, as in a result without line names."""
         tally, scene = self.tally, self.tally.scene
         values: dict[str, Any] = tally.columns()
         if scene.grounds:
@@ -61,8 +61,8 @@ class Pilot:
 
 
 def pilot_run(scene: Scene) -> Pilot:
-    """Run a pilot. The number of boulders depends on the scene, not on time, so that `check` always
-    prints the same numbers for a case.
+    """Run a pilot. The number of boulders depends only on the scene, not on time, so that `check`
+    always prints the same values for a case.
     """
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
@@ -112,8 +112,8 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time per boulder [s] of a pilot that keeps no rows, and bin blocks filled by all
-    boulders.
+    """CPU time per boulder [s] of a pilot that keeps no rows, and the number of bin blocks that
+    all boulders would fill.
     """
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
@@ -128,16 +128,17 @@ def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
 
 
 def _all_reached(passages: np.ndarray, more: float) -> float:
-    """Number of cells that `more` times as many boulders would reach, if passage rates of cells
-    follow a gamma distribution (negative binomial counts; Fisher, Corbet & Williams 1943). Mean and
-    shape are fitted to the numbers of cells passed at least once and exactly once in the pilot run.
+    """Number of cells that `more` times as many boulders would reach, if the passage rates of
+    cells follow a gamma distribution (negative binomial counts; Fisher, Corbet & Williams 1943).
+    Mean and shape are fitted to the numbers of cells passed at least once, and exactly once, in
+    the pilot run.
     """
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))
-    shape = np.geomspace(1e-4, 50.0, 2000)  # of the gamma distribution
-    spread = (once / total) ** (-1 / (shape + 1))  # 1 + passages of a cell / shape
-    limit = total / (shape * (spread - 1))  # cells that can be passed
+    shape = np.geomspace(1e-4, 50.0, 2000)  # shape parameter of the gamma distribution
+    spread = (once / total) ** (-1 / (shape + 1))  # 1 + (passages of a cell) / shape
+    limit = total / (shape * (spread - 1))  # number of cells that can be reached
     best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
     expected = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
     return float(max(expected, cells))
@@ -155,8 +156,9 @@ def _densities(scene: Scene) -> np.ndarray | float:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, the program;
-    `made`: outputs made after the rasters are freed; `file`: rows in the result file.
+    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, the
+    program; `made` is for outputs created after the rasters are freed, `file` for rows in the
+    result file.
     """
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
@@ -168,7 +170,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
         is_map = "y" in array.dims
         if array.file_name not in ("tally_bin_counts", "sample_largest"):
             held["maps" if is_map else "results"] += array.values.nbytes
-    sorting = 3 * 8  # bytes: two orders and a copy of a column of crossings
+    sorting = 3 * 8  # [bytes] two orders and a copy of a crossing column
     more = scene.boulders / max(1, pilot.tally.rows)
     rows = tally.run.array("status").size / scene.boulders
     crossings = round(more * rows * pilot.tally.crossed())
@@ -197,7 +199,7 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
     """Memory [bytes] of bin counts, their positions, and the largest values at lines. The latter
-    are in huge pages, so every line takes the same memory.
+    are in huge pages, so each line takes the same memory.
     """
     tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of work: on a terminal, a bar with fraction done, rate and time left; otherwise a line
-every ten seconds, or lines for another program.
+"""Progress of work: on a terminal, a bar with completed fraction, rate and time left; otherwise a
+line every ten seconds, or lines for another program.
 """
 
 import os
@@ -15,18 +15,18 @@ from rockfall.interrupts import check_stop
 
 Item = TypeVar("Item")
 
-BETWEEN = 10.0  # seconds between two lines if stderr is no terminal
-PATIENCE = 2.0  # seconds before the bar of short work appears
+BETWEEN = 10.0  # seconds between lines if stderr is not a terminal
+PATIENCE = 2.0  # seconds before the bar appears
 
 
 @contextmanager
 def progress_bar(
     total: int, shown: bool, what: str = "boulders", patience: float = 0.0
 ) -> Iterator[Callable[..., None]]:
-    """Yield a function that advances a progress bar by a count, and may change the total.
+    """Yield a function that advances a progress bar by a count and can change the total.
 
-    The bar appears after some seconds of `patience`. If stderr is not a terminal, it prints a line
-    every ten seconds; ROCKFALL_PROGRESS=lines requests a line for each call, =none no output.
+    The bar appears after `patience` seconds. If stderr is not a terminal, a line is printed every
+    ten seconds; ROCKFALL_PROGRESS=lines gives a line for each call, =none no output.
     """
     wanted = os.environ.get("ROCKFALL_PROGRESS")
     if not shown or wanted == "none":
@@ -119,7 +119,7 @@ _work: ContextVar[_Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def working(shown: bool = True) -> Iterator[None]:
-    """Show the progress of the work within the block; `add_steps` adds its steps."""
+    """Show progress within the block; `add_steps` adds steps of work."""
     with progress_bar(0, shown, "steps", PATIENCE) as advance:
         token = _work.set(_Work(advance))
         try:
@@ -129,20 +129,20 @@ def working(shown: bool = True) -> Iterator[None]:
 
 
 def add_steps(steps: int) -> None:
-    """Announce steps of work, such as lines or figures, for `working`."""
+    """Add steps of work, such as lines or figures, to the total of `working`."""
     if work := _work.get():
         work.add(steps)
 
 
 def step(*_: Any) -> None:
-    """Count a completed step of work; raises Stopped if a stop was requested."""
+    """Count a completed step; raises Stopped if a stop was requested."""
     check_stop()
     if work := _work.get():
         work.step()
 
 
 def stepped(items: Iterable[Item]) -> Iterator[Item]:
-    """Yield items, each as a step of work."""
+    """Yield items, counting each as a step of work."""
     for item in items:
         yield item
         step()

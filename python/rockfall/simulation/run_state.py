@@ -16,19 +16,20 @@ MAX_COLUMNS = int(_core.constant("max_columns"))  # maximum columns of `bin_coun
 
 
 class Run(RunArrays):
-    """Handle of a run of a scene, which can be advanced."""
+    """Handle of a run of a scene that can be advanced."""
 
-    successor: Run | None = None  # run that took over the tallies
+    successor: Run | None = None  # run that has taken over the tallies
 
     @classmethod
     def of_scene(cls, scene: Scene, numbers: range, box: Box, threads: int) -> Run:
-        """Create a run of boulders with these numbers, from 0, with maps of some cells."""
+        """Create a run of boulders with these 0-based numbers, with maps for the cells in `box`."""
         handle, name = scene.kernel.handle, scene.case.name
         extent = numbers.start, len(numbers), window(box), threads, MAX_COLUMNS
         return cls(_core.open_run(handle, *extent), name)
 
     def continued(self, scene: Scene) -> Run:
-        """Create a run of a scene with more boulders that starts from the results of this one."""
+        """Create a run of a scene with more boulders that continues from the results of this
+        run."""
         self.changed()
         self.successor = Run(_core.continue_run(scene.kernel.handle, self.handle), scene.case.name)
         return self.successor
@@ -41,10 +42,10 @@ class Run(RunArrays):
         step: int = 1,
         seconds: float = sys.float_info.max,
     ) -> tuple[int, np.ndarray, np.ndarray]:
-        """Simulate boulders on a scene or window: every `step`-th, starting with number `first`
-        (from 1); none is started after `seconds`. Returns the number of completed boulders (at
-        least one), and the numbers and exit places (2, n) of boulders that left the window, which
-        are not tallied.
+        """Simulate every `step`-th boulder on a scene or window, from number `first` (1-based); no
+        boulder starts after `seconds`. Returns the number of completed boulders (at least one),
+        and the numbers and exit positions (2, n) of boulders that left the window; these are not
+        counted.
         """
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulation of the boulders of a case by the kernel, in chunks, and the result made from it."""
+"""Simulation of a case's boulders by the kernel, in chunks, and creation of the result."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Contents
     from rockfall.simulation.parts.checkpoint import Checkpoint
 
-# A forked child would wait forever for the idle threads of a run in its parent.
+# A forked child would wait forever for the idle threads of its parent.
 before_fork(_core.end_team)
 
-CHUNK_SECONDS = 0.25  # duration of a kernel call, between checks for Ctrl-C
-MAX_SECONDS = 1.0  # a call starts no more boulders after this time
-FIRST_CHUNK = int(_core.constant("first_chunk"))  # few boulders, in case they are slow
-CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate; a call keeps all in memory
-STATUS = fields("count").index("status")  # row of the kernel's integer values
+CHUNK_SECONDS = 0.25  # duration of a kernel call between checks for Ctrl-C
+MAX_SECONDS = 1.0  # after this time, a call starts no more boulders
+FIRST_CHUNK = int(_core.constant("first_chunk"))  # small, in case boulders are slow
+CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate; all are in memory
+STATUS = fields("count").index("status")  # row in the kernel's integer values
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
-LEFT_WINDOW = int(_core.constant("left_window"))  # status: repeated in a larger window
+LEFT_WINDOW = int(_core.constant("left_window"))  # status: to repeat in a larger window
 
 
 class Interrupted(KeyboardInterrupt):
-    """Raised on Ctrl-C; `result` contains the completed boulders.
+    """Raised on Ctrl-C; `result` has the completed boulders.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -67,7 +67,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class StudyInterrupted(Interrupted):
-    """Raised on Ctrl-C in a study of many runs; `result` is the study of the completed runs."""
+    """Raised on Ctrl-C in a study of many runs; `result` is the study from the completed runs."""
 
     def __init__(self, study: Any, runs: int) -> None:
         KeyboardInterrupt.__init__(self, f"interrupted after {runs} runs")
@@ -94,17 +94,17 @@ def simulate(
 ) -> Contents:
     """Run a scene and return its results; see `run`.
 
-    The run resumes from `checkpoint`, and updates it at intervals. Line crossings are stored in an
-    unnamed file in the folder `spill`, if given, to limit memory. Unless `keep`, the rasters of the
-    scene are freed before the result is made.
+    The run resumes from `checkpoint` and updates it at intervals. If the folder `spill` is given,
+    line crossings are stored there in an unnamed file, which limits memory. Unless `keep`, the
+    rasters of the scene are freed before the result is created.
     """
     import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
 
     if threads is None:
         threads = scene.case.case["threads"]
     check_team(threads)
-    input_warnings(scene)  # before its rasters are freed
-    with interrupts() as interrupted:  # no chunk is lost half-way
+    input_warnings(scene)  # checked before its rasters are freed
+    with interrupts() as interrupted:  # keeps chunks complete
         tally = start(scene, threads, shard)
         if spill is not None and scene.case.lines and scene.windows is None:
             tally.spilled = SpilledCrossings(spill, len(scene.case.lines))
@@ -139,12 +139,12 @@ def simulate(
 
 
 def check_team(threads: int) -> None:
-    """Refuse a number of threads that is invalid or does not fit in memory."""
+    """Refuse a number of threads that is invalid, or whose memory is not available."""
     check_kernel(*_core.team_fits(threads))
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
-    """Create empty tallies for the outputs of the case."""
+    """Create empty tallies for the outputs of a case."""
     numbers, survey = shard_range(scene, shard), scene.survey()
     check_overflow(scene, survey)
     box = survey.box(scene.kernel)
@@ -153,7 +153,7 @@ def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
 
 
 def check_overflow(scene: Scene, survey: Survey) -> None:
-    """Refuse a run whose boulders could overflow the counters in a map cell."""
+    """Refuse a run in which counters of a map cell could overflow."""
     if "maps" in scene.case.output:
         kernel = scene.kernel
         kernel.check(*_core.check_maps(kernel.handle, survey.head[0] - survey.minima.min()))
@@ -162,7 +162,7 @@ def check_overflow(scene: Scene, survey: Survey) -> None:
 def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
-    """Simulate the remaining boulders of a tally, up to the last or until interrupted."""
+    """Simulate the remaining boulders of a tally, until the last one or an interrupt."""
     size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)
@@ -179,8 +179,8 @@ def run_chunks(
 
 
 def _run_range(tally: Tally, first: int, size: int) -> int:
-    """Simulate and store up to `size` boulders from number `first`: fewer if their sources are in
-    different windows of the terrain, or if time is up. Returns their number.
+    """Simulate and store up to `size` boulders from number `first`; fewer if their sources are in
+    different terrain windows, or if time is up. Return the number.
     """
     scene = tally.scene
     assert isinstance(scene, Scene)
@@ -188,7 +188,7 @@ def _run_range(tally: Tally, first: int, size: int) -> int:
     scene, size = scene.around(first, size)
     scene.kernel.keep_within(tally.box)
     size, left, stop = tally.run.advance(scene, first, size, seconds=MAX_SECONDS)
-    del scene  # frees the window before another is read
+    del scene  # frees the window before reading the next
     if left.size:
         if windows is None:
             raise RockfallError(
@@ -203,7 +203,7 @@ def _run_range(tally: Tally, first: int, size: int) -> int:
 
 
 def trace(tally: Tally) -> None:
-    """Repeat selected boulders one by one, and keep their trajectories."""
+    """Repeat selected boulders individually and keep their trajectories."""
     wall, cpu = time.perf_counter(), time.process_time()
     scene = tally.scene
     assert isinstance(scene, Scene)
@@ -218,15 +218,15 @@ def trace(tally: Tally) -> None:
 
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
-    """Numbers from `first` to `last` of the boulders whose trajectories are recorded, if `wanted`
-    boulders are evenly spread over the run.
+    """Numbers, from `first` to `last`, of boulders with recorded trajectories, if `wanted` of them
+    are evenly spread over the run.
     """
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 
 
 def trajectory(scene: Scene, number: int) -> np.ndarray:
-    """Vertices (release, contacts, end) of one boulder, with columns `fields("vertex")`."""
+    """Vertices (release, contacts, end) of a boulder, with columns `fields("vertex")`."""
     while True:
         vertex, left = _run_alone(scene.around(number, 1)[0], number)
         if left is None:
@@ -238,7 +238,7 @@ def trajectory(scene: Scene, number: int) -> np.ndarray:
 def _run_alone(
     scene: Scene, number: int
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray] | None]:
-    """Vertices of a boulder, and the exit place if it left the window; tallies are unchanged."""
+    """Vertices of a boulder, and its exit position if it left the window; tallies do not change."""
     vertex, recorded = np.empty((0, len(fields("vertex")))), 256
     while recorded > len(vertex):
         vertex = np.empty((recorded, len(fields("vertex"))))

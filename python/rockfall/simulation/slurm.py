@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Slurm job array for a case: one job per shard, and a final job that merges the shards."""
+"""Slurm job array for a case: a job for each shard, and a final job that merges the shards."""
 
 import re
 import shlex
@@ -78,8 +78,8 @@ def write_jobs(
     time: str,
     variant: str | None = None,
 ) -> list[Path]:
-    """Write run.sh, merge.sh and submit.sh for a case to `folder` (created if missing): all or
-    none.
+    """Write run.sh, merge.sh and submit.sh for a case to `folder` (created if missing): all files
+    or none.
 
     `program` is python or batch; batch needs a case made by `rockfall prepare`. Each job requests
     `threads` and `time` (in Slurm's format). `variant` selects a variant of the case.
@@ -89,7 +89,7 @@ def write_jobs(
         raise RockfallError(f"--program {program}: must be {' or '.join(PROGRAMS)}")
     if threads < 1:
         raise RockfallError(f"--threads {threads}: must be at least 1")
-    case.replace(case={"threads": threads})  # the kernel knows the maximum
+    case.replace(case={"threads": threads})  # raises an error for too many
     if not 2 <= shards <= MAX_SHARDS:
         raise RockfallError(f"--shards {shards}: must be 2 to {MAX_SHARDS}")
     if "x" in case.release and shards > (
@@ -105,7 +105,7 @@ def write_jobs(
     if any(character.isspace() for character in str(folder)):
         raise RockfallError(f"{folder}: folder names in #SBATCH lines cannot contain blanks")
     inputs = list(input_files(case))
-    check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # written by merge.sh
+    check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # the output of merge.sh
     attrs = {
         "case": shlex.quote(str(Path(path).absolute())), "folder": shlex.quote(str(folder)),
         "name": "rockfall", "stem": shlex.quote(Path(path).stem), "shards": shards,
@@ -122,7 +122,7 @@ def write_jobs(
 
 
 def _batch(path: str | Path) -> str:
-    """Path of rockfall-batch, stored in the jobs; the case must be prepared."""
+    """Path of rockfall-batch for the jobs; the case must be prepared."""
     program = shutil.which("rockfall-batch")
     if not program:
         raise RockfallError("--program batch: rockfall-batch is not on the PATH")

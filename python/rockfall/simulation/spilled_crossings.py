@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of a long run in a file next to its output, to limit memory. The kernel delivers blocks
-sorted by line; the result reads line by line.
+"""Crossings of a long run, stored in a file next to its output to limit memory. The kernel
+delivers blocks sorted by line; results are read by line.
 """
 
 import tempfile
@@ -15,15 +15,15 @@ from rockfall.errors import RockfallError
 from rockfall.result.run_arrays import Array, RunArrays
 
 GROUPS = ("crossing", "fragment", "hit")
-BLOCK = 1_000_000  # maximum number of crossings kept in the kernel
+BLOCK = 1_000_000  # maximum crossings in the kernel
 PIECE = 1_000_000  # crossings read at a time
 
 
 class _Block(NamedTuple):
     """Positions of a block's columns in the file, and its rows by line."""
 
-    offsets: dict[str, int]  # position by column name
-    ends: np.ndarray  # rows up to the end of each line, from 0 for none
+    offsets: dict[str, int]  # file position by column name
+    ends: np.ndarray  # cumulative rows at the end of each line, starting with 0
 
 
 class SpilledCrossings:
@@ -33,11 +33,11 @@ class SpilledCrossings:
         self._folder = folder
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  as long as this lives
         self._blocks: list[_Block] = []
-        self._columns: dict[str, Array] = {}  # with no values
+        self._columns: dict[str, Array] = {}  # empty columns
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Move crossings to the file if there are at least `least` (default: a block)."""
+        """Move the crossings to the file if there are at least `least` (default: a full block)."""
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()
@@ -61,7 +61,7 @@ class SpilledCrossings:
             ) from error
 
     def columns(self, run: RunArrays) -> list[Array]:
-        """Arrays of all crossings, including crossings still in the run, read on demand."""
+        """Arrays of all crossings, including those still in the run, read on demand."""
         self.take(run, 1)
         if not self._blocks:
             return [*run.arrays(*GROUPS)]
@@ -72,7 +72,7 @@ class SpilledCrossings:
 
     @property
     def ends(self) -> np.ndarray:
-        """Rows of all blocks up to the end of each line, from 0 for none."""
+        """Cumulative rows of all blocks at the end of each line, starting with 0."""
         none = np.zeros(self._lines + 1, "i8")
         return np.sum([none, *(block.ends for block in self._blocks)], axis=0)
 
@@ -101,7 +101,7 @@ class SpilledCrossings:
 
 
 class _Column:
-    """Column of all crossings, which NumPy reads completely or in slices."""
+    """A column of all crossings, which NumPy can read completely or in slices."""
 
     def __init__(self, store: SpilledCrossings, name: str, dtype: np.dtype) -> None:
         self._store, self._name, self.dtype = store, name, dtype
@@ -119,7 +119,7 @@ class _Column:
         return values[start - self._ends[first] : stop - self._ends[first] : step]
 
     def pieces(self) -> Iterator[np.ndarray]:
-        """Yield all values, a few lines at a time."""
+        """Yield all values, for a few lines at a time."""
         first = 0
         while first < self._ends.size - 1:
             last = int(np.searchsorted(self._ends, self._ends[first] + PIECE, side="right")) - 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a run in progress or in parts: the kernel's arrays, and their origin."""
+"""Results of a run in progress or in parts: the kernel's arrays, and the run they belong to."""
 
 from __future__ import annotations
 
@@ -28,30 +28,30 @@ from rockfall.simulation.spilled_crossings import SpilledCrossings
 from rockfall.terrain.dams import DamShape
 from rockfall.version import __version__
 
-ANY = range(1, 2)  # placeholder for boulders that do not matter
+ANY = range(1, 2)  # placeholder if boulder numbers do not matter
 
 
 @dataclass
 class Origin:
-    """Run to which a part belongs; replaces its scene when parts are merged."""
+    """Run to which a part belongs; it replaces the scene when parts are merged."""
 
     case: Case
-    boulders: int  # of the complete run
-    grid: Grid  # of the terrain, without a CRS
-    window: Box  # the cells of it that maps cover
+    boulders: int  # total of the run
+    grid: Grid  # terrain grid without a CRS
+    window: Box  # cells that maps cover
     checksums: dict[str, str]
     decoded: dict[str, str]
     version: str
-    grounds: Sequence[GroundRule] = ()  # grounds: names and models
-    features: Features | None = None  # features of the source layer, by name
-    shapes: Sequence[str] = ()  # block shapes, where boulders have several
+    grounds: Sequence[GroundRule] = ()  # names and models
+    features: Features | None = None  # of the source layer, by name
+    shapes: Sequence[str] = ()  # block shapes, if there are several
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
     stands: Sequence[Stand] = ()
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
-        """First item in which another run differs; "" if none. Threads and notation of the case are
-        ignored. Ranges of boulders may differ only if this range begins with the other.
+        """First item in which another run differs; "" if none. Threads and notation of the case
+        are ignored. Ranges of boulders may differ only if this range starts with the other range.
         """
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
@@ -59,7 +59,7 @@ class Origin:
         return what.decode().strip()
 
     def _identity(self, numbers: range) -> tuple[bytes, list[int], tuple[float, ...]]:
-        """Texts, integers and reals of the kernel's identity_t, for these boulders (from 1)."""
+        """Texts, integers and reals in the kernel's identity_t, for these boulders (from 1)."""
         sums = (json.dumps(by_name, sort_keys=True) for by_name in (self.checksums, self.decoded))
         texts = "\1".join((self.version, *sums)).encode(errors="replace")
         grid, ends = self.grid, (numbers.start, numbers.stop - 1)
@@ -69,32 +69,32 @@ class Origin:
 
 @dataclass
 class Tally:
-    """A kernel run, of a scene or of parts, with data that the kernel does not store."""
+    """A kernel run of a scene or of parts, and the data that the kernel does not store."""
 
     scene: Scene | Origin
     run: Run
-    box: Box  # the terrain cells of its maps
-    boulders: int  # to be simulated
-    before: int = 0  # boulders of the run before those of this tally
+    box: Box  # terrain cells of the maps
+    boulders: int  # number to simulate
+    before: int = 0  # number of boulders in the run before this tally
     done: int = 0
     trajectories: dict[int, np.ndarray] = field(
         default_factory=dict
     )  # (vertices, fields) by boulder
-    date: str = ""  # date of the last part, for a run of parts only; "": now
+    date: str = ""  # date of the last part, if the run is merged from parts; "": now
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
-    crs: dict[str, Any] = field(default_factory=dict)  # attributes of a grid without a CRS
-    marks: np.ndarray | None = None  # bool: boulder is done; None: the first `done` are
-    spilled: SpilledCrossings | None = None  # crossings stored in a file instead of the run
-    goes_on: bool = False  # the run continues after results, which are copies
+    crs: dict[str, Any] = field(default_factory=dict)  # attributes if the grid has no CRS
+    marks: np.ndarray | None = None  # bool: completed boulders; None: the first `done` of them
+    spilled: SpilledCrossings | None = None  # crossings in a file instead of the run
+    goes_on: bool = False  # True if the run continues after a result, which is then a copy
 
     def array(self, file_name: str) -> np.ndarray:
         """View of an array of the run, by its name in files."""
         return self.run.array(file_name)
 
     def differs_in(self, arrays: Mapping[str, np.ndarray], *names: str) -> str:
-        """First of the named arrays of the run that differs; "" if none."""
+        """First of these named arrays that differs in the run; "" if none does."""
         own = {array.file_name: array.values for array in self.run.arrays()}
         differ = (
             name for name in names if name in own and not np.array_equal(own[name], arrays[name])
@@ -102,7 +102,7 @@ class Tally:
         return next(differ, "")
 
     def arrays(self, *groups: str) -> list[Array]:
-        """Arrays of some groups of variables, with rows of completed boulders only."""
+        """Arrays in some groups of variables, with rows of completed boulders only."""
         return self._chosen(self.run.arrays(*groups))
 
     def crossings(self) -> list[Array]:
@@ -120,7 +120,7 @@ class Tally:
         return before + self.array("crossing_line").size
 
     def part_arrays(self) -> list[Array]:
-        """Arrays of the packed part, in the form of `arrays`."""
+        """Arrays of the packed part; form as in `arrays`."""
         arrays = self._chosen(self.run.part_arrays())
         if self.spilled is None:
             return arrays
@@ -145,7 +145,7 @@ class Tally:
 
     @property
     def row_bytes(self) -> int:
-        """Size of the rows of all boulders [bytes]: the minimum size of a result file."""
+        """Size [bytes] of the rows of all boulders, the minimum size of a result file."""
         rows = (array for array in self.run.arrays() if "boulder" in array.dims)
         return sum(array.values.nbytes for array in rows if array.group != "work")
 
@@ -156,7 +156,7 @@ class Tally:
 
     @property
     def chosen(self) -> slice | np.ndarray:
-        """Rows of the completed boulders: the first rows, or the indices of marked rows."""
+        """Rows of completed boulders: the first rows, or the indices of marked rows."""
         number = self.number
         if self.marks is not None:
             of_rows = self.marks if number is None else self.marks[number - self.before - 1]
@@ -166,7 +166,7 @@ class Tally:
         return slice(int(np.searchsorted(number, self.before + self.done, side="right")))
 
     def numbers(self) -> np.ndarray:
-        """Numbers of the boulders of the chosen rows."""
+        """Numbers of the boulders in the chosen rows."""
         if (number := self.number) is not None:
             return number[self.chosen]
         if self.marks is not None:
@@ -174,7 +174,7 @@ class Tally:
         return np.arange(self.before + 1, self.before + self.done + 1, dtype="i8")
 
     def go_on(self, scene: Scene) -> None:
-        """Allocate space for the additional boulders of a scene."""
+        """Allocate memory for additional boulders of a scene."""
         self.run, self.scene, self.boulders = self.run.continued(scene), scene, scene.boulders
 
     def sort_rows(self) -> None:
@@ -187,12 +187,12 @@ class Tally:
                 array.values[...] = array.values[..., order]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Kernel columns of the chosen rows, and sums over boulders, by name."""
+        """Kernel columns for the chosen rows, and sums over boulders, by name."""
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> None:
-        """Reduce the cell counts of split sources to the completed boulders, as stored in a part;
-        sign -1 restores the counts of all boulders, to continue the run.
+        """Reduce the cell counts of split sources to completed boulders, as stored in a part; with
+        sign -1, restore the counts of all boulders to continue the run.
         """
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
@@ -200,8 +200,8 @@ class Tally:
             self.run.changed()
 
     def restore_sources(self) -> bool:
-        """Restore the source counts of an unpacked part, to continue its run; False if its split
-        cells do not match.
+        """Restore the source counts of an unpacked part, to continue its run; False if the cells
+        of split sources do not match.
         """
         if not tells_sources(self.scene.case):
             return True
@@ -212,12 +212,12 @@ class Tally:
 
     @property
     def window(self) -> Box:
-        """Terrain cells covered by maps; all cells if there are no maps."""
+        """Terrain cells that the maps cover; all cells if there are no maps."""
         return self.box if self.scene.case.output.get("maps") else self.scene.grid.box
 
     @property
     def grid(self) -> Grid:
-        """Grid of the maps; without maps, of the complete terrain."""
+        """Grid of the maps; without maps, of the whole terrain."""
         return self.scene.grid.part(self.window)
 
     def georeference(self) -> dict[str, Any]:
@@ -226,7 +226,7 @@ class Tally:
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """Boulders (from 0) of shard I of N; sizes differ by at most one."""
+    """Boulders (0-based) of shard I of N; sizes differ by at most one."""
     which, parts = shard
     if not 1 <= which <= parts:
         raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")

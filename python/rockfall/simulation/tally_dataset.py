@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a tally to the variables of a result, by the kernel's table."""
+"""Conversion of a tally to result variables, using the kernel's table."""
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
@@ -24,8 +24,8 @@ from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.tally import Tally
 from rockfall.version import __version__
 
-#: Maps that equal a maximum stack of the kernel, with their quantity; maps of counts also equal
-#: their stacks.
+#: Maps that equal a maximum stack of the kernel, with their quantities; maps of counts equal their
+#: stacks directly.
 MAXIMA = {
     "energy_max": "energy", "speed_max_map": "speed", "jump_height_max_map": "jump_height",
     "passing_height_max": "passing_height", "tree_impact_height_max": "tree_height",
@@ -33,7 +33,7 @@ MAXIMA = {
 
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
-    """Make the results of a run, named as in `variables`, with or without maps (call `settle`
+    """Create the results of a run, named as in `variables`, with or without maps (call `settle`
     first). Unless the run continues, the map tallies are consumed.
     """
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "shadow", "tree", "breakage"
@@ -49,7 +49,7 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
     if maps:
         if requested := tally.scene.case.output.get("maps", []):
             _add_maps(data, tally)
-        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks viewed by maps
+        stacks = plan_of(tally.scene.case).counts, [HITS], MAXIMA  # stacks that maps view
         held = (any(name in stack for name in requested) for stack in stacks)
         if not tally.goes_on:
             tally.run.forget_tallies(*held)
@@ -66,12 +66,12 @@ def make_result(tally: Tally, maps: bool = True) -> Contents:
 
 
 def table_variables(tally: Tally, *groups: str) -> dict[str, Any]:
-    """Variables from the kernel's arrays of some groups, for rows of completed boulders."""
+    """Variables from the kernel arrays of some groups, for rows of completed boulders."""
     return described(sorted(tally.arrays(*groups), key=lambda array: groups.index(array.group)))
 
 
 def described(arrays: Iterable[Array]) -> dict[str, Any]:
-    """Convert arrays to variables with the attributes in the table of variables."""
+    """Convert arrays to variables with the attributes of the variable table."""
     data: dict[str, tuple] = {}
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
@@ -84,7 +84,7 @@ def described(arrays: Iterable[Array]) -> dict[str, Any]:
 
 
 def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
-    """CF attributes for flag values (in the type of their variable) and meanings."""
+    """CF attributes for flag values (in the type of the variable) and meanings."""
     return {
         "flag_values": np.array(list(meanings.values()), kind),
         "flag_meanings": " ".join(meanings),
@@ -92,21 +92,21 @@ def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
 
 
 def sample_variables(tally: Tally) -> dict[str, Any]:
-    """Variables of the samples, with non-empty bins only; empty if all rows are kept."""
+    """Sample variables, with non-empty bins only; empty if all rows are kept."""
     if tally.number is None:
         return {}
     tally.run.pack_part(only_samples=True)
     order = [*variables.SAMPLE]
     samples = (array for array in tally.part_arrays() if array.group == "sample")
     data = described(sorted(samples, key=lambda array: order.index(array.name)))
-    numbers = tally.array("known")  # number of tail values of each line
+    numbers = tally.array("known")  # number of tail values at each line
     for tails, n in zip(data["sample_largest"][1], numbers, strict=True):
-        tails[:, :n].sort()  # in place: still heaps
+        tails[:, :n].sort()  # in place: tails stay heaps
     return data
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
-    """Names, models and blocks of the grounds; empty if the scene has only its impact sets."""
+    """Names, models and blocks of the grounds; empty if the scene has only impact sets."""
     if not (grounds := tally.scene.grounds):
         return {}
     names, models, radii = (
@@ -122,7 +122,7 @@ def _grounds_themselves(tally: Tally) -> dict[str, Any]:
 
 
 def line_variables(tally: Tally) -> dict[str, Any]:
-    """Lines, whether each is a barrier, and first crossings by line and boulder."""
+    """Lines, barrier flags, and first crossings by line and boulder."""
     case, lines = tally.scene.case, tally.scene.case.lines
     names = [str(line["name"]) for line in lines]
     data = numbered("line", names, "name of the evaluation line")
@@ -148,8 +148,8 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 
 def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
-    """Coordinate of a named dimension: numbers from 0 as flags with words, and a variable of names,
-    since programs refuse or lose variables on a text coordinate.
+    """Coordinate of a named dimension: numbers from 0 as flags with words, and a variable with
+    names, because programs refuse or lose variables with a text coordinate.
     """
     numbers = np.arange(len(names), dtype="i4")
     flags = {
@@ -165,7 +165,7 @@ def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
 def _add_maps(data: dict[str, Any], tally: Tally) -> None:
     grid, box = tally.scene.grid, tally.box
     requested = tally.scene.case.output["maps"]
-    # bit for bit the values of the complete grid
+    # Bit-identical to the values of the whole grid.
     data |= centre_variables(grid.x[box.columns], grid.y[box.rows])
     columns = tally.columns()
     per_cluster = boulders_per_cluster(tally.scene.case, columns["start_x"], columns["start_y"])
@@ -177,13 +177,13 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
 
 
 def threshold_variable(case: Case) -> dict[str, tuple]:
-    """Coordinate of counts above thresholds."""
+    """Coordinate for counts above thresholds."""
     values = 1000.0 * np.array(case.hazard["thresholds"])
     return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
 
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
-    """Make a map from its tallies, which are consumed; NaN where undefined."""
+    """Create a map from its tallies, which are consumed; NaN where undefined."""
     values, fewest, thin = _map(name, tally, per_cluster)
     counts = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:
@@ -193,8 +193,8 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
-    """A map, the minimum passages for a value, and the minimum for a certain value."""
-    if (layers := _layers(name, tally)) is not None:  # without a copy, to save memory
+    """A map, and the minimum passages for a value and for a certain value."""
+    if (layers := _layers(name, tally)) is not None:  # not copied, to save memory
         values = layers.copy() if tally.goes_on else layers
         if name in MAXIMA:
             for rows in row_blocks(values.shape):
@@ -207,7 +207,7 @@ def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, in
 
 
 def _layers(name: str, tally: Tally) -> np.ndarray | None:
-    """Kernel layer of a map, or its layers by threshold; None if no layer equals the map."""
+    """Kernel layer of a map, or layers by threshold; None if the map is not a stored layer."""
     plan = plan_of(tally.scene.case)
     if name in variables.EXCEEDED:
         first = plan.counts[name] - 1
@@ -231,13 +231,13 @@ def _bins() -> dict[str, Any]:
         edges = np.round(np.arange(n + 1) * widths[k], 10)
         attrs = {key: quantity[key] for key in ("units", "long_name")}
         data[dim] = (dim, (edges[:-1] + edges[1:]) / 2, attrs | {"bounds": f"{dim}_bounds"})
-        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: attributes are the parent's
+        pairs = np.stack([edges[:-1], edges[1:]], axis=1)  # CF: bounds inherit attributes
         data[f"{dim}_bounds"] = ((dim, "bound"), pairs, {})
     return data
 
 
 def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
-    """Variables of the recorded vertices, by number of the boulder."""
+    """Variables of recorded vertices, by boulder number."""
     if not recorded:
         return {}
     vertices = np.concatenate([*recorded.values()])
@@ -259,8 +259,8 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result or part that describe its run. Only parts, which rockfall-batch also
-    writes, use this `source`.
+    """Attributes of a result or part that describe its run. Only parts, which rockfall-batch
+    writes too, have this form of `source`.
     """
     scene = tally.scene
     return {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map classes: common limits, the same for every result, and their colours.
+"""Map classes: limits that are the same for all results, and colours.
 
-A value equal to a limit belongs to the class below it: above 300 kJ is above 300 kJ.
+A value equal to a limit belongs to the class below: "above 300 kJ" excludes 300 kJ.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from rockfall.quantities import SHOWN
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Limits between classes by unit shown, in place of those below.
+#: Class limits by displayed unit, which replace the limits of the map.
 Limits = Mapping[str, tuple[float, ...]]
 
-COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that do not count boulders
+COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps with counts other than of boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 300 kJ
+LIMITS = {  # by displayed unit; the Swiss intensity classes end at 30 and 300 kJ
     "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
     "m": (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0),
     "m/s": (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0),
@@ -33,9 +33,9 @@ LIMITS = {  # of each unit shown; the Swiss classes of intensity end at 30 and 3
     "year-1": (0.0001, 0.001, 0.0033, 0.01, 0.033, 0.1, 1.0),
 }
 UNITS = (*LIMITS, "boulders", *COUNTED.values())
-#: Pale to dark, also in grey print, and distinct from the hues of relief and water.
+#: From pale to dark, also in grey print, and distinct from the hues of relief and water.
 RAMP = ("#fff7bc", "#fed976", "#fdae4f", "#f87d3a", "#e6432b", "#bd1b43", "#84115f", "#430b52")
-STATUS_MARKERS = {  # marker (Matplotlib name) and colour of each boulder status
+STATUS_MARKERS = {  # marker (Matplotlib name) and colour by boulder status
     "stopped": (".", "#d55e00"),
     "absorbed": ("x", "#0072b2"),
     "left_domain": ("^", "#222222"),
@@ -47,14 +47,14 @@ STATUS_MARKERS = {  # marker (Matplotlib name) and colour of each boulder status
 
 
 class Classes(NamedTuple):
-    """Classes of a map: unit, limits, and a colour for each."""
+    """Classes of a map: unit, limits, and a colour for each class."""
 
     unit: str
     limits: tuple[float, ...]
     colours: tuple[str, ...]
 
     def numbers(self, values: np.ndarray) -> np.ndarray:
-        """Class of each value, from 0; -1 if none."""
+        """Class of each value, from 0; -1 for missing values."""
         return np.where(np.isnan(values), -1, np.digitize(values, self.limits, right=True))
 
     @property
@@ -72,19 +72,19 @@ class Classes(NamedTuple):
 
 
 def shown_as(variable: xr.DataArray) -> tuple[str, float]:
-    """Unit in which a map is shown, and the factor from that of the result."""
+    """Display unit of a map, and the factor from the unit in results."""
     return map_unit(str(variable.name), variable.attrs.get("units", "1"), variable.dtype)
 
 
 def map_unit(name: str, units: str, dtype: np.dtype) -> tuple[str, float]:
-    """Unit in which a map with these units and values of this type is shown, and its factor."""
+    """Display unit of a map with these units and type, and the factor."""
     if dtype.kind in "iu" and units == "1":
         return COUNTED.get(name, "boulders"), 1.0
     return SHOWN.get(units, (units, 1.0))
 
 
 def classes_of(unit: str, limits: Limits | None = None) -> Classes:
-    """Classes of maps in a unit, with the user's limits if given."""
+    """Map classes for a unit, with the user's limits if given."""
     chosen = ((limits or {}).get(unit)) or LIMITS.get(unit, DECADES)
     return Classes(unit, chosen, tuple(ramp(len(chosen) + 1)))
 
@@ -109,7 +109,7 @@ def read_limits(texts: Iterable[str]) -> Limits:
 
 
 def ramp(number: int) -> list[str]:
-    """The given number of colours from the ramp."""
+    """This number of colours from the ramp."""
     table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP], float)
     places = np.linspace(0, len(RAMP) - 1, number)
     mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])

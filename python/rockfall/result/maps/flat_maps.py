@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps with further dimensions, such as a threshold, as single maps for files and figures."""
+"""Maps with additional dimensions, such as a threshold, as single maps for files and figures."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PLAN = ("y", "x")
-BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # displayed unit
+BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # factor and display unit
 
 
 def flat_maps(data: xr.Dataset) -> xr.Dataset:
-    """Dataset with a map in plan for each position along the further dimensions of a map."""
+    """Dataset with a plan map for each position along the additional dimensions of a map."""
     import xarray as xr
 
     by_variable = {str(name): layers(variable) for name, variable in data.data_vars.items()}
@@ -25,7 +25,7 @@ def flat_maps(data: xr.Dataset) -> xr.Dataset:
 
 
 def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
-    """Single maps from a variable with further dimensions, by name; other variables unchanged."""
+    """Single maps from a variable with additional dimensions, by name; others are unchanged."""
     name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
     if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
         return {name: variable}
@@ -40,6 +40,6 @@ def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
 
 
 def shown(dim: str, value: float, between: str = "") -> str:
-    """Label of a position along a dimension: 30kJ, 100years."""
+    """Label for a position along a dimension: 30kJ, 100years."""
     unit, name = BEYOND[dim]
     return f"{value / unit:.10g}{between}{name}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Labels of maps and remarks on them in the current language, by the names of their variables."""
+"""Labels of maps and remarks on maps, in the current language, by variable name."""
 
 import re
 from collections.abc import Mapping
@@ -8,13 +8,13 @@ from typing import Any
 from rockfall.language import is_message, localised, say, word
 from rockfall.result.variables import MAP
 
-#: Name of a map, and its positions along further dimensions, in the form of `flat_maps`.
+#: Name of a map, and its positions along additional dimensions, as in `flat_maps`.
 PARTS = re.compile(r"(.+?)((?:_[\d.]+(?:e[+-]?\d+)?(?:kJ|years))*)")
 PLACE = re.compile(r"([\d.e+-]+)(kJ|years)")
 QUANTILE = re.compile(r"(.+)_q(\d\d)")
 LIMITS = {"_low": "variable.lower_limit", "_high": "variable.upper_limit"}
 MEDIAN = 50
-#: Messages of the remarks on maps, by patterns of their names.
+#: Message ids of remarks on maps, by name pattern.
 COMMENTS = {
     r"reach_probability_(low|high)": "comment.wilson",
     r".+_q\d\d_(low|high)": "comment.limits",
@@ -26,7 +26,7 @@ COMMENTS = {
 
 
 def map_label(name: str, long_name: str) -> str:
-    """Label of a map with these names; the long name if there is no message."""
+    """Label of a map; its long name if there is no message."""
     parts = PARTS.fullmatch(name)
     base, places = parts.groups() if parts else (name, "")
     label = _label(base)
@@ -37,7 +37,7 @@ def map_label(name: str, long_name: str) -> str:
 
 
 def map_comment(name: str, attrs: Mapping[str, Any]) -> list[str]:
-    """Remark on the values of a map, if its attributes contain one."""
+    """Remark on the values of a map, if its attributes include one."""
     if "comment" not in attrs:
         return []
     keys = (key for pattern, key in COMMENTS.items() if re.fullmatch(pattern, name))
@@ -45,7 +45,7 @@ def map_comment(name: str, attrs: Mapping[str, Any]) -> list[str]:
 
 
 def _label(name: str) -> str:
-    """Label of a map in plan; "" if there is no message."""
+    """Label of a plan map; "" if there is no message."""
     if is_message(f"variable.{name}"):
         return say(f"variable.{name}")
     for end, key in LIMITS.items():

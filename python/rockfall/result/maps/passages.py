@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of boulders behind each cell of the maps of a result."""
+"""Number of boulders behind each map cell of a result."""
 
 import numpy as np
 import xarray as xr
@@ -7,11 +7,11 @@ import xarray as xr
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.samples import simulated
 
-PASSED = ("reach_probability", "passages")  # maps with the pass frequency, either of them
+PASSED = ("reach_probability", "passages")  # alternative maps of the number that pass
 
 
 def passed_map(result: xr.Dataset) -> str | None:
-    """Map of the pass frequency, if the result has one."""
+    """Map of the number or fraction of boulders that pass, if the result has one."""
     return next((name for name in PASSED if name in result), None)
 
 
@@ -23,8 +23,8 @@ def passages_of(result: xr.Dataset) -> np.ndarray | None:
 
 
 def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
-    """Mask (y, x) of cells with too few boulders for a reliable value of a map; None if the map has
-    no such cells, or the result does not count passages."""
+    """Mask (y, x) of cells in which too few boulders passed for a reliable map value; None if the
+    map has no such cells, or if passages are not counted."""
     fewest, count = result[name].attrs.get("thin_below", 0), passages_of(result)
     if not fewest or count is None:
         return None

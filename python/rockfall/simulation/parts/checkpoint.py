@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoints of long runs: a part file that is replaced atomically, so that a killed run resumes
+"""Checkpoints of long runs: a part file is replaced atomically, so that a killed run can resume
 from the last checkpoint. A failure to write it (a full disk) does not end the run. rockfall-batch
-uses the same files, and either program can resume the other's runs."""
+uses the same files, and either program can resume runs of the other."""
 
 import os
 import time
@@ -23,12 +23,12 @@ REST = _core.constant("save_rest")  # minimum pause between saves, over the last
 
 
 def checkpoint_of(output: Path) -> Path:
-    """The path of the checkpoint of a run to `output`."""
+    """Checkpoint path for a run to `output`."""
     return output.with_name(f"{output.name}.checkpoint")
 
 
 class Checkpoint:
-    """Checkpoint of a run, in a file next to its output, written at a given interval."""
+    """Checkpoint of a run, in a file next to its output, updated at intervals."""
 
     def __init__(
         self,
@@ -39,14 +39,15 @@ class Checkpoint:
     ) -> None:
         self.output = output = Path(output)
         self.path = checkpoint_of(output)
-        self.part = output.with_name(f".{output.name}.checkpoint")  # until it is complete
+        self.part = output.with_name(f".{output.name}.checkpoint")  # temporary name while writing
         self.every, self.say = every, say
-        self.keep = keep  # also for complete runs, for callers that continue them
-        self.saved = 0  # number of boulders in it
+        self.keep = keep  # also keep it for complete runs that a caller may continue
+        self.saved = 0  # number of boulders saved
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without; another file of this name is refused."""
+        """Number of boulders in the file, 0 without a file; other files with this name are
+        refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)
@@ -58,13 +59,13 @@ class Checkpoint:
         return boulders
 
     def check_space(self, tally: Tally) -> None:
-        """Refuse a run whose rows do not fit on the disk of the output."""
+        """Refuse a run whose rows do not fit on the output disk."""
         if not self.keep or np.isfinite(self.every):
             check_space(self.output, tally.row_bytes)
 
     def restore(self, tally: Tally) -> None:
-        """Resume from the file, if it exists. Damaged files are refused, and files with another
-        case, input, version or range of boulders."""
+        """Resume from the file, if any. Files that are damaged, or that belong to another case,
+        input, version or range of boulders, are refused."""
         if not self.found():
             return
         part = read_part(self.path)
@@ -82,7 +83,7 @@ class Checkpoint:
             raise RockfallError(f"{self.path}: is damaged: tally_shared_cell")
 
     def look(self, tally: Tally) -> None:
-        """Write the file if it is due."""
+        """Write the file if the interval has passed."""
         if time.monotonic() >= self.next:
             self.save(tally)
 
@@ -112,7 +113,8 @@ class Checkpoint:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Name the file, if it exists, in errors raised while the result is processed."""
+        """Within the block, errors raised while a result is processed mention the file, if it
+        exists."""
         try:
             yield
         except RockfallError as error:
@@ -122,7 +124,7 @@ class Checkpoint:
             raise RockfallError(f"{error}. {kept}", error.code) from error
 
     def remove(self) -> None:
-        """Remove the file after the run has been written."""
+        """Remove the file once the run has been written."""
         for path in self.path, self.part:
             with suppress(OSError):
                 path.unlink()

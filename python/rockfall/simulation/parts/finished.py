@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recognition of finished outputs, which `--resume` and a repeated `merge` leave unchanged."""
+"""Detection of finished outputs, which `--resume` and a repeated `merge` leave unchanged."""
 
 import json
 from collections.abc import Mapping
@@ -15,13 +15,13 @@ from rockfall.result.validate import check_result
 from rockfall.simulation.parts.part_file import read_part
 from rockfall.simulation.tally import Origin
 
-#: Line about an output that stays unchanged.
+#: Message about an output that stays unchanged.
 FINISHED = "is finished already, from the same case; nothing was changed"
 
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:
-    """Return True if a file has exactly these boulders (from 1) of a run: the result if these are
-    all, or a part. False for any other or damaged file."""
+    """Return True if a file contains exactly these boulders (from 1) of a run: a part, or the
+    result if they are all boulders. False for other or damaged files."""
     try:
         with open_netcdf(path) as file:
             attrs = {name: file.getncattr(name) for name in file.ncattrs()}
@@ -43,7 +43,7 @@ def _is_same(origin: Origin, other: Origin, boulders: range, theirs: range) -> b
 
 
 def _origin(attrs: Mapping[str, Any], origin: Origin) -> Origin:
-    """Origin of a result, whose grid is derived from its case and inputs."""
+    """Origin of a result; its grid follows from its case and inputs."""
     return replace(
         origin,
         case=case_in(attrs),

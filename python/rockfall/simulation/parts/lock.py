@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Locks that let one run at a time write an output, as io/system.c does."""
+"""Locks that allow one run at a time to write an output, as in io/system.c."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -13,8 +13,8 @@ from rockfall.system import NO_FOLLOW, lock, remove_locked
 
 @contextmanager
 def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
-    """Lock an output against other processes, including rockfall-batch, with an empty file next to
-    it. The operating system releases the lock however the process ends."""
+    """Lock an output against other processes, including rockfall-batch, by means of an empty file
+    next to it. The operating system releases the lock at any end of the process."""
     path = output.with_name(f"{output.name}.lock")
     try:
         descriptor = _open(path)

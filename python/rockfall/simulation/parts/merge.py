@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Merging of the parts of a run into its complete result."""
+"""Merging of the parts of a run into the complete result."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def join(parts: Iterable[Held | str | Path]) -> Contents:
-    """Merge the parts of a run (results, or their files) into its result, bit for bit equal to a
-    run in one piece except for times and threads.
+    """Merge the parts of a run (results, or their files) into a result that is bit-identical to an
+    undivided run, except for times and threads.
 
-    A RockfallError names parts of another run, and missing or duplicate boulders.
+    Raises a RockfallError for parts of another run, and for missing or duplicate boulders.
     """
     joined = Joined()
     for part in parts:
@@ -35,11 +35,11 @@ class Joined:
     """Merge of the parts of a run in any order of arrival: rows, sums and map tallies."""
 
     def __init__(self) -> None:
-        self.first: Part | None = None  # to arrive, without its values
-        self.ranges: list[tuple[int, int, str]] = []  # first and last boulder, name
+        self.first: Part | None = None  # the part that arrived first, without its values
+        self.ranges: list[tuple[int, int, str]] = []  # first boulder, last boulder, name
         self.tally: Tally | None = None
-        self.shared: list[dict[str, np.ndarray]] = []  # by sources that a part splits
-        self.trajectories: dict[int, np.ndarray] = {}  # by boulder
+        self.shared: list[dict[str, np.ndarray]] = []  # by source, if parts split sources
+        self.trajectories: dict[int, np.ndarray] = {}  # by boulder number
 
     def add(self, part: Held | str | Path) -> None:
         """Add a part, or its file."""
@@ -65,7 +65,7 @@ class Joined:
         part.arrays = {}
 
     def result(self) -> Contents:
-        """Result of the complete run; uses up the parts."""
+        """Result of the complete run; the parts cannot be used afterwards."""
         tally = self.tally
         if tally is None:
             raise RockfallError("merge requires the parts of a run")
@@ -89,7 +89,7 @@ class Joined:
 
 
 def _check_whole(ranges: Sequence[tuple[int, int, str]], tally: Tally) -> None:
-    """Check that every boulder occurs exactly once."""
+    """Check that each boulder occurs exactly once."""
     done, requested, wrong = 0, tally.boulders, []
     for first, last, name in ranges:
         if first > done + 1:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Part files (docs/part_file.md): results of some boulders of a run, with tallies that add up.
-Checkpoints, results of shards and results of `rockfall-batch` are part files."""
+"""Part files (docs/part_file.md): results of some boulders of a run, with tallies that can be
+added. Checkpoints, results of shards and results of `rockfall-batch` are part files."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from rockfall.simulation.tally import Tally
 
 LAYOUT = int(_core.constant("part_layout"))  # layout version of the file
-BEFORE = "tally_"  # prefix of the names of tallies
+BEFORE = "tally_"  # name prefix of tallies
 CLOCKS = ("wall_seconds", "cpu_seconds")
 NUMBERS = ("boulders_requested", "boulder_first", "boulder_last", "threads")
-LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # of samples
+LAYOUT_OF = {"part": "sample_part_last", "group": "sample_group_part"}  # dimensions of samples
 LENGTHS = ("status", "tally_cell", "tally_shared_cell", "sample_block", "sample_group_bin",
            "crossing_boulder")  # fmt: skip
 OWN = (  # dimensions whose lengths depend on the part
@@ -51,7 +51,7 @@ OWN = (  # dimensions whose lengths depend on the part
     "sample_group_entry", "crossing",
 )  # fmt: skip
 SUMS = ("input_checksums", "decoded_checksums")
-#: Attributes that a part may lack.
+#: Optional attributes of a part.
 USUAL = {
     "date_created": "", "source_features": None, "block_shapes": None, "grounds": None,
     "input_warnings": "[]", "dams": "[]", "stands": "[]",
@@ -59,11 +59,12 @@ USUAL = {
 PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
 
-# ---- from a tally
+# ---- From a tally
 
 
 def make_part(tally: Tally) -> Contents:
-    """Part of the completed boulders of a tally; its arrays are views until the next."""
+    """Part with the completed boulders of a tally; its arrays are views, valid until the next
+    part."""
     tally.settle()
     try:
         tally.run.pack_part()
@@ -84,25 +85,25 @@ def make_part(tally: Tally) -> Contents:
     return Contents(data, {"part_layout": LAYOUT} | run_attributes(tally) | places)
 
 
-# ---- to a tally
+# ---- To a tally
 
 
 @dataclass
 class Part:
-    """A part that was read; its values are checked when it is loaded."""
+    """A part that was read; its values are checked when loaded."""
 
-    name: str  # for messages
+    name: str  # used in messages
     origin: Origin
-    first: int  # boulder
+    first: int  # first boulder
     last: int
     threads: int
     clocks: dict[str, float]
     crs: dict[str, Any]  # attributes of the grid mapping
-    date: str = ""  # when it was written; "": unknown
+    date: str = ""  # date of writing; "": unknown
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def empty_run(self, before: int, boulders: int) -> Run:
-        """Kernel run with space for the boulders of this part's run."""
+        """Kernel run with room for all boulders of this part's run."""
         origin = self.origin
         layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
         return Run.joined(
@@ -117,8 +118,9 @@ class Part:
         return run
 
     def load(self, run: Run) -> None:
-        """Store the part in an empty run that begins with its boulders; a RockfallError reports
-        values that are impossible in a run. Cells of split sources must then be joined or restored.
+        """Store the part in an empty run that begins with the part's boulders. Raises a
+        RockfallError for values that are impossible in a run. Cells of split sources must be
+        joined or restored afterwards.
         """
         arrays, boulders = self.arrays, self.last - self.first + 1
         lengths = [arrays[name].size if name in arrays else -1 for name in LENGTHS]
@@ -133,7 +135,7 @@ class Part:
         run.unpack_part(self.name, self.origin.grid)
 
     def shared(self) -> dict[str, np.ndarray]:
-        """Cells reached from sources split by the part; {} if no map needs them."""
+        """Cells reached from sources that the part splits; {} if no map needs them."""
         if f"{BEFORE}shared_cell" not in self.arrays:
             return {}
         return {name: self.arrays[BEFORE + name] for name in SHARED}
@@ -149,7 +151,7 @@ class Part:
         return dict(zip(numbers.tolist(), np.split(rows, begins[1:]), strict=True))
 
 
-# ---- from a file
+# ---- From a file
 
 
 def boulders_in(path: Path) -> int | None:
@@ -164,8 +166,8 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """Read a part from a Dataset or a file; a RockfallError refuses other files, and files with
-    other shapes. Files are read directly, since xarray would take several times as long."""
+    """Read a part from a Dataset or a file; RockfallError for other files, and for variables with
+    other shapes. Files are read directly, because xarray would take several times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -216,7 +218,7 @@ def _damaged(part: Part, what: str) -> RockfallError:
 
 
 def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
-    """Metadata of a part, without its values."""
+    """Metadata of a part without values."""
     if attrs.get("part_layout") != LAYOUT:
         raise RockfallError(
             f"{name}: is not a part of a run (from --shard, a checkpoint or rockfall-batch)"
@@ -259,7 +261,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     return part
 
 
-# Values of attributes; invalid ones raise a ValueError, or another error of DAMAGED.
+# Values of attributes; invalid ones raise a ValueError, or another error in DAMAGED.
 
 
 def _number(value: Any) -> int:
@@ -302,7 +304,8 @@ def _features(names: Any) -> Features | None:
 
 
 def when(date: str) -> datetime:
-    """Time of an attribute `date_created` (ISO 8601); earliest if empty, else ValueError."""
+    """Time from an attribute `date_created` (ISO 8601); the earliest time if empty; ValueError if
+    invalid."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     moment = datetime.fromisoformat(date)
@@ -310,7 +313,7 @@ def when(date: str) -> datetime:
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
-    """Names, models and blocks of the grounds; empty if the scene has only its impact sets."""
+    """Names, models and blocks of the grounds; empty if the scene has only impact sets."""
     if "grounds" not in attrs:
         return []
     names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
@@ -330,8 +333,8 @@ def _case(text: str, file: str) -> Case:
 def _table(
     case: Case, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
-    """Type and dimensions of every variable in a part of a case, and lengths that do not depend on
-    the part, from the arrays of an empty run."""
+    """Type and dimensions of each variable in a part of a case, and the lengths that do not depend
+    on the part, from the arrays of an empty run."""
     run = Run.joined(
         case, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )
@@ -351,13 +354,13 @@ def _check_shapes(
     shapes: dict[str, tuple[np.dtype, tuple[str, ...], tuple[int, ...]]],
     size: int | None,
 ) -> None:
-    """Check that all variables of the case are present with their types and lengths, in a file of
-    sufficient `size` [bytes]; other variables are dropped."""
+    """Check that all variables of the case are present with the right types and lengths, in a file
+    of sufficient `size` [bytes]; other variables are dropped."""
     origin = part.origin
     has = origin.features is not None, bool(origin.shapes)
     table, known_lengths = _table(origin.case, origin.boulders, len(origin.grounds), *has)
     expected, lengths = {**table}, {**known_lengths}
-    if "sample_ended" not in expected:  # otherwise its own dimension
+    if "sample_ended" not in expected:  # then this dimension is independent
         lengths["boulder"] = part.last - part.first + 1
     if "trajectory_boulder" in shapes:
         for name, kind in variables.TYPES["vertex"].items():
@@ -376,7 +379,7 @@ def _check_shapes(
 
 
 def _check_trajectories(part: Part) -> None:
-    """Check that vertices are numbers, in order, and belong to boulders of the part."""
+    """Check that vertices are finite, ordered, and belong to boulders of the part."""
     vertices = {name: part.arrays[name] for name in part.arrays if name.startswith("trajectory_")}
     for name, values in vertices.items():
         if not np.isfinite(values).all():

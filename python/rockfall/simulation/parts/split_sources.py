@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources split between parts of a run, which count once in the maps of sources."""
+"""Sources that are split between parts of a run; they count once in maps of sources."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,12 +8,12 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.simulation.map_plan import plan_of
 
-SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources cut by a range
+SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources that a range splits
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
-    """Count each split source once per cell, with all its boulders: the counts of the parts are
-    removed from the stack, and a joint count is added."""
+    """Count each split source once per cell, from all its boulders: remove the counts of the parts
+    from the stack, and add a joint count."""
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)
@@ -31,7 +31,7 @@ def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np
 
 
 def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the split sources, and the boulders of each over all parts."""
+    """Numbers of the split sources, and for each the boulders from all parts."""
     rows = []
     for part in parts:
         source, first = np.unique(part["shared_source"], return_index=True)
