@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: arguments in, exit status out."""
+"""Command line: from arguments to exit status."""
 
 from rockfall.cli.command_line import main as main

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The arguments of every command."""
+"""Arguments of all commands."""
 
 import argparse
 import functools
@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from rockfall.errors import RockfallError
 
-_Commands = argparse._SubParsersAction  # argparse has no public name
+_Commands = argparse._SubParsersAction  # argparse has no public name for it
 FACTORS = "factors: columns standard, factor, condition, value, source (docs/design.md)"
 COSTS = "cost per metre: columns class, height, cost; default: class energy times height"
 LINES = "print line statistics with intervals and return levels, or annual frequencies of a hazard"
@@ -19,7 +19,7 @@ REPORT = "write a result or a hazard as one HTML page that works offline, or as 
 _RULES = "'speed.mean@EL1<2%%, energy_total.q95@EL1<5%%, fraction@EL1<3%%'"
 
 
-#: Removed options, and their replacements.
+#: Removed options and their replacements.
 _GONE = {
     "--energy-unit": "was removed: give energies as CSV with a column unit",
     "--geoid": "was removed with CZML: use --formats kml",
@@ -27,10 +27,10 @@ _GONE = {
 
 
 class _Parser(argparse.ArgumentParser):
-    package = ""  # other package that adds the commands
+    package = ""  # separate package that provides the commands
 
     def complete(self) -> None:
-        """Add the commands of the parser's package, if it is installed."""
+        """Add the commands of the parser's package, if installed."""
         if self.package and find_spec(self.package):
             package, self.package = self.package, ""
             import_module(f"{package}.arguments").add_commands(self)
@@ -51,7 +51,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Step(argparse.Action):
-    """Store an edit; the order of edits is that of the command line."""
+    """Store an edit; edits keep the order of the command line."""
 
     def __call__(self, parser: Any, namespace: Any, value: Any, option: str | None = None) -> None:
         steps = [*(getattr(namespace, self.dest) or []), (str(option).lstrip("-"), value)]
@@ -59,7 +59,7 @@ class _Step(argparse.Action):
 
 
 class _Version(argparse.Action):
-    """Option `--version`, which looks up the version only when requested."""
+    """Option `--version`; the version is only looked up on request."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         print(f"rockfall {import_module('rockfall.version').__version__}")
@@ -69,7 +69,7 @@ class _Version(argparse.Action):
 def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
-    """Add a command that reads one file, `what`, from a module in this folder. Most commands have
+    """Add a command that reads a file, `what`, from a module in this folder. Most commands have
     options to overwrite outputs and to select a variant of the case.
     """
     parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
@@ -88,7 +88,7 @@ def _add(
 def _option(
     parser: argparse._ActionsContainer, names: str, kind: Any, does: str | None = None, **more: Any
 ) -> None:
-    """Add an option with a value; `names` ends with the name of the value: `-o --output DIR`."""
+    """Add an option with a value; `names` ends with a name for the value: `-o --output DIR`."""
     *flags, value = names.split()
     if kind is not str:
         more["type"] = kind
@@ -105,7 +105,7 @@ def _add_overwrite(command: argparse.ArgumentParser) -> None:
 
 
 def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
-    """Function of a command, which imports its module only when called: `rockfall --help` needs no
+    """Function of a command that imports its module only when called: `rockfall --help` needs no
     NumPy, `check` no plotting. Files are replaced only with `--overwrite`.
     """
 
@@ -120,7 +120,7 @@ def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
 
 @functools.cache
 def make_parser() -> argparse.ArgumentParser:
-    """Make the parser of the complete command line. The parsed `command` is a function of the
+    """Create the parser of the whole command line. The parsed `command` is a function of the
     arguments.
     """
     parser = _Parser(
@@ -267,7 +267,7 @@ def _add_resume(command: argparse.ArgumentParser, place: str) -> None:
 
 
 def _add_overrides(command: argparse.ArgumentParser) -> None:
-    """Add the options that replace values of the case."""
+    """Add options that replace values of the case."""
     _option(command, "--boulders N", int, "boulders from each source")
     _option(command, "--boulders-total N", int, "boulders from all sources together")
     _option(command, "--seed N", int, "random seed")
@@ -354,7 +354,7 @@ def _add_dossier(commands: _Commands) -> None:
 
 
 def _add_objects(command: argparse.ArgumentParser) -> None:
-    """Add the layers of objects at risk, roads, and curves of vulnerability."""
+    """Add options for layers of objects at risk, roads, and vulnerability curves."""
     _add_object_layers(command)
     text = "road lines with name, width, chainage: frequencies of each segment"
     _option(command, "--segments LAYER", Path, text)
@@ -529,7 +529,7 @@ def _add_site(commands: _Commands) -> None:
 
 
 def _add_conditions(command: argparse.ArgumentParser) -> None:
-    """Add the options for the requirements of a standard."""
+    """Add options for the requirements of a standard."""
     for key, default, does in (
         ("standard", "UNI", "UNI (11211-4) or ONR (24810)"),
         ("survey", "poor", "survey of the topography: good or poor"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Output folder of a study of several runs, and the checkpoints next to it."""
+"""Output folder of a study with several runs, and the checkpoints next to it."""
 
 import argparse
 import math
@@ -14,7 +14,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
 def check_study_folder(folder: Path, files: Iterable[str], inputs: Iterable[str | Path]) -> None:
-    """Refuse a folder to which the files cannot be written, before the runs start."""
+    """Refuse a folder to which these files cannot be written, before the runs start."""
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: folder {folder.parent} does not exist")
@@ -27,7 +27,7 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds a finished study; files of another study are refused."""
+    """Return True if `--resume` finds a finished study; refuse files of another study."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False
@@ -59,7 +59,7 @@ def study_checkpoints(
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
-    """Report the progress saved in checkpoints after Ctrl-C, and return the exit status."""
+    """After Ctrl-C, report the progress saved in checkpoints, and return the exit status."""
     kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt

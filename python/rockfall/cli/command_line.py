@@ -17,7 +17,7 @@ from rockfall.cli.messages import DONE, FAULT, REFUSED, say
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, stoppable
 
-#: Objects between garbage collections; with the default, these take a tenth of the time of a
+#: Objects between garbage collections; by default, collections take a tenth of the time of a
 #: report.
 RARELY = 50_000, 20, 20
 _NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what it needs"
@@ -26,7 +26,7 @@ _NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what i
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return the exit status. Errors are printed to stderr, one line each."""
     if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # warnings of libraries, for their developers
+        warnings.simplefilter("ignore")  # library warnings are for developers
     gc.set_threshold(*RARELY)
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             status = arguments.command(arguments)
             sys.stdout.flush()
         return status
-    except SystemExit as done:  # --help, --version
+    except SystemExit as done:  # from --help and --version
         return int(done.code or DONE)
     except RockfallError as error:
         return [say(fault, error.code) for fault in error.faults][-1]
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return say(_NO_MEMORY, REFUSED)
     except BrokenPipeError:
-        _close_stdout()  # the reader closed the pipe
+        _close_stdout()  # the reader has closed the pipe
         return DONE
     except OSError as error:
         if error.errno == errno.ENOMEM:
@@ -77,8 +77,8 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 
 def _leave_out(*packages: str) -> None:
-    """Hide unused packages to save a quarter of a second: pyogrio would import GeoPandas, and
-    xarray would import Dask (used by `run` only), to check types of data.
+    """Hide unused packages, which saves 0.25 s: pyogrio would import GeoPandas, and xarray would
+    import Dask (used only by `run`), to check data types.
     """
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
@@ -92,13 +92,13 @@ def _fault(error: Exception) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Redirect closed standard streams (>&-) to the null device, so that output is not written to a
-    file opened later under the same descriptor."""
+    """Redirect closed standard streams (>&-) to the null device; otherwise output might be written
+    to a file that is opened later with the same descriptor."""
     for name, mode in ("stdin", "r"), ("stdout", "w"), ("stderr", "w"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def _close_stdout() -> None:
-    """Drop pending output of a closed stream, so that Python does not write it at exit."""
+    """Discard pending output of a closed stream, so that Python does not write it at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Case and scene given to a command by its arguments."""
+"""Case and scene from the arguments of a command."""
 
 import argparse
 from collections.abc import Collection, Iterable
@@ -26,22 +26,22 @@ def given_options(arguments: argparse.Namespace, keys: Iterable[str]) -> dict[st
 
 
 def at_risk(arguments: argparse.Namespace) -> AtRisk:
-    """Layers of objects at risk."""
+    """Layers of objects at risk, from the arguments."""
     return AtRisk(*(getattr(arguments, name) for name in AtRisk._fields))
 
 
 def memory_of(arguments: argparse.Namespace) -> float:
-    """Memory available for a run [bytes]: `--memory`, or the machine's memory."""
+    """Memory for a run [bytes]: `--memory`, or the machine's memory."""
     return machine_memory() if arguments.memory is None else read_memory(arguments.memory)
 
 
 def given_case(arguments: argparse.Namespace) -> Case:
-    """Case in a file, or its variant selected by `--variant`."""
+    """Case from a file, or its variant selected by `--variant`."""
     return chosen_variant(read_case(arguments.case), arguments.variant)
 
 
 def stem_of(arguments: argparse.Namespace) -> str:
-    """Stem of output names: stem of the case file, and the variant."""
+    """Stem for output names: stem of the case file, and the variant."""
     stem, variant = arguments.case.stem, arguments.variant
     return f"{stem}_{variant}" if variant else str(stem)
 
@@ -78,7 +78,7 @@ def _warn_of(scene: Scene) -> None:
 
 
 def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print the warnings on the models of results, each once, except warnings in `told`."""
+    """Print the warnings on models of results, each once, except those in `told`."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
         for text in joint_warnings(results):

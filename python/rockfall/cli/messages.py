@@ -10,20 +10,20 @@ from pathlib import Path
 
 from rockfall.errors import BAD_INPUT, OUR_FAULT
 
-# for interrupts see `rockfall.interrupts.exit_status`
+# For interrupts see `rockfall.interrupts.exit_status`.
 DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
 OF_PRODUCTS = r"rockfall\.(products|dossiers|files\.|result\.)"  # commands print their warnings
-MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed one by one, in all and of a kind
+MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed individually: in total, and of a kind
 
 
 def say(line: str, status: int) -> int:
-    """Print a text as one line to stderr, and return the exit status."""
+    """Print a text as a line to stderr, and return the exit status."""
     print("rockfall:", " ".join(line.splitlines()), file=sys.stderr)
     return status
 
 
 def warn(text: str) -> None:
-    """Print a warning as one line to stderr."""
+    """Print a warning as a line to stderr."""
     print(f"rockfall: warning: {text}", file=sys.stderr)
 
 
@@ -35,8 +35,8 @@ def warn_each(texts: Iterable[str]) -> None:
 
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
-    """Print the warnings of products (not of libraries) within the block, each once. Yields a list
-    that contains the warnings after the block.
+    """Within the block, print each warning of products (not of libraries) once. Yields a list that
+    contains the warnings after the block.
     """
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
@@ -48,8 +48,8 @@ def warnings_told() -> Iterator[list[str]]:
 
 
 def print_files(paths: Sequence[Path]) -> None:
-    """Print the files that a command wrote, one per line; many files in a folder are grouped by
-    kind.
+    """Print the files that a command wrote, one per line; if there are many in a folder, they are
+    grouped by kind.
     """
     if len(paths) <= MOST_FILES or len({path.parent for path in paths}) > 1:
         print(*paths, sep="\n")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands, each in a module."""
+"""Commands, one module each."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a browser."""
+"""Live window in a browser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rockfall.app.room import Room
 
 LOOK_SECONDS = 0.1  # between checks for Ctrl-C
-TELL_SECONDS = 5.0  # for the browser to connect and show an error
+TELL_SECONDS = 5.0  # time for the browser to connect and show an error [s]
 
 
 def app_command(arguments: argparse.Namespace) -> int:
@@ -26,7 +26,7 @@ def app_command(arguments: argparse.Namespace) -> int:
     if arguments.path is not None and not arguments.path.is_file():
         raise RockfallError(f"{arguments.path}: no such file")
     server = Server(bind(arguments.port), keep=arguments.keep, wms=arguments.wms)
-    with interrupts() as interrupted, ExitStack() as ending:  # uvicorn heeds no signals in a thread
+    with interrupts() as interrupted, ExitStack() as ending:  # uvicorn ignores signals in a thread
         print(server.url, flush=True)
         thread = Thread(target=server.run, name="server")
         thread.start()
@@ -51,7 +51,8 @@ def app_command(arguments: argparse.Namespace) -> int:
 
 
 def _open_room(arguments: argparse.Namespace) -> Room:
-    """Open the file; imported only now, while the browser starts and loads the page."""
+    """Open the file; imports are delayed until here, while the browser starts and loads the
+    page."""
     need("the window needs", "app", "shapely")
     rooms = import_module("rockfall.app.room")
     given = rooms.Given(

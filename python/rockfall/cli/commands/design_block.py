@@ -12,7 +12,7 @@ from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.tables.design_block import design_block_text, scenario_text
 
-OPTIONS = ("years", "events", "threshold", "volume_max")  # of this mode only
+OPTIONS = ("years", "events", "threshold", "volume_max")  # options of this mode only
 
 
 def design_block_command(arguments: argparse.Namespace) -> int:
@@ -36,7 +36,7 @@ def design_block_command(arguments: argparse.Namespace) -> int:
 
 
 def _write(block: DesignBlock, folder: Path, inputs: list[Path]) -> list[Path]:
-    """Write the table of return periods, and the scenario if there is one; both or none."""
+    """Write the table of return periods and any scenario: both or none."""
     with atomic_folder(folder, inputs) as part:
         write_csv(block.levels, part / "design_block.csv")
         if block.scenario:

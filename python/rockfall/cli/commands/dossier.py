@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case: the scenarios of each variant, and the pages to be signed."""
+"""Dossier of a case: the scenarios of each variant, and the pages for signature."""
 
 import argparse
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The first inputs of a project: `rockfall dem` and `rockfall new`."""
+"""First inputs of a project: `rockfall dem` and `rockfall new`."""
 
 import argparse
 import sys
@@ -48,7 +48,7 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 
 def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """Ground for zones without one, and grounds by zone, of `--ground [ZONE=]GROUND`."""
+    """Default ground, and grounds by zone, from `--ground [ZONE=]GROUND`."""
     usual, by_zone = "", {}
     for option in options:
         zone, equals, ground = option.rpartition("=")
@@ -62,7 +62,7 @@ def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
 
 
 def _ask_angle(key: str) -> float | None:
-    """Read an observed angle [degree], by its key, from the terminal; None if it is not known."""
+    """Read the observed angle [degree] for a key from the terminal; None if it is not known."""
     name = key.removesuffix("_angle").replace("_", "-")
     text = f"Lowest {name} angle observed at the site or in the region [degree]?"
     print(text, file=sys.stderr)
@@ -115,7 +115,7 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
-    """Read a raster, or the points of files, and print their properties."""
+    """Read a raster, or points from files, and print their properties."""
     given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
     if not (is_cloud(path) or path.suffix.lower() in (".csv", ".txt")) or is_ascii_grid(path):
@@ -136,7 +136,7 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
 
 
 def _points(survey: Survey) -> Iterator[str]:
-    """Lines about points that were interpolated."""
+    """Lines on interpolated points."""
     yield f"{survey.points:,} points, {survey.spacing:.3g} m apart"
     few = len(survey.errors) < survey.points
     total = f" of {len(survey.errors):,}" if few else ""
@@ -150,7 +150,7 @@ def _points(survey: Survey) -> Iterator[str]:
 
 
 def _nodes(survey: Survey, dem: Dem) -> Iterator[str]:
-    """Lines about points that are the nodes of a regular grid."""
+    """Lines on points that are the nodes of a regular grid."""
     assert survey.nodes is not None
     grid, gaps, shared = survey.nodes.grid, survey.nodes.gaps, survey.nodes.shared
     yield (
@@ -171,7 +171,7 @@ def _nodes(survey: Survey, dem: Dem) -> Iterator[str]:
 
 
 def _options(arguments: argparse.Namespace) -> Iterator[str]:
-    """Options of the command line, for the history of the file."""
+    """Command-line options, for the history of the file."""
     for key in OF_POINTS:
         if (value := getattr(arguments, key)) is not None:
             yield from (f"--{key}", *map(str, value if isinstance(value, list) else [value]))

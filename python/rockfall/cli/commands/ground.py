@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall ground`: a row of a table of grounds from scars of impacts and a measured patch."""
+"""`rockfall ground`: row of a ground table from impact scars and a measured patch."""
 
 import argparse
 import csv
@@ -28,7 +28,7 @@ def ground_command(arguments: argparse.Namespace) -> int:
     output = arguments.output
     inputs = [path for path in (arguments.scars, arguments.patch) if path]
     if output:
-        with overwriting(True):  # rows are added to an existing table
+        with overwriting(True):  # adds a row to an existing table
             check_output(output, inputs)
     ground = measure_ground(
         _scars(arguments), arguments.patch, model=arguments.model, shape=arguments.shape,
@@ -47,7 +47,7 @@ def ground_command(arguments: argparse.Namespace) -> int:
 
 
 def _scars(arguments: argparse.Namespace) -> Scars | None:
-    """Scars of the file, or of the options; a single value applies to all scars."""
+    """Scars from the file or the options; a single value applies to all scars."""
     given = {key: getattr(arguments, key) for key in COLUMNS}
     given = {key: values for key, values in given.items() if values}
     if not given:
@@ -72,7 +72,7 @@ def _summary(ground: MeasuredGround) -> str:
 
 
 def _table(ground: MeasuredGround) -> Table:
-    """Quantities with their standard errors."""
+    """Table of quantities with standard errors."""
     rows = [("R_b [m]", f"{ground.radius:.3g}", "")]
     if not math.isnan(ground.strength):
         low, high = (ground.strength * math.exp(k * ground.strength_error) for k in (-1, 1))
@@ -98,7 +98,7 @@ def _csv(rows: list[list[str]]) -> str:
 
 
 def _add_row(path: Path, row: dict[str, str]) -> None:
-    """Write a table of grounds with a row, or add the row to an existing one."""
+    """Write a ground table with a row, or add the row to an existing table."""
     if not path.exists():
         text = _csv([list(row), list(row.values())])
     else:

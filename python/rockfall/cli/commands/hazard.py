@@ -36,16 +36,16 @@ from rockfall.simulation.simulate import Interrupted
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
 
-DOTS = 200  # of figures, per inch
+DOTS = 200  # figure resolution [dots per inch]
 SHEET = "hazard_sheet.pdf"
 
 
 def hazard_command(arguments: argparse.Namespace) -> int:
     need("a hazard needs", "vector", "pyogrio", "shapely")
     need("a hazard needs", "report", "matplotlib")
-    catalogue(arguments.language)  # refuses unknown languages before a file is read
+    catalogue(arguments.language)  # refuses unknown languages before files are read
     case = overridden(arguments)
-    base_case(case)  # refuses invalid cases before a file is read
+    base_case(case)  # refuses invalid cases before files are read
     folder = arguments.output or Path(f"{stem_of(arguments)}_hazard")
     inputs = [*input_files(case), *at_risk(arguments).files]
     if arguments.write_cases:
@@ -68,7 +68,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
-    """Write each scenario as its own case, next to the case, for runs elsewhere."""
+    """Write each scenario as a separate case next to the case, to be run elsewhere."""
     study = read_study(case, at_risk(arguments))
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}

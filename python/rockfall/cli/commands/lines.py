@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of the lines of a result or hazard: on the terminal, and as files."""
+"""Tables of the lines of a result or hazard, on the terminal and as files."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
 
 
 def _edges(given: str | None) -> list[float] | None:
-    """Numbers separated by commas."""
+    """Numbers from a comma-separated text."""
     if given is None:
         return None
     try:
@@ -75,8 +75,8 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def _print_lines(path: str | Path, table: str | Path | None = None) -> None:
-    """Print both tables of a result; with `table`, a CSV file, write line_statistics to it and
-    return_levels next to it as NAME_levels.csv, in the units of the result."""
+    """Print both tables of a result. If `table`, a CSV file, is given, write line_statistics to it
+    and return_levels next to it as NAME_levels.csv, in the units of the result."""
     result, places = _open(path, table, "", "_levels.csv")
     shown = None if table else range(min(MOST_LINES, len(line_names(result))))
     add_steps(2 * len(line_names(result) if shown is None else shown))
@@ -87,7 +87,7 @@ def _print_lines(path: str | Path, table: str | Path | None = None) -> None:
 
 def _print_hazard(path: str | Path, table: str | Path | None = None) -> None:
     """Print frequencies, energies and heights by return period at the lines, objects and segments
-    of a hazard; with `table`, a CSV file, write them to it."""
+    of a hazard. If `table`, a CSV file, is given, write them to it."""
     place, hazard = table and _csv(Path(table)), read_hazard(path)
     if not places_of(hazard):
         raise RockfallError(f"{path}: has no lines, objects or segments")
@@ -105,8 +105,8 @@ def _print_groups(
     classes: Sequence[float] | None = None,
     table: str | Path | None = None,
 ) -> None:
-    """Print the boulders that pass the lines of a result by source, class of volume or block
-    shape; with `table`, a CSV file, write line_statistics of these groups to it."""
+    """Print the boulders that pass the lines of a result by source, volume class or block shape.
+    If `table`, a CSV file, is given, write line_statistics of these groups to it."""
     result, places = _open(path, table, "")
     statistics = line_statistics(result, by, classes)
     print(groups_text(statistics, by, result))
@@ -116,8 +116,8 @@ def _print_groups(
 def _print_profile(
     path: str | Path, line: str, width: float | None = None, table: str | Path | None = None
 ) -> None:
-    """Print the boulders that pass each window of a line of a result; with `table`, a CSV file,
-    write them to it, and a figure next to it as NAME.png."""
+    """Print the boulders that pass each window of a line. If `table`, a CSV file, is given, write
+    them to it, and a figure next to it as NAME.png."""
     result, places = _open(path, table, "", ".png")
     profile = line_profile(result, line, width)
     print(profile_text(profile, line, result))
@@ -128,9 +128,9 @@ def _print_profile(
 def _open(
     path: str | Path, table: str | Path | None, *endings: str
 ) -> tuple[xr.Dataset, list[Path]]:
-    """Result with lines, and the paths of its tables: `table` for the ending "", and files with the
-    same name and other endings; refused before the work if they may not be written. No paths
-    without `table`."""
+    """Result with lines, and the paths of its tables: `table` for the suffix "", and files of the
+    same name with other suffixes. Paths that cannot be written raise an error before the work
+    starts. No paths without `table`."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if not line_names(result):
@@ -144,7 +144,7 @@ def _open(
 
 
 def _write(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
-    """Write tables, or what writes itself to a path, all or none, and print the paths."""
+    """Write tables, or functions that write to a path, all or none, and print the paths."""
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:

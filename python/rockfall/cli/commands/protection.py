@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands on protection: design sheet, design block of a survey, siting of a barrier."""
+"""Commands on protection: design sheet, design block, siting of a barrier."""
 
 import argparse
 import warnings
@@ -42,7 +42,7 @@ from rockfall.tables.design import design_text
 from rockfall.tables.siting import siting_text
 from rockfall.tables.yearly_design import yearly_design_text
 
-YEARLY_TABLES = ("loads", "choices", "checks")  # of hazards
+YEARLY_TABLES = ("loads", "choices", "checks")  # tables of hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
@@ -95,7 +95,7 @@ def design_command(arguments: argparse.Namespace) -> int:
 
 
 def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
-    """Design by the return period of boulders that pass, over the scenarios of hazards."""
+    """Design for the return period of passing boulders, over the scenarios of hazards."""
     for key in keys:
         if key != "costs" and getattr(arguments, key) is not None:
             reason = "is only valid for results OUT.nc: a hazard takes --return-period and --costs"
@@ -119,7 +119,7 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 
 
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
-    """Refuse options of the other mode; `--blocks` is valid in both."""
+    """Refuse options of the other mode; `--blocks` is allowed in both."""
     is_block = arguments.return_period is not None
     others = [key for key in keys if key != "blocks"] if is_block else design_block.OPTIONS
     rule = "cannot be combined with" if is_block else "requires"
@@ -145,7 +145,7 @@ def site_command(arguments: argparse.Namespace) -> int:
     check_outputs([folder / name for name in (*SITING_FILES, *names, ADVISED)], inputs)
     warn_of_inputs(case)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # printed above, in lines
+        warnings.simplefilter("ignore", UserWarning)  # printed above as lines
         siting = site(case, arguments.line, progress=not arguments.quiet, **given)
     with atomic_folder(folder, inputs) as part:
         write_csv(siting.table, part / "siting.csv")
@@ -167,12 +167,12 @@ def site_command(arguments: argparse.Namespace) -> int:
 
 
 def results_of(scenarios: Sequence[str]) -> list[str]:
-    """Names of the files of the runs of a siting: one for each scenario, if there are any."""
+    """File names for the runs of a siting: one for each scenario, if there are any."""
     return [f"siting_scenario{k}.nc" for k in range(1, len(scenarios) + 1)] or ["siting.nc"]
 
 
 def _features(siting: Siting) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Alignments as lines, with their numbers."""
+    """Alignments as line features with their values."""
     import shapely
 
     shapes = [
@@ -196,7 +196,7 @@ def design_files(sheets: Mapping[str, Design], formats: Sequence[str] = ()) -> l
 
 
 def numbered(sheets: Mapping[str, Design]) -> list[str]:
-    """Suffix for the file of each result: none for a single one."""
+    """Suffix for the files of each result; none for a single result."""
     return [""] if len(sheets) == 1 else [f"_{k}" for k in range(1, len(sheets) + 1)]
 
 
@@ -207,8 +207,8 @@ def write_design(
     formats: Sequence[str] = (),
     language: str = "en",
 ) -> list[Path]:
-    """Write the tables of designs, by the names of their results, and the figures along lines; all
-    of them or none. `formats` are those of a workbook and a document, in `language`."""
+    """Write the tables of designs, by the names of their results, and figures along lines: all or
+    none. `formats` are workbook and document formats, in `language`."""
     inputs = [Path(name) for name in sheets]
     inputs += [path for result in results.values() for path in files_behind(result)]
     files = design_files(sheets, formats)
@@ -228,7 +228,7 @@ def write_design(
 
 
 def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFrame:
-    """Joined table of all results, with the result's name in the first column."""
+    """Table of all results, with the result name in the first column."""
     tables = []
     for result, sheet in sheets.items():
         table = getattr(sheet, name).copy()
@@ -238,7 +238,7 @@ def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFr
 
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
-    """Factors with their sources, as read by `--factors`; without factors, a table to fill in."""
+    """Factors with sources, as `--factors` reads them; without factors, a table to fill in."""
     factors = sheet.factors
     rows = [
         (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products of a result: files, tables, figures, the page."""
+"""Products of a result: files, tables, figures, report page."""
 
 import argparse
 import math
@@ -33,9 +33,9 @@ from rockfall.studies.variants import compare_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
 
-IMPRINT = ("language", "project", "client", "author")  # of a page
-SECTION = ("section_layer", "section_within")  # in a report with a section
-REPORTED = (*IMPRINT, "dem_date", "hazard", "models", "factors")  # in a report
+IMPRINT = ("language", "project", "client", "author")  # options of a page
+SECTION = ("section_layer", "section_within")  # options of a report with a section
+REPORTED = (*IMPRINT, "dem_date", "hazard", "models", "factors")  # options of a report
 
 
 def export_command(arguments: argparse.Namespace) -> int:
@@ -65,12 +65,12 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(arguments: argparse.Namespace) -> Chosen:
-    """Choices for an export, by the options given."""
+    """Settings of an export from the options."""
     return Chosen(**given_options(arguments, ("formats", "tolerance")))
 
 
 def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:
-    """Export a hazard as drawings: it has no trajectories, tables or project."""
+    """Export a hazard as drawings; it has no trajectories, tables or project."""
     for key, why in (
         ("tolerance", "is only valid for trajectories, which a hazard lacks"),
         ("qgis", "is only valid for results: export a result with --hazard"),
@@ -146,7 +146,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
 
 
 def _cost(given: str) -> tuple[str, float]:
-    """Variant and its cost, as NAME=AMOUNT."""
+    """Variant and cost from NAME=AMOUNT."""
     name, _, amount = given.rpartition("=")
     if not name or math.isnan(cost := plain_decimal(amount)):
         raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")
@@ -202,12 +202,12 @@ def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
 
 
 def _path(arguments: argparse.Namespace) -> Path:
-    """Path of the result, or of the hazard in a folder."""
+    """Path of a result, or of the hazard in a folder."""
     return in_folder(getattr(arguments, "out.nc"))
 
 
 def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Inputs to be drawn with a result."""
+    """Inputs that are drawn with a result."""
     return {
         "dem": arguments.dem,
         "observed": arguments.observed or (),

@@ -67,8 +67,8 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 
 def _was_stopped(path: Path, arguments: argparse.Namespace) -> bool:
-    """Return True if an output was left by a stopped run with a checkpoint: `--resume` replaces it.
-    Without that option the checkpoint is refused, with a clearer message."""
+    """Return True if a stopped run with a checkpoint left an output, which `--resume` replaces.
+    Without this option the checkpoint is refused, with a clearer message."""
     checkpoints = arguments.until is None and arguments.dask is None
     return checkpoints and checkpoint_of(path).exists()
 
@@ -97,7 +97,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
-    """Checkpoint of a run; an existing one is overwritten only on request."""
+    """Checkpoint of a run; an existing file is overwritten only on request."""
     if arguments.until is not None or arguments.dask is not None:
         return None
     checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
@@ -117,7 +117,7 @@ def _run_to(
     checkpoint: Checkpoint | None,
 ) -> int:
     scene = scene_of(case, arguments)
-    seen = site_observations(scene)  # refuses observations that could not be compared afterwards
+    seen = site_observations(scene)  # refuses observations that could not be compared later
     if arguments.resume and path.exists() and not checkpoint_of(path).exists():
         empty = start(scene, threads=1, shard=shard)
         boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
@@ -125,7 +125,7 @@ def _run_to(
             return say(f"{path}: {FINISHED}", DONE)
         if not arguments.overwrite:
             raise RockfallError(f"{path}: {EXISTS}")
-    with interrupts():  # completed work is written too
+    with interrupts():  # so that completed work is written
         try:
             result = _simulate(scene, arguments, shard, checkpoint, path.parent)
         except Interrupted as stop:
@@ -145,7 +145,7 @@ def _run_to(
 
 
 def _agreement(result: Contents, seen: Observed) -> Text:
-    """Agreement of a run with its site; the reason, if this run cannot be compared."""
+    """Agreement of a run with its site, or the reason if the run cannot be compared."""
     try:
         return disagreement(compare(result.dataset(), seen))
     except RockfallError as error:
@@ -153,7 +153,7 @@ def _agreement(result: Contents, seen: Observed) -> Text:
 
 
 def _write(result: Contents, path: Path, checkpoint: Checkpoint | None) -> None:
-    """Write a result; if this fails, its checkpoint is named."""
+    """Write a result; if this fails, the error mentions the checkpoint."""
     with checkpoint.named() if checkpoint else nullcontext():
         write_result(result, path)
 
@@ -165,7 +165,7 @@ def _simulate(
     checkpoint: Checkpoint | None,
     folder: Path,
 ) -> Contents:
-    """Simulate the boulders of the case, or the number that the rules of `--until` need."""
+    """Simulate the boulders of the case, or the number that the `--until` rules require."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
@@ -176,7 +176,7 @@ def _simulate(
 
 
 def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
-    """Write the completed boulders after Ctrl-C."""
+    """Save the completed boulders after Ctrl-C."""
     done, requested = simulated(result), result.attrs["boulders_requested"]
     if not done:
         raise KeyboardInterrupt

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section of a result along a drawn line: its tables and its figure."""
+"""Section of a result along a drawn line: tables and figure."""
 
 import argparse
 import itertools
@@ -50,7 +50,7 @@ def section_command(arguments: argparse.Namespace) -> int:
 
 
 def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]:
-    """Line of a section: a file, or pairs X,Y."""
+    """Line of a section from a file, or from pairs X,Y."""
     words = " ".join(given).split()
     pairs = [tuple(map(plain_decimal, word.split(","))) for word in words if word.count(",") == 1]
     if len(pairs) == len(words) > 1 and all(map(math.isfinite, itertools.chain(*pairs))):
@@ -65,7 +65,7 @@ def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]
 
 
 def _places(output: Path) -> list[Path]:
-    """Files of a section: its tables, and its figure in the format of the output."""
+    """Files of a section: tables, and the figure in the format of the output."""
     ending = output.suffix.lower()
     if ending not in ENDINGS:
         raise RockfallError(f"{output}: output name must end in {', '.join(ENDINGS)}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Studies with many runs of a case: uncertain inputs, and convergence of its numbers."""
+"""Studies with many runs of a case: uncertain inputs, and convergence of results."""
 
 import argparse
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ from rockfall.tables.models import models_text, validation_text
 
 TABLES = ("study", "error", "cost", "numerical")
 DRAWINGS = "convergence.png", "convergence.pdf"
-FILES = (*(f"{table}.csv" for table in TABLES), *DRAWINGS)  # of a convergence study
+FILES = (*(f"{table}.csv" for table in TABLES), *DRAWINGS)  # files of a convergence study
 MODEL_FILES = "models.csv", "models.png", "models.nc"
 
 
@@ -90,7 +90,7 @@ def back_command(arguments: argparse.Namespace) -> int:
 
 
 def _grid(case: Case, observed: Iterable[Path]) -> Grid | None:
-    """Grid of the terrain, if there are layers to be read on it."""
+    """Terrain grid, if layers must be read on it."""
     if "dem" not in case.terrain or not any(map(is_point_layer, observed)):
         return None
     return dem_header(case.path(case.terrain["dem"]))[0]

@@ -46,7 +46,7 @@ from rockfall.studies.variants import check_variant_scenes, compare_variants, ru
 from rockfall.studies.yearly_variants import run_name, yearly_variants
 from rockfall.tables.variants import comparison_notes, variants_text
 
-YEARLY = "frequencies.csv"  # over the scenarios of the case
+YEARLY = "frequencies.csv"  # frequencies over the scenarios of the case
 
 
 def variants_command(arguments: argparse.Namespace) -> int:
@@ -61,7 +61,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
     with overwriting(arguments.overwrite or is_there):
         check_study_folder(folder, files, inputs)
     if pages:
-        catalogue(arguments.language)  # refuses unknown languages before a file is read
+        catalogue(arguments.language)  # refuses unknown languages before files are read
         check_page_needs(pages[0])
     with locked(folder.resolve(), warn):
         runs = [*names, *(f"{name}.scenario{k}" for name in names
@@ -106,7 +106,7 @@ def _write(
     arguments: argparse.Namespace,
     inputs: Iterable[Path],
 ) -> list[Path]:
-    """Write results, differences, maps and page to the folder: all of them, or none."""
+    """Write results, differences, maps and page to the folder: all or none."""
     maps = {}
     if have_passages(results):
         alike = on_same_cells(results)
@@ -136,7 +136,7 @@ def _write(
 
 
 def _pages(arguments: argparse.Namespace) -> list[str]:
-    """Names of the page in the folder, as HTML and as PDF, if requested."""
+    """Names of the requested pages in the folder, as HTML and PDF."""
     given = {"variants.html": arguments.report, "variants.pdf": arguments.pdf}
     return [name for name, wanted in given.items() if wanted]
 
