@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of the live window's server, read as its page reads them."""
+"""Messages of the live window's server, read as by its page."""
 
 import json
 import struct
 
 import numpy as np
 
-PATIENCE = 600.0  # [s] at most, on a machine that does other things
+PATIENCE = 600.0  # maximum wait [s], on a busy machine
 
 
 def decoded(message):
@@ -25,7 +25,7 @@ def decoded(message):
 
 
 class Talk:
-    """What the page in the browser is to a room, without a socket."""
+    """Client of a room that acts like the page in the browser, without a socket."""
 
     def __init__(self, room, page, sent):
         self.room, self.page, self.sent = room, page, sent

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a browser: what a hand and an eye do there."""
+"""The live window in a browser: user actions and visible results."""
 
 import threading
 import time
@@ -24,7 +24,7 @@ CASE = f"""&case title = 'Hang', boulders_total = 200, seed = 7, threads = 1 /
 &release x = {W + 150}, y = {N - 40}, drop_height = 5.0 /
 &line name = 'L', x = {W}, {W + 300}, y = {N - 200}, {N - 200} /
 """
-PATIENCE = 600.0  # [s] at most, on a machine that does other things
+PATIENCE = 600.0  # maximum wait [s], on a busy machine
 
 
 @contextmanager
@@ -49,7 +49,7 @@ def open_window(browser, server):
 
 
 class Window:
-    """What a hand and an eye do in the page."""
+    """Actions and observations of a user on the page."""
 
     def __init__(self, browser):
         self.browser = browser
@@ -63,7 +63,7 @@ class Window:
         return found
 
     def complete(self, revision=0):
-        """Wait for all results of a revision or a later one; those of each line by its name."""
+        """Wait for all results of a revision or a later one; return those of each line by name."""
         ready = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
         ready += " && rockfall.batch.lines.every(({ n }) => n !== undefined)"
         self.until("a complete run", f"{ready} && rockfall.revision >= arguments[0]", revision)
@@ -71,7 +71,7 @@ class Window:
         return {line["name"]: line for line in batch["lines"]}
 
     def changed(self, act):
-        """Results after an act that changes the document."""
+        """Results after an action that changes the document."""
         before = self.revision
         act()
         self.until("a revision", "rockfall.revision > arguments[0]", before)
@@ -101,7 +101,7 @@ class Window:
         ]
 
     def touch(self, *places, drag=False, double=False):
-        """Click at places of the map [m], or drag from one to the next."""
+        """Click at points of the map [m], or drag from one to the next."""
         builder = ActionBuilder(self.browser, duration=20)
         mouse = builder.pointer_action
         for number, place in enumerate(places):
@@ -142,7 +142,7 @@ class Window:
 
 
 def agrees(lines, case):
-    """Check that the lines of a window have the numbers of a run of a case, to the last bit."""
+    """Check that the lines of a window have exactly the values of a run of a case."""
     found = rockfall.line_statistics(rockfall.run(rockfall.read_case(case)))
     assert {*found["line"]} == {*lines}
     for row in found.itertuples():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What several tests start from."""
+"""Fixtures shared by several tests."""
 
 import gc
 import os
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-# A worker on each core, whose threads do not spin while they wait; read when rockfall is loaded.
+# One worker per core, whose idle threads do not spin; read when rockfall is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-os.environ.setdefault("ROCKFALL_PROGRESS", "none")  # on a slow machine, it would be in messages
+os.environ.setdefault("ROCKFALL_PROGRESS", "none")  # progress lines would be in messages
 
 import rockfall
 import slope_case
@@ -23,11 +23,11 @@ def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run also what is marked `all`")
 
 
-#: What is no error of a test: the first is what a run says of its case, which tests of it expect.
+#: Warnings that are no test failures: the first is expected in tests of the case in question.
 HARMLESS = (
     "ignore::UserWarning",
     "ignore::ResourceWarning",
-    *(  # what libraries say of each other, by versions that are not ours to choose
+    *(  # warnings of libraries about each other's versions
         f"ignore::{kind}:(?!rockfall|test|lab|benchmarks)"
         for kind in ("DeprecationWarning", "PendingDeprecationWarning", "FutureWarning")
     ),
@@ -44,7 +44,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what is marked `all`, and all that needs a browser, where not asked for."""
+    """Skip tests marked `all`, and tests that need a browser, unless requested."""
     kept, left = [], []
     for item in items:
         extra = item.get_closest_marker("all") or "browser" in item.fixturenames
@@ -54,8 +54,8 @@ def pytest_collection_modifyitems(config, items):
 
 
 def pytest_collection_finish():
-    """Modules stay; to look through them for garbage again and again takes a tenth of the time, and
-    to look as often as Python does through all else 3 %."""
+    """Modules are permanent: searching them for garbage repeatedly takes a tenth of the time, and
+    the default frequency for everything else 3 %."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000)
@@ -63,14 +63,14 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session")
 def gallery(tmp_path_factory):
-    """Results of this session, for all its workers."""
+    """Results of this session, for all workers."""
     root = tmp_path_factory.getbasetemp()
     return Gallery((root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "gallery")
 
 
 @pytest.fixture
 def few_boulders(tmp_path):
-    """The file of cases/vaujany with 50 boulders, in a folder of its own."""
+    """Case file of cases/vaujany with 50 boulders, in a separate folder."""
     folder = (Path(__file__).parents[1] / "cases/vaujany").resolve()
     case = rockfall.read_case(folder / "case.nml")
     case = case.replace(
@@ -85,14 +85,14 @@ def few_boulders(tmp_path):
 
 @pytest.fixture
 def place(gallery, tmp_path, monkeypatch):
-    """A folder with a case that runs, made the current one."""
+    """Folder with a case that runs, as the current folder."""
     monkeypatch.chdir(tmp_path)
     return gallery.copy("slope", slope_case.write_slope, tmp_path)
 
 
 @pytest.fixture
 def blank_figures(monkeypatch):
-    """Few figures, and blank: they are drawn by tests of their own, for longer than all else."""
+    """Few and blank figures: drawing takes longer than everything else and is tested separately."""
     figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
     save = figure.Figure.savefig
 
@@ -114,7 +114,7 @@ def blank_figures(monkeypatch):
 
 @pytest.fixture
 def batch():
-    """Runs the standalone program, which a build without netCDF-Fortran does not have."""
+    """Function that runs the standalone program; absent in a build without netCDF-Fortran."""
     if not find_program():
         pytest.skip("rockfall-batch is not built")
     return run_program
@@ -122,7 +122,7 @@ def batch():
 
 @pytest.fixture
 def ready(batch, gallery, tmp_path):
-    """A folder with a case of everything, prepared in `ready`."""
+    """Folder with a case that uses everything, prepared in `ready`."""
     return gallery.copy("everything", _prepare, tmp_path)
 
 
@@ -132,5 +132,5 @@ def _prepare(folder, **groups):
 
 @pytest.fixture
 def many(batch, gallery, tmp_path):
-    """The same of many boulders."""
+    """The same case with many boulders."""
     return gallery.copy("many", partial(_prepare, case={"boulders": MANY}), tmp_path)

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of lines from dense values, for results that tests make by hand."""
+"""Crossings of lines from dense values, for artificial results."""
 
 import numpy as np
 
-SINGLE = 2.0**-23  # values in single precision err by half of it, relatively, at most
-#: Columns that a result keeps of each crossing.
+SINGLE = 2.0**-23  # maximum relative error of single-precision values is half of this
+#: Columns that a result stores for each crossing.
 STORED = ("time", "distance", "velocity_x", "velocity_y", "velocity_z", "omega", "jump_height",
           "passing_height")  # fmt: skip
-OF_SOME = {"volume": "f4", "fragments": "i4", "outcome": "i1"}  # where a test gives them
+OF_SOME = {"volume": "f4", "fragments": "i4", "outcome": "i1"}  # optional columns
 
 
 def crossed(number, names=("L",), **dense):
-    """Variables of a result in which boulders of these numbers, which rise, cross lines of these
-    names where no value of `dense` (lines, boulders) is NaN: columns of STORED, or speed (north),
-    volume, fragments, outcome. Columns not given are 0."""
+    """Variables of a result in which boulders with ascending numbers cross named lines wherever a
+    value in `dense` (lines, boulders) is not NaN: columns of STORED, or speed (north), volume,
+    fragments, outcome. Missing columns are 0."""
     number, shape = np.asarray(number, "i8"), (len(names), np.size(number))
     if "speed" in dense:
         dense["velocity_y"] = dense.pop("speed")

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* For LD_PRELOAD: file systems with faults. NO_LOCK=errno: no file in the folder MOUNT can be locked. NO_RENAME=errno:
-   none can be renamed, with LATE_RENAME=n after n that could. DISK=bytes: no file can grow beyond this size, and with
-   NO_FALLOCATE=1 none can be reserved. */
+/* For LD_PRELOAD: file systems with faults. NO_LOCK=errno: files in the folder MOUNT cannot be
+   locked. NO_RENAME=errno: they cannot be renamed; with LATE_RENAME=n only after n renames.
+   DISK=bytes: files cannot grow beyond this size; with NO_FALLOCATE=1 no space can be reserved. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -49,7 +49,7 @@ int flock(int file, int operation)
     return is_lockless(file) ? fails(given("NO_LOCK")) : next(file, operation);
 }
 
-/* Locks of SQLite. */
+/* Locks by SQLite. */
 int fcntl(int file, int command, ...)
 {
     NEXT(fcntl);
@@ -69,7 +69,7 @@ int rename(const char *from, const char *to)
     static long count;
     NEXT(rename);
 
-    if (strstr(to, "__pycache__")) /* Python's own, which it writes when sources are new */
+    if (strstr(to, "__pycache__")) /* bytecode files, written by Python for changed sources */
         return next(from, to);
     if (given("NO_RENAME") && ++count > given("LATE_RENAME"))
         return fails(given("NO_RENAME"));
@@ -106,7 +106,7 @@ int statvfs(const char *path, struct statvfs *disk)
     return status;
 }
 
-/* The names under which programs with 64-bit offsets call these. */
+/* Names used by programs with 64-bit offsets. */
 #define ALSO(name, other) extern __typeof__(name) other##_alias __asm__(#other) __attribute__((alias(#name), copy(name)))
 ALSO(fcntl, fcntl64);
 ALSO(pwrite, pwrite64);

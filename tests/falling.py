@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that fall onto a plane, by tables of impacts."""
+"""Boulders that fall onto a plane, by impact tables."""
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from rockfall.grounds.impact_tables import (
 )
 from rockfall.result.crossings import has_crossed
 
-RADIUS, RATIO = 0.6, 4.0  # R_b [m]; R_b/R_m, one of the parts
+RADIUS, RATIO = 0.6, 4.0  # R_b [m]; R_b/R_m, at one of the table's parts
 GRAVITY, DENSITY = 9.81, 2700.0  # [m/s2], [kg/m3]
-MARK = 60.0  # down the plane [m]
+MARK = 60.0  # distance down the plane [m]
 BOULDERS = 300
-SPREAD = 0.06  # between tables of the same ground (docs/impact_tables.md)
-#: Grounds that yield: the laboratory's own blocks come less far from a greater height.
+SPREAD = 0.06  # scatter between tables of the same ground (docs/impact_tables.md)
+#: Grounds that yield: laboratory blocks travel less far after a higher fall.
 YIELDS = {"scree": 28.0, "soil": 23.0}
 GROUNDS = {
     "firm": ("ploughed", YieldingGround(27.0, 2e6, relief=12.6)),
@@ -26,7 +26,7 @@ GROUNDS = {
 
 
 def fall(folder, ground, slope, drop, *, boulders=BOULDERS, speed=0.0, **groups):
-    """A run of boulders that fall onto a plane, thrown down at a speed [m/s]."""
+    """Run of boulders that fall onto a plane at a given speed [m/s]."""
     cell, rows, columns, above = 2.5, 92, 60, 8
     z = 500 + np.tan(np.radians(slope)) * cell * np.mgrid[rows - 1 : -1 : -1, 0:columns][0]
     top, width = (rows - above) * cell, columns * cell
@@ -58,7 +58,7 @@ def error(*fractions_and_numbers):
 
 
 def write_grounds(place):
-    """A table of these grounds in a folder."""
+    """Write a table of given grounds to a folder."""
     rows = [f"{name},{model},{','.join(map(repr, ground))},test\n"
             for name, (model, ground) in GROUNDS.items()]  # fmt: skip
     head = f"name,model,{','.join(YieldingGround._fields)},source\n"

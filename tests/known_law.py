@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders of a known law: some cross a line, with lognormal speeds, and a run ends by rules."""
+"""Boulders with known, lognormal speeds, of which some cross a line; runs end by rules."""
 
 import numpy as np
 import xarray as xr
@@ -9,10 +9,10 @@ from crossed import crossed
 from rockfall.kernel_rules import Z
 from rockfall.studies.run_until import FIRST, evaluate, next_stage
 
-SHARE, SIGMA = 0.6, 0.4  # of a made law: boulders that cross, and their lognormal speeds
+SHARE, SIGMA = 0.6, 0.4  # fraction of boulders that cross, and parameter of their lognormal speeds
 
 
-SAMPLE = {  # the attributes of a result whose sources stand for others
+SAMPLE = {  # attributes of a result with sampled sources
     "case": "&case boulders = 1 / &terrain dem = 'd' / &surface uniform_mean_radius = 1.0 / "
     "&boulder volume_mean = 1.0 / &release x = 0.0, y = 0.0, sources = 'sample' / &impact /",
     "case_file": "made",
@@ -20,8 +20,8 @@ SAMPLE = {  # the attributes of a result whose sources stand for others
 
 
 def made(values, source=None, attrs=None):
-    """A result of one line where boulders of 1 m3 and 1 kg had these speeds, NaN where they did not
-    cross."""
+    """Result with one line that boulders of 1 m3 and 1 kg crossed with given speeds; NaN: not
+    crossed."""
     source = np.zeros(values.size, int) if source is None else source
     start = source.astype(float)
     one, number = np.ones(values.size), np.arange(values.size)
@@ -37,7 +37,7 @@ def lognormal(random, n):
 
 
 def theory(statistic: str, limit: float) -> tuple[float, float]:
-    """The number of the known law, and the boulders that make the half-width `limit` of it."""
+    """Value of a statistic, and the number of boulders for a half width `limit` of it."""
     w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
     if statistic == "fraction":
         return SHARE, scale * (1 - SHARE)
@@ -52,7 +52,7 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
 
 
 def stages(rules, random, draw=lognormal, cap=10**7):
-    """The stages of a run with boulders of the made law: the last result."""
+    """Run in stages with boulders of this distribution; return the last result."""
     n, values = min(FIRST, cap), np.empty(0)
     while True:
         values = np.concatenate([values, draw(random, n - values.size)])

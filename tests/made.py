@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files for the tests to read, and the one way in which they may be refused."""
+"""Files for tests to read, and a check for refusals."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ def hill(ny=6, nx=4, dtype="float64"):
 
 
 def make_raster(path, array, transform=PLACE, crs=UTM, nodata=None, **profile):
-    """Write a raster of one band, or of several for an array of three dimensions."""
+    """Write a raster with one band, or several for a three-dimensional array."""
     bands = array if array.ndim == 3 else array[None]
     with rasterio.open(
         path,
@@ -44,13 +44,13 @@ def make_raster(path, array, transform=PLACE, crs=UTM, nodata=None, **profile):
 
 
 def make_ascii(path, body, head="xllcorner 600000\nyllcorner 4999970\ncellsize 5\n", size=(3, 2)):
-    """Write an ESRI ASCII grid of `size` (columns, rows) with any text for its numbers."""
+    """Write an ESRI ASCII grid with `size` (columns, rows) and any text as numbers."""
     Path(path).write_text(f"ncols {size[0]}\nnrows {size[1]}\n{head}{body}")
     return path
 
 
 def make_layer(path, shapes, crs=UTM, layer=None, **columns):
-    """Write a vector layer of shapes with an attribute for each of `columns`."""
+    """Write a vector layer of shapes, with an attribute for each of `columns`."""
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     kinds = {shape.geom_type for shape in shapes if shape is not None}
@@ -73,7 +73,7 @@ def _field(values):
 
 
 class Frame(pd.DataFrame):
-    """What rockfall wants of a GeoDataFrame; geopandas need not be there."""
+    """Minimal GeoDataFrame for rockfall, without geopandas."""
 
     _metadata = ["crs"]
 
@@ -83,14 +83,14 @@ class Frame(pd.DataFrame):
 
 
 def make_frame(shapes, crs=UTM, **columns):
-    """A layer as a GeoDataFrame."""
+    """Layer as a GeoDataFrame."""
     made = Frame({"geom": shapes, **columns}, index=[f"row {k}" for k in range(len(shapes))])
     made.crs = rasterio.crs.CRS.from_user_input(crs) if crs else None
     return made
 
 
 def write_ascii(path, array, grid, nodata=-9999):
-    """Write an array as an ESRI ASCII grid of the same numbers; NaN and NO_ID become nodata."""
+    """Write an array as an ESRI ASCII grid; NaN and NO_ID become nodata."""
     missing = np.isnan(array) if array.dtype.kind == "f" else array == NO_ID
     rows = np.where(missing, nodata, array.astype(object))
     place = f"xllcorner {grid.west!r}\nyllcorner {grid.south!r}\ncellsize {grid.cell!r}\n"
@@ -99,8 +99,8 @@ def write_ascii(path, array, grid, nodata=-9999):
 
 
 def make_rockyfor3d(folder, elevations, sources):
-    """A folder of Rockyfor3D with these elevations, on cells of 5 m; `sources` is 1 where boulders
-    start."""
+    """Write a Rockyfor3D folder with given elevations, in cells of 5 m; `sources` is 1 where
+    boulders start."""
     ones = np.ones(elevations.shape)
     rasters = {"dem": elevations, "soiltype": 4 * ones, "rockdensity": 2700 * sources}
     rasters |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
@@ -113,8 +113,8 @@ def make_rockyfor3d(folder, elevations, sources):
 
 @contextlib.contextmanager
 def refused(message):
-    """The block must end in a RockfallError of exactly this one line, with exit status 2. Paths are
-    compared with `/` on every system."""
+    """Check that the block raises a RockfallError with exactly this line and exit status 2. Paths
+    are compared with `/` on every system."""
     with pytest.raises(RockfallError) as caught:
         yield
     said, expected = (text.replace(os.sep, "/") for text in (str(caught.value), message))
@@ -124,8 +124,8 @@ def refused(message):
 
 
 def leave_pictures_blank(patch):
-    """Give pictures of pages the size of their figures and no content: others test drawing, which
-    takes longer than all else. Texts of figures are still translated."""
+    """Give page figures their size but no content: other tests cover drawing, which takes longer
+    than everything else. Texts of figures are still translated."""
 
     def blank(figure, _):
         wide, high = figure.get_size_inches()
@@ -136,13 +136,13 @@ def leave_pictures_blank(patch):
 
 
 def surveyed_blocks():
-    """Rows `volume,year` of 60 blocks by a power law, of which every sixth is dated."""
+    """Rows `volume,year` of 60 blocks from a power law, every sixth of which is dated."""
     years = [str(1990 + k // 2) if k % 6 == 0 else "" for k in range(60)]
     return [f"{0.4 * (1 - k / 60) ** -0.8:.4f},{year}\n" for k, year in enumerate(years)]
 
 
 def make_page(folder):
-    """Files in place of the built page of the live window."""
+    """Files that replace the built page of the live window."""
     folder.mkdir()
     (folder / "index.html").write_text(
         '<!doctype html><html><head><link rel="stylesheet" href="app.css"></head>'

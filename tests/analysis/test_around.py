@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line past the ends of a net: how many, and what page 1 says of them."""
+"""Boulders that reach a line past the ends of a net: their number, and the remark on page 1."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def case_with(folder, *nets):
 
 
 def past(result):
-    """Boulders that reach the road without the net before, from the table of crossings."""
+    """Boulders that reached the road without meeting the net, from the table of crossings."""
     at = rockfall.crossings(result)
     road, net = (at[at["line"] == name].set_index("boulder")["time"] for name in ("road", "net"))
     return int((~(net.reindex(road.index) <= road)).sum())
@@ -78,7 +78,7 @@ def test_a_hazard_gives_their_frequency(tmp_path):
         with speaking(language):
             (text,) = dossier.around_ends(hazard)
         assert len(text.split()) <= 25 and "{" not in text
-    assert not [*dossier.around_ends(hazard.drop_vars("line_around"))]  # an older file
+    assert not [*dossier.around_ends(hazard.drop_vars("line_around"))]  # as in an older file
 
 
 def test_a_scenario_that_misses_the_net_goes_around_it(tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Back-analysis: posteriors that are known, data that no run explains, and the command."""
+"""Back-analysis: known posteriors, data that no run explains, and the command."""
 
 import signal
 from dataclasses import replace
@@ -27,7 +27,7 @@ TERRAIN = rough()
 LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}
 
 
-# ---- the likelihood
+# ---- likelihood
 
 
 def counted(values, **known):
@@ -35,7 +35,7 @@ def counted(values, **known):
 
 
 def test_counts_have_the_dirichlet_multinomial_probability():
-    """That of SciPy, but for what is the same for all runs."""
+    """SciPy's probability, except for a constant common to all runs."""
     data = counted(np.arange(18.0) + 0.5)
     runs = np.array([[30.0, 40, 10, 20, 15, 5], [20, 20, 20, 20, 20, 20]])
     assert data.counts.size == 6 and np.array_equal(data.counts, [3] * 6)
@@ -79,11 +79,11 @@ def test_data_of_the_law_are_explained_and_others_are_not(kind):
     assert p[0.0] > 0.05 > 0.01 > p[1.0]
 
 
-# ---- the sampler
+# ---- sampler
 
 
 def test_a_normal_posterior_is_found():
-    """Of a normal likelihood, off the prior's centre and correlated: mean and covariance known."""
+    """A normal likelihood off the prior's centre and correlated: mean and covariance are known."""
     precision = np.array([[9.0, 6.0, 0.0], [6.0, 9.0, 0.0], [0.0, 0.0, 0.0]])
     centre = np.array([1.5, -1.0, 0.0])
     random = np.random.default_rng(3)
@@ -114,7 +114,7 @@ def test_weighted_quantiles_of_equal_weights_are_those_of_the_sample():
 
 
 def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apart():
-    """A quadratic with noise of variance 2, and two values of which one is as likely as e^-3."""
+    """A quadratic with noise of variance 2, and two values, one of which has probability e^-3."""
     random = np.random.default_rng(5)
     points = random.standard_normal((300, 2))
     true = -2 * (points[:, 0] - 0.5) ** 2 - 3.0 * (points[:, 1] > 0)
@@ -123,7 +123,7 @@ def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apar
     found = smoothed(points, np.array([0, 2]), noisy)
     assert found[7] == -np.inf
     near = (true > -5) & np.isfinite(noisy)
-    assert np.std((found - true)[near]) < 0.4  # of 1.4
+    assert np.std((found - true)[near]) < 0.4  # standard deviation without smoothing: 1.4
 
 
 # ---- a case
@@ -131,7 +131,7 @@ def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apar
 
 @pytest.fixture(scope="module")
 def found(gallery):
-    """Rocks of 0.5 m, sought from 0.25 m with a factor of 2; one volume, nearly known."""
+    """Posterior for rocks of 0.5 m, prior 0.25 m with a factor of 2; one volume, nearly known."""
     return gallery.value("back", sought)
 
 
@@ -227,7 +227,7 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
     words = ["back", "case.nml", "seen.csv", "--effective", "40", "--members", "48", "--quiet"]
     members = iter(range(100))
 
-    def pressed(*arguments, **more):  # in the third round
+    def pressed(*arguments, **more):  # interrupted in the third round
         if next(members) == 2 * study.ROUND + 3:
             signal.raise_signal(signal.SIGINT)
         return run_scene(*arguments, **more)

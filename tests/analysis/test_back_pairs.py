@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strength and relief of a ground as uncertain inputs, and sought from what boulders did."""
+"""Strength and relief of a ground as uncertain inputs, and inferred from observations."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ FACTORS = {"strength_factor": 2.0, "relief_factor": 1.3}
 
 
 def case_of(folder, pair=GIVEN, boulders=40, seed=77, **groups):
-    """A slope of scree with a strength [Pa] and a relief [degree]."""
+    """Scree slope with a given strength [Pa] and relief [degree]."""
     (folder / "own.csv").write_text(f"{HEAD}scree,ploughed,{pair[0]!r},0.5,{pair[1]!r},35,made\n")
     surface = {"ground": "scree", "ground_table": "own.csv"}
     return make_case(
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(gallery):
-    """Sought from where 60 boulders stopped, and from their speeds at a line."""
+    """Posterior from 60 stopping places, and from speeds at a line."""
     return gallery.value("pairs", sought)
 
 
@@ -76,7 +76,7 @@ def test_the_pair_of_a_made_site_is_within_its_intervals(found):
 
 @pytest.mark.all
 def test_speeds_alone_leave_a_ridge_of_strength_and_relief(found):
-    """Of some 4 degrees for twice the strength; the truth is on it."""
+    """The ridge has about 4 degrees per doubling of strength; the truth is on it."""
     weight = found.alone[found.data["data"].tolist().index("speed at L")]
     alone = replace(found, members=found.members.assign(weight=weight))
     (ridge,) = ridges(alone)
@@ -100,7 +100,7 @@ def test_its_draws_are_those_of_an_ensemble(found, folder):
 
 
 def test_a_draw_is_the_ground_of_a_table_with_its_numbers(folder):
-    """In every bit; a factor of 1 is the case."""
+    """Bit-identical; a factor of 1 is the case itself."""
     scene = read_scene(case_of(folder, ensemble=FACTORS), **HOW)
     inputs = Uncertain(scene)
     assert inputs.names == ["ground"]

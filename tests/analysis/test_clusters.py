@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources that are a sample: how many boulders count as one at a place, and one frequency with one
-interval in every product."""
+"""Sampled sources: how many boulders count as one at a place, and the same frequency and interval
+in every product."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def sample(sources, each):
 
 
 def values(random, sources, each, between):
-    """Values of boulders that differ within and between sources."""
+    """Values of boulders that vary within and between sources."""
     apart = np.repeat(between * random.normal(size=sources), each)
     return apart + random.normal(size=sources * each)
 
@@ -47,8 +47,8 @@ def test_it_is_the_largest_design_effect_of_any_level(between):
 
 
 def test_a_fraction_of_sampled_sources_by_hand():
-    """Of 12 sources with 5 boulders each, 16 boulders of 7 sources are chosen: 6 degrees of freedom
-    (t = 2.446912). Of fewer than 10 chosen boulders, each source counts as one."""
+    """With 12 sources of 5 boulders, 16 boulders of 7 sources are chosen: 6 degrees of freedom (t =
+    2.446912). With fewer than 10 chosen boulders, each source counts as one boulder."""
     source, z, t = sample(12, 5), 1.959964, 2.446912
     chosen = np.array([4, 3, 3, 2, 2, 1, 1, 0, 0, 0, 0, 0])
     holds = np.arange(60) % 5 < np.repeat(chosen, 5)
@@ -65,7 +65,7 @@ def test_a_fraction_of_sampled_sources_by_hand():
 
 
 def test_boulders_that_are_alike_in_all_scenarios_count_once():
-    """Runs share random numbers: three of the same boulders tell no more than one."""
+    """Runs share random numbers: three runs of the same boulders count as one."""
     random = np.random.default_rng(4)
     holds = np.tile(random.random(2000) < 0.3, 3)
     pooled = Weighted(np.full(6000, 0.5), np.tile(np.arange(2000), 3))
@@ -92,7 +92,7 @@ def test_its_bounds():
 
 @pytest.mark.parametrize("sources", [10, 100])
 def test_limits_cover_the_fraction_of_all_sources(sources):
-    """Also of rare boulders of few sources."""
+    """Also for rare boulders from few sources."""
     random, each, trials = np.random.default_rng(sources), 20, 200
     source = sample(sources, each)
     truth = values(np.random.default_rng(3), 200_000, 1, 1.0)
@@ -120,7 +120,7 @@ def test_limits_of_places_are_those_of_each():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):
-    """In hazard, variants and dossier; of sampled sources narrower than that of their number."""
+    """In hazard, variants and dossier; narrower than with one boulder per sampled source."""
     x = np.linspace(60.0, 240.0, 60)
     release = {"x": x.tolist(), "y": [380.0] * x.size, "drop_height": 2.0, "sources": kind}
     line = {"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results beside observations: the numbers are those of hand and SciPy, bad files are one line."""
+"""Results compared with observations: values as by hand and SciPy, one line for bad files."""
 
 import csv
 import re
@@ -29,7 +29,7 @@ SAMPLES = "line,quantity,unit,value\n"
 
 
 def make_run(folder, boulders=2000, **groups):
-    """Boulders past two lines, with a map of passages."""
+    """Run with boulders that pass two lines, and a map of passages."""
     line = [{"name": name, "x": [0.0, 300.0], "y": [y, y]} for name, y in (("N", 330), ("S", 280))]
     groups = {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": "passages"}} | groups
     case = make_case(
@@ -52,14 +52,14 @@ def file_of_result(result, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def of_two(tmp_path_factory):
-    """The same from two sources."""
+    """The same run from two sources."""
     release = {"x": [150.0, 170.0], "y": [380.0, 380.0]}
     return make_run(tmp_path_factory.mktemp("two"), boulders=500, release=release)
 
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, monkeypatch):
-    """Files have short names, as they have in messages."""
+    """Files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -74,11 +74,11 @@ def at(result, quantity, line=0):
 
 
 def samples(**values):
-    """Observations of boulders at line N."""
+    """Observed values of boulders at line N."""
     return replace(read_observed(), samples={("N", name): v for name, v in values.items()})
 
 
-# ---- what is read
+# ---- input
 
 
 def test_paper_is_read_as_it_is():
@@ -192,7 +192,7 @@ def test_bad_arguments_are_one_line_and_nothing_is_written(name, file_of_result,
     refuses(["compare", *words], message, capfd)
 
 
-# ---- what is compared
+# ---- comparison
 
 
 def test_errors_are_those_of_a_hand(result):
@@ -214,7 +214,7 @@ def test_errors_are_those_of_a_hand(result):
     half = stats.t.ppf(0.975, v.size - 1) * ours["std"] / np.sqrt(v.size)
     mean = errors.loc[("observed", "mean")]
     sides = [ours["mean"] - mean["simulated_low"], mean["simulated_high"] - ours["mean"]]
-    assert sides == pytest.approx([half, half], rel=0.05)  # of many boulders; skewness is the rest
+    assert sides == pytest.approx([half, half], rel=0.05)  # with many boulders; the rest is skew
     assert errors.loc[("B", "mean"), "printed_error_percent"] == pytest.approx(25)
     assert errors.loc[("B", "std"), "printed_error_percent"] == pytest.approx(50)
     assert np.isnan(errors.loc[("B", "max"), "error_percent"])
@@ -222,7 +222,7 @@ def test_errors_are_those_of_a_hand(result):
 
 
 def test_the_method_of_the_result_chooses_among_the_printed(result):
-    """As the case says, or by default where a case file, kept as it was written, is silent."""
+    """The method is that of the case, or the default if the stored case file does not give one."""
     seen = read_observed(file(NUMBERS + "N,speed,m/s,8,2,20,,A\nN,speed,m/s,9,2,20,,B\n"))
     text = result.attrs["case"]
     assert "method = 'B'" in text
@@ -232,7 +232,7 @@ def test_the_method_of_the_result_chooses_among_the_printed(result):
 
 
 def test_table_3_follows_from_table_2(result):
-    """Method B against what was observed: speed at EL1 +2, -17, +8 %; energy at EL2, mean -16 %."""
+    """Method B minus observations: speed at EL1 +2, -17, +8 %; energy at EL2, mean -16 %."""
     text = (VAUJANY / "paper.csv").read_text().replace("EL1", "N").replace("EL2", "S")
     errors = compare(result, file(text)).errors
     errors = errors[errors["against"] == "B"].set_index(["line", "quantity", "statistic"])
@@ -242,14 +242,14 @@ def test_table_3_follows_from_table_2(result):
         expected
     )
     assert theirs[("S", "energy_translational", "mean")] == pytest.approx(100 * (207 / 245 - 1))
-    assert np.isnan(theirs[("N", "rotational_share", "mean")])  # nobody observed it
+    assert np.isnan(theirs[("N", "rotational_share", "mean")])  # not observed
 
 
 def test_an_observed_mean_has_the_interval_of_its_n(result):
-    """With two intervals of the same half-width h, that of the difference has sqrt(2) h."""
+    """For two intervals of equal half width h, that of the difference has sqrt(2) h."""
     v = at(result, "speed")
     std, n = v.std(ddof=1), v.size
-    assert n > 500  # Student's t is all but normal
+    assert n > 500  # Student's t is almost normal
     half = 1.959964 * std / np.sqrt(n)
     for away, holds, alone, together in (
         (0.9, True, True, True), (-1.3, False, False, True), (1.3, False, False, True),
@@ -295,7 +295,7 @@ def test_boulders_of_ours_are_not_rejected_and_faster_ones_are(result):
 
 
 def test_chance_is_right_95_times_in_100(result):
-    """20 samples of 120 boulders, each beside 500 others of the same law."""
+    """20 samples of 120 boulders, each compared with 500 others from the same distribution."""
     rng = np.random.default_rng(3)
     found = []
     for _ in range(20):
@@ -304,7 +304,7 @@ def test_chance_is_right_95_times_in_100(result):
         errors = compare(result.isel(boulder=ours), samples(speed=speed)).errors
         found.append(errors["consistent"][:2].to_list())
     right = np.mean(found, axis=0)
-    assert right.min() >= 0.85  # mean, deviation: once or twice in 20 it may be wrong
+    assert right.min() >= 0.85  # mean, deviation: may be wrong once or twice in 20
 
 
 def test_run_out_is_the_share_that_comes_as_far(result):
@@ -326,10 +326,10 @@ def test_run_out_is_the_share_that_comes_as_far(result):
 
 
 def test_stopping_places_give_reach_and_distances(result):
-    """Four places: in a cell of the map by number, where nobody comes, and beyond two edges."""
+    """Four places: in a map cell with known passages, in an empty cell, and beyond two edges."""
     passages = result["passages"].values
     row, column = np.unravel_index(passages.argmax(), passages.shape)
-    x, y = 5.0 * column + 4.9, 400 - 5.0 * row - 4.9  # a corner of the cell
+    x, y = 5.0 * column + 4.9, 400 - 5.0 * row - 4.9  # corner of the cell
     found = compare(result, file(f"x,y\n{x},{y}\n1,1\n-0.1,300\n150,1e300\n"))
     reach = found.stops["reach_probability"].to_list()
     assert reach[:2] == [passages.max() / 2000, passages[-1, 0] / 2000] and reach[1] == 0
@@ -355,7 +355,7 @@ def test_without_a_map_places_give_distances_alone(result, of_two):
     found = compare(result.drop_vars("passages"), "o.csv")
     assert not len(found.stops) and found.passing["distance"].to_list() == [80]
     assert "&output maps = 'passages'" in as_text(found)
-    found = compare(of_two.drop_vars("passages"), "o.csv")  # how likely boulders stop there is left
+    found = compare(of_two.drop_vars("passages"), "o.csv")  # only the density of stops is left
     assert not len(found.stops) and not len(found.passing) and len(found.at_rest)
 
 
@@ -368,8 +368,8 @@ def test_a_line_that_nobody_crossed_has_no_numbers(result):
 
 
 def test_few_observed_boulders_leave_much_to_chance(result):
-    """Below 10 boulders, in a sample or printed, a mean has no interval and no verdict; from there
-    on it has one, and the truth may lie farther above than below."""
+    """With fewer than 10 boulders, sampled or printed, a mean has no interval and no verdict. From
+    10 on it has both, and the truth may be farther above than below."""
     speeds = np.array([3.0, 4.0, 4.5, 5.0, 6.0, 6.5, 7.0, 8.0, 9.5, 13.0])
     low, high = stats.t.interval(0.95, 9, speeds.mean(), stats.sem(speeds))
     for n in (9, 10):
@@ -389,7 +389,7 @@ def test_few_observed_boulders_leave_much_to_chance(result):
 
 
 def made_stops(result, n, stretch=1.0, first=0):
-    """Stopping places of boulders of a result, so much farther from their release."""
+    """Result with stopping places shifted by a distance from their release."""
     some = result.isel(boulder=slice(first, first + n))
     start, stop = (
         np.column_stack([some[f"{of}_{axis}"] for axis in "xy"]) for of in ("start", "stop")
@@ -412,7 +412,7 @@ def test_run_out_has_the_numbers_of_numpy_and_scipy(result):
 
 
 def test_few_stops_are_no_reason_to_call_a_run_out_longer(result):
-    """Nine witnesses: no interval of their mean; of a deviation none below 100."""
+    """Nine witnesses: their mean has no interval; standard deviations have none below 100."""
     for n, known in ((9, []), (10, ["mean", "lateral_offset"])):
         table = compare(result, made_stops(result, n, 1.5)).run_out.set_index("statistic")
         moments = table.drop("wasserstein")
@@ -439,7 +439,7 @@ def test_what_chance_can_do_is_undecided_and_more_is_not(result):
 
 
 def test_sources_are_compared_each_with_its_own(of_two):
-    """Of the boulders of the second source, none is of the first; all weigh as observed."""
+    """No boulder of the second source is used for the first; all are weighted as observed."""
     seen = made_stops(of_two, 60, first=470)
     assert (np.unique(seen.starts, axis=0, return_counts=True)[1] == 30).all()
     table = compare(of_two, seen).run_out.set_index(["source", "statistic"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Convergence measured: errors and slopes that theory knows, terrains, files, refusals."""
+"""Measured convergence: errors and slopes known from theory, terrains, files, refusals."""
 
 import re
 from dataclasses import replace
@@ -37,7 +37,7 @@ LINES = [
 
 
 def case_file(folder, x=(150.0,), **groups):
-    """A case on a slope with zones, as files."""
+    """Files of a case on a slope with zones."""
     write_geotiff(folder / "dem.tif", rough(dtype="f4"), grid(rough()))
     release = {"x": list(x), "y": [320.0] * len(x)}
     case = make_case(
@@ -58,7 +58,7 @@ def found(gallery):
 
 
 def test_errors_of_independent_normal_values_are_those_of_theory():
-    """Relative standard errors sigma/mu/sqrt(n) and 1/sqrt(2 n), of the share sqrt(q/p/n)."""
+    """Relative standard errors are sigma/mu/sqrt(n) and 1/sqrt(2 n); for a fraction sqrt(q/p/n)."""
     random = np.random.default_rng(1)
     values = np.repeat(random.normal(10, 2, (1, 1, 400_000)), 3, axis=1)
     values[:, :, random.random(400_000) < 0.3] = np.nan
@@ -77,7 +77,7 @@ def test_errors_of_independent_normal_values_are_those_of_theory():
         # n = 10,000 (error / 1 %)^2, at 10 microseconds each
         seconds = 0.1 * (row["error_10000"] / 0.01) ** 2
         assert row["cpu_seconds_1_percent"] == pytest.approx(seconds, rel=1e-9)
-        crossed = 0.0 if key[2] == "fraction" else 500 / 0.7  # past the line, to be believed
+        crossed = 0.0 if key[2] == "fraction" else 500 / 0.7  # enough boulders must pass the line
         boulders = max(1e4 * (1.959964 * row["error_10000"] / 0.02) ** 2, crossed)
         assert row["boulders_2_percent"] == pytest.approx(boulders, rel=1e-9)
         assert row["cpu_seconds_0.1_percent"] == pytest.approx(100 * seconds, rel=1e-9)
@@ -121,7 +121,7 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
 
 
 def test_statistical_errors_agree_with_the_intervals_of_a_run(found):
-    """Half an interval of 95 % is 1.96 errors."""
+    """Half of a 95 % interval is 1.96 standard errors."""
     _, measured = found
     study = measured.study.query("boulders == 1000").set_index(KEYS)
     for row in measured.cost.itertuples():
@@ -193,7 +193,7 @@ def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path, 
 
 
 def test_the_text_claims_nothing_of_what_is_not_known(found):
-    """Nobody crosses one line: no number is NaN or infinite there, and no error is told."""
+    """No boulder crosses one line: no value there is NaN or infinite, and no error is given."""
     said = convergence_text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
     assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
@@ -202,7 +202,7 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
 
 
 def test_too_few_turns_of_many_sources_are_refused(tmp_path, monkeypatch):
-    """Blocks take all sources in turn; of one or two blocks no error can be told."""
+    """Blocks use all sources in turn; one or two blocks give no error."""
     monkeypatch.setattr(convergence, "MIN_REFERENCE", 4_000)
     case = case_file(tmp_path, np.linspace(130, 170, 20), line=LINES[:1])
     with pytest.raises(rockfall.RockfallError, match="319: must be at least 320 boulders from "):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The block of a return period: by hand, its interval, and surveys that do not bear one."""
+"""Design block of a return period: hand calculations, intervals, insufficient surveys."""
 
 import math
 
@@ -16,12 +16,12 @@ from rockfall.scene.releases.frequencies import stated_frequency
 from rockfall.tables.design_block import design_block_text, scenario_text
 from scenes import make_case, sets
 
-STEPS = np.exp([*np.arange(1, 20) / 10, 4.0])  # m3; their logarithms sum to 23
+STEPS = np.exp([*np.arange(1, 20) / 10, 4.0])  # [m3]; the logarithms sum to 23
 EVENTS = [1.2, 1.5, 2.0, 3.0, 6.0]
 
 
 def drawn(n, seed=3, shape=0.8):
-    """Volumes above 0.5 m3 by a generalised Pareto distribution."""
+    """Volumes above 0.5 m3 from a generalised Pareto distribution."""
     return 0.5 + stats.genpareto.rvs(shape, scale=0.6, size=n, random_state=seed)
 
 
@@ -36,7 +36,7 @@ def survey_file(folder, n=120, dated=12, text=None):
 
 
 def test_frequency_and_power_law_by_hand():
-    """5 larger blocks in 50 years: 0.1 a year; b = 20/23; in 100 years V = 10**(23/20)."""
+    """5 larger blocks in 50 years: 0.1 per year; b = 20/23; for 100 years V = 10**(23/20)."""
     found = rockfall.design_block(STEPS, 100, events=EVENTS, years=50, threshold=1.0)
     assert found.rate[:3] == pytest.approx((0.1, 1.6235 / 50, 11.6683 / 50), rel=1e-4)  # Garwood
     assert found.power_law.exponent == pytest.approx(20 / 23)
@@ -48,7 +48,7 @@ def test_frequency_and_power_law_by_hand():
 
 
 def test_the_block_is_the_quantile_of_the_fitted_distribution():
-    """V = V_t + sigma/xi ((lambda T)**xi - 1), with the likeliest xi and sigma of SciPy."""
+    """V = V_t + sigma/xi ((lambda T)**xi - 1), with the most likely xi and sigma from SciPy."""
     volumes = drawn(200)
     found = rockfall.design_block(volumes, 300, events=drawn(20, 4), years=40, threshold=0.5)
     shape, _, scale = stats.genpareto.fit(volumes - 0.5, 0.8, floc=0)
@@ -59,7 +59,7 @@ def test_the_block_is_the_quantile_of_the_fitted_distribution():
 
 
 def test_a_known_power_law_is_found_again():
-    """Quantiles of V**-1.2 above 0.5 m3: the block of T years is 0.5 (lambda T)**(1/1.2)."""
+    """Quantiles of V**-1.2 above 0.5 m3: the T-year block is 0.5 (lambda T)**(1/1.2)."""
     volumes = 0.5 * (1 - (np.arange(4000) + 0.5) / 4000) ** (-1 / 1.2)
     found = rockfall.design_block(volumes, 100, events=drawn(20, 4), years=40, threshold=0.5)
     assert found.volume == pytest.approx(0.5 * 50 ** (1 / 1.2), rel=0.01)
@@ -68,8 +68,8 @@ def test_a_known_power_law_is_found_again():
 
 
 def test_the_interval_is_that_of_the_likelihood():
-    """Found again by a search over scale and shape, with the frequency that makes the limit the
-    block of the period."""
+    """The limits are found by a search over scale and shape, with the frequency for which a limit
+    is the block of the period."""
     volumes, T = drawn(40), 100.0
     found = rockfall.design_block(volumes, T, events=drawn(9, 4), years=40, threshold=0.5)
     excess = volumes - 0.5
@@ -96,8 +96,8 @@ def test_the_interval_is_that_of_the_likelihood():
 
 
 def test_intervals_hold_the_block_of_a_known_distribution():
-    """One sample of 20 surveys; benchmarks.accuracy.design_block has thousands. And they tell
-    something."""
+    """One sample of 20 surveys; benchmarks.accuracy.design_block has thousands. The intervals must
+    also be informative."""
     random, held, width = np.random.default_rng(1), 0, []
     true = 0.5 + 0.6 / 0.8 * (37.5**0.8 - 1)
     for _ in range(20):
@@ -111,7 +111,7 @@ def test_intervals_hold_the_block_of_a_known_distribution():
 
 
 def test_the_threshold_rises_above_an_incomplete_part():
-    """Below 0.5 m3 a survey lacks the more blocks, the smaller they are."""
+    """Below 0.5 m3, smaller blocks are increasingly missing in the survey."""
     small = 0.5 * np.random.default_rng(1).uniform(size=200) ** 0.3
     volumes = np.concatenate([small, drawn(150)])
     found = rockfall.design_block(volumes, 100, events=[0.11, *drawn(15, 4)], years=40)
@@ -255,7 +255,7 @@ DATES = [1985.0 + 3 * k for k in range(12)]
             DATES,
             "all dated blocks fell within 33 of 480 years: is the observation",
         ),
-        (1.0, 40 * 365.25, DATES, None),  # refused: more than the maximum
+        (1.0, 40 * 365.25, DATES, None),  # refused: above the maximum
         (1.0, 480.0, None, "an observation period of 480 years: is it in months?"),
         (1.0, 40.0, DATES, ""),
         (1.0, 60.0, DATES, ""),
@@ -263,7 +263,7 @@ DATES = [1985.0 + 3 * k for k in range(12)]
     ],
 )
 def test_units_of_a_survey_are_questioned(tmp_path, factor, years, dates, told):
-    """Whoever meant what is written reads one line more."""
+    """A valid input only causes one additional line."""
     volumes = [f"{factor * one:.6g}" for one in drawn(120)]
     rows = [f"{one},{dates[k] if dates else 1990:.0f}" for k, one in enumerate(volumes[:12])]
     rows = rows if dates else [row.partition(",")[0] + "," for row in rows]

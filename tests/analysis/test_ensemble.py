@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Monte Carlo and epistemic uncertainty: parts of the variance, what is drawn, and the command."""
+"""Monte Carlo and epistemic uncertainty: parts of the variance, draws, and the command."""
 
 import re
 import signal
@@ -46,7 +46,7 @@ LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}
 
 
 def case_of(folder, boulders=100, **groups):
-    """A lively slope with a line, where some inputs are uncertain."""
+    """Lively slope with a line, where some inputs are uncertain."""
     groups = {"terrain": {}, "release": {"x": 150.0, "y": 380.0, "drop_height": 5.0}} | groups
     run = {"boulders": boulders, "threads": 1}
     return make_case(folder, *sets(), line=[LINE], case=run, **groups)
@@ -60,8 +60,8 @@ def vary(case, **more):
 
 
 def model(blocks, boulders, random):
-    """f = 100 + 3 x1 + 2 x2 + x3 x4 + 0 x5, whose parts are known, and boulders of deviation 12,
-    correlated by 0.7 from run to run of a block."""
+    """f = 100 + 3 x1 + 2 x2 + x3 x4 + 0 x5, whose parts are known, with boulders of standard
+    deviation 12, correlated by 0.7 between runs of a block."""
     a, b = random.standard_normal((2, blocks, 5))
     x = np.stack([a, b, *(np.where(np.arange(5) == i, b, a) for i in range(5))], axis=1)
     f = 100 + 3 * x[..., 0] + 2 * x[..., 1] + x[..., 2] * x[..., 3]
@@ -82,12 +82,12 @@ def from_boulders(values):
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
 
-FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # of a variance of 14
+FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # parts of a variance of 14
 
 
 def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
-    """The mean over 200 ensembles, in which chance (144 / 10) is as great as the epistemic part
-    (14), lies within four of its standard errors of the truth: the estimates are unbiased."""
+    """Estimates are unbiased: their mean over 200 ensembles, with a Monte Carlo variance (144 / 10)
+    as large as the epistemic variance (14), is within four standard errors of the truth."""
     random = np.random.default_rng(1)
     found = [parts(*model(16, 10, random)) for _ in range(200)]
     truths = {"monte_carlo": 14.4, "epistemic": 14, "first": FIRST, "total": TOTAL}
@@ -125,12 +125,12 @@ def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
         row = table.loc[quantity]
         of = deviations(line_values(result, quantity, 0), number, row, Sources.alone(2000))
         width = row[f"{number}_high"] - row[f"{number}_low"]
-        close = 0.5 if number == "q95" else 0.01  # the density of fewer boulders
+        close = 0.5 if number == "q95" else 0.01  # density of fewer boulders
         assert 2 * Z * np.sqrt(of @ of) == pytest.approx(width, rel=close)
 
 
 def numbers(values):
-    """Of boulders at a line; NaN does not cross."""
+    """Statistics of boulders at a line; NaN does not cross."""
     known = values[np.isfinite(values)]
     share, q95 = known.size / values.size, np.quantile(known, 0.95)
     return {"n": known.size, "fraction": share, "mean": known.mean(), "q95": q95}
@@ -138,8 +138,8 @@ def numbers(values):
 
 @pytest.mark.all
 def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_path):
-    """Covariances from the boulders of one pair of runs against 160 pairs with other boulders: the
-    same ones over two terrains, from two sources, whose difference is no Monte Carlo error."""
+    """Covariances from one pair of runs compared with 160 pairs with other boulders. Both runs have
+    the same boulders, over two terrains from two sources, so this is no Monte Carlo error."""
     case = case_of(tmp_path, 160 * 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
     z, other = (scene.rasters.z for scene in scenes)
@@ -163,13 +163,13 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
         assert np.diag(estimate) == pytest.approx(np.diag(true), rel=close)
         correlation = [c[0, 1] / np.sqrt(c[0, 0] * c[1, 1]) for c in (true, estimate)]
         assert correlation[1] == pytest.approx(correlation[0], abs=0.15), number
-    assert correlation[0] > 0.2  # there is something to be shared
+    assert correlation[0] > 0.2  # the correlation is significant
 
 
 def test_what_sets_sources_apart_is_no_chance():
     row = {"n": 200, "fraction": 1.0, "mean": 1.5}
     two, uneven = np.repeat([0, 1], 100), np.repeat([0, 1, 2], [100, 33, 67])
-    single = np.arange(200)  # neighbours share a stratum
+    single = np.arange(200)  # neighbours are in the same stratum
     known = [(np.repeat([1.0, 2.0], 100), number) for number in (two, uneven, single)]
     for values, number in known:
         of = deviations(values, "mean", row, Sources.of(number))
@@ -193,7 +193,7 @@ def test_few_boulders_at_a_line_make_no_number():
 
 
 def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
-    """Two names of one impact set: the runs are the same, bit for bit."""
+    """Two names for one impact set: the runs are bit-identical."""
     case = case_of(
         tmp_path, 400, ensemble={"runs": 8, "source_shift": 15.0, "sets": ["sets.nml"] * 2}
     )
@@ -280,7 +280,7 @@ def test_the_draws_of_a_file_are_as_many_files(tmp_path):
     assert told[0]["drawn_set"].equals(told[1]["drawn_set"])
 
 
-DRAWS = {  # of each of five groups
+DRAWS = {  # draws of each of five groups
     (1, 1, 2, 1, 1): "no &impact_set for ratio 3 of draw 1; a file needs ratios 1 to 5",
     (2, 2, 2, 2, 2): "no &impact_set for ratio 1 2 3 4 5 of draw 1; a file needs ratios 1 to 5",
     (1, 1001, 1, 1, 1): "line 7: &impact_set draw = 1001: must be 1 to 1000",
@@ -314,11 +314,11 @@ def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
     other = alone.replace(case={"seed": 5})
     assert not np.isin(shifts(other), few["drawn_source_east"]).any()
     every = np.concatenate([few[name].values.ravel() for name in names[2:-2]])
-    assert np.unique(every).size > 0.8 * every.size  # A, B and inputs have numbers of their own
+    assert np.unique(every).size > 0.8 * every.size  # A, B and inputs use separate random numbers
 
 
 def shifts(case):
-    """Of the sources to the east, in each run and side."""
+    """Shifts of the eastern sources, in each run and side."""
     inputs = Uncertain(read_scene(case, dem=TERRAIN, transform=grid(TERRAIN)))
     draws = [[inputs.draw("source", k, side).kept for side in (0, 1)] for k in range(8)]
     return [[one["source_east"] for one in run] for run in draws]
@@ -344,7 +344,7 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path, small):
     assert np.allclose(found["reach_probability_std"], np.std(reached, axis=0, ddof=1), **close)
     shares = np.mean(np.array(reached) > 0.0101, axis=0)
     assert np.allclose(found["reached_runs"], shares, **close)
-    assert "reach_probability_mean" not in small  # not asked for
+    assert "reach_probability_mean" not in small  # not requested
     only = vary(case.replace(line=[], output={"maps": ["passages"]}))
     xr.testing.assert_equal(only["reached_runs"], found["reached_runs"])
     _, *remarks = ensemble_summary(only).splitlines()
@@ -353,7 +353,7 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path, small):
 
 def test_a_line_that_some_runs_do_not_reach_has_a_share_and_nothing_else(tmp_path):
     case = case_of(tmp_path, 30, ensemble={"runs": 8, "source_shift": 1.0})
-    at = vary(case).isel(line=0).sel(result="speed.q95")  # 30 boulders: no interval above it
+    at = vary(case).isel(line=0).sel(result="speed.q95")  # no interval above it for 30 boulders
     assert at["too_few"] == 24
     unknown = ("mean", "monte_carlo_std", "epistemic_std", "total")
     assert all(np.isnan(at[name]).all() for name in unknown)
@@ -368,8 +368,8 @@ def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_
 
 
 def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
-    """The file holds the run of the case as it is, to the last bit; every command reads it."""
-    monkeypatch.setattr(html_page, "figures", lambda *_: [])  # they take long
+    """The file contains the run of the unchanged case, bit for bit; every command reads it."""
+    monkeypatch.setattr(html_page, "figures", lambda *_: [])  # figures take long
     leave_pictures_blank(monkeypatch)
     text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
     Path("case.nml").write_text(text)
@@ -392,7 +392,7 @@ def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
 
 @pytest.fixture(scope="module")
 def small(gallery):
-    """Eight draws of two inputs."""
+    """Ensemble of eight draws of two inputs."""
     ensemble = {"runs": 8, "radius_factor": 1.2, "source_shift": 20.0}
     return gallery.value(
         "ensemble", lambda folder: vary(case_of(folder, boulders=200, ensemble=ensemble))
@@ -400,7 +400,7 @@ def small(gallery):
 
 
 def first_page(found, monkeypatch, language="en"):
-    """What the page of an ensemble says, and the part before the inputs."""
+    """First page of an ensemble's report, up to the inputs."""
     shown = [replace(one, draw=lambda: None) for one in figures(found) if one.name == "epistemic"]
     monkeypatch.setattr(html_page, "figures", lambda *_: shown)
     monkeypatch.setattr(
@@ -421,7 +421,7 @@ def test_the_page_of_an_ensemble_has_one_number_of_draws(small, monkeypatch):
 
 
 def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
-    """And nothing on page 1 denies it."""
+    """Nothing on page 1 contradicts it."""
     _, first = first_page(small, monkeypatch)
     at = small.isel(line=0).sel(result="fraction")
     low, high, case = (
@@ -435,7 +435,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
 
 
 def test_an_index_above_its_total_is_remarked(small, monkeypatch):
-    """By no more than both errors allow, or by more; nothing where totals are above."""
+    """By no more than the errors of both, or by more; no remark if totals are larger."""
     changed = small.copy(deep=True)
     for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
         changed[name][...] = value
@@ -468,7 +468,7 @@ def test_no_title_of_an_ensemble_stays_english(small, monkeypatch, language):
             assert map_label(name, "") not in (english, "")
 
 
-# ---- what is drawn
+# ---- draws
 
 
 def test_fields_have_the_variance_and_correlation_they_are_asked_for():
@@ -479,7 +479,7 @@ def test_fields_have_the_variance_and_correlation_they_are_asked_for():
     for down, right in ((0, 1), (3, 0), (4, 3), (0, 8), (20, 25), (23, 0), (0, 29)):
         product = fields[:, down:, right:] * fields[:, : 24 - down, : 30 - right]
         assert product.mean() == pytest.approx(np.exp(-np.hypot(down, right) / 4), abs=0.03)
-    for length in (0.01, 24.0):  # noise, and one as long as the raster
+    for length in (0.01, 24.0):  # noise, and a length as long as the raster
         fields = np.array([gaussian_field((24, 30), length, random) for _ in range(1500)])
         assert (fields**2).mean() == pytest.approx(1, abs=0.1)
         correlation = (fields[:, 0, 0] * fields[:, 0, 6]).mean()
@@ -518,7 +518,7 @@ def test_radii_vary_by_zone_and_rasters_as_a_whole(tmp_path):
 
 def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     z = TERRAIN.copy()
-    z[:, 34:] = np.nan  # known as far as x = 167.5
+    z[:, 34:] = np.nan  # known up to x = 167.5
     where = {"x": [150.0, 165.0], "y": [380.0, 380.0]}
     told = {"source_shift": 5.0, "runs": 100}
     inputs = Uncertain(scene_of(tmp_path, z, release=where, ensemble=told))
@@ -526,11 +526,11 @@ def test_sources_stay_on_the_terrain_and_shifts_together(tmp_path):
     x = np.array([one.arrays["x"] for one in draws])
     assert np.allclose(np.diff(x), 15) and x.max() < 167.5 < 150 + 15 + 5
     assert sum(one.kept["source_redrawn"] for one in draws) > 10
-    for one in draws:  # the kernel agrees
+    for one in draws:  # the kernel accepts them
         drawn_scene(inputs.scene, [one], 1).survey()
 
 
-# ---- bad input
+# ---- invalid input
 
 
 HOSTILE = {
@@ -554,7 +554,7 @@ CASE = """&case title = 'Slope', boulders = 60, seed = 7 /
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a case, made the current one; a function writes its group &ensemble."""
+    """Folder with a case, as the current folder; a function writes its group &ensemble."""
     monkeypatch.chdir(tmp_path)
     z = (1100 - 0.9 * np.arange(30)[:, None] * 5.0 + np.zeros(24)).astype("f4")
     make_raster("dem.tif", z, nodata=-9999)
@@ -673,7 +673,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 
 def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
-    """In the terminal and in its report: of tables, and of boulders faster than observed."""
+    """In the terminal and in the report: limits of tables, and boulders faster than observed."""
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
     found, run = (

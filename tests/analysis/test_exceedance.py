@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energies and heights by return period: those of the counts, whatever the scenarios."""
+"""Energies and heights by return period: equal to counts, whatever the scenarios."""
 
 import numpy as np
 import pytest
@@ -31,13 +31,13 @@ def levels(*samples, yearly, **how):
 
 
 def test_a_level_is_the_value_that_is_as_frequent():
-    """Of 1,000 boulders, ten a year, the k-th largest comes k/100 times a year."""
+    """Of 1,000 boulders, ten per year, the k-th largest is exceeded k/100 times per year."""
     sample = np.random.default_rng(1).permutation(np.arange(1.0, 501.0))
     value, low, high = levels(sample, yearly=[10.0])
     assert value.tolist() == [491, 497, 500, 500, 500]
     assert (low <= value).all() and (value <= high).all()
     assert np.isfinite(high).tolist() == [True, False, False, False, False]  # 10 x 3.84/1003.84
-    assert levels(sample[:5], yearly=[10.0])[0].tolist()[0] == 0  # 0.05 a year is less than 0.1
+    assert levels(sample[:5], yearly=[10.0])[0].tolist()[0] == 0  # 0.05 per year is less than 0.1
 
 
 def test_no_boulder_leaves_the_upper_limit_open():
@@ -70,7 +70,7 @@ def test_the_factor_on_frequencies_shifts_the_limits():
 
 
 def test_intervals_hold_the_level_of_the_distribution():
-    """Energies of those that pass, a fifth of the boulders, are exponential: f(E) = 4 exp(-E)/5."""
+    """Energies of passing boulders, a fifth of all, are exponential: f(E) = 4 exp(-E)/5."""
     random, held, runs = np.random.default_rng(4), 0, 400
     true = np.log(0.2 * 4.0 * np.array(PERIODS[:2]))
     for _ in range(runs):
@@ -134,7 +134,7 @@ def test_lines_of_a_layer_are_those_that_are_typed(tmp_path):
 
 
 def test_what_hits_an_object_and_a_segment_has_the_levels_of_its_line(tmp_path):
-    """The same place as a line of the case, an object and a segment without width."""
+    """The same place as a line of the case, and as an object and a segment without width."""
     shape = shapely.LineString(np.transpose([LINE["x"], LINE["y"]]))
     layer, road = tmp_path / "objects.gpkg", tmp_path / "road.gpkg"
     make_layer(layer, [shape], name=["wall"], width=[4.0])

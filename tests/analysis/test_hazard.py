@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard: frequencies are counts over boulders times how often they come, classes follow from the
-matrix, intervals enclose them, and what is met by objects is what crosses their lines."""
+"""Hazard: frequencies are fractions of boulders times release frequencies, classes follow from the
+matrix, intervals enclose them, and objects are hit by the boulders that cross their lines."""
 
 import json
 
@@ -57,8 +57,8 @@ def run(case):
 
 @pytest.mark.parametrize(("sources", "independent"), [("all", 200), ("sample", 2)])
 def test_a_scenario_is_a_run_times_its_frequency(tmp_path, sources, independent):
-    """And its limits those of the run's reach probability: of a sample of two places, of which each
-    may have its boulders do all the same, those of two boulders."""
+    """Limits are those of the run's reach probability. For a sample of two places, whose boulders
+    may all behave alike, they are those for two boulders."""
     release = {"release": RELEASE | {"sources": sources}}
     found = hazard(make_case(tmp_path, **release))
     maps = ["passages", "energy_exceeded", "reach_probability"]
@@ -73,7 +73,7 @@ def test_a_scenario_is_a_run_times_its_frequency(tmp_path, sources, independent)
     assert (found.scenario_energy_exceeded.values[0] == result.energy_exceeded.values).all()
     assert (found.reach_probability.values == result.reach_probability.values).all()
     for end in ("", "_low", "_high"):
-        expected = np.float32(0.5) * result[f"reach_probability{end}"].values  # exact: a half
+        expected = np.float32(0.5) * result[f"reach_probability{end}"].values  # exact: one half
         assert (found[f"passage_frequency{end}"].values == expected).all()
     exceeded = 0.5 * result.energy_exceeded.values / 200
     assert (found.exceedance_frequency.values == exceeded.astype("f4")).all()
@@ -97,7 +97,7 @@ def test_doubts_about_inputs_are_said_and_kept(tmp_path):
 
 
 def test_scenarios_add_up(tmp_path):
-    """Whether boulders come as one scenario or as two: the same boulders, the same intervals."""
+    """Boulders in one scenario or in two: the same boulders, the same intervals."""
     split = [{"name": "a", "frequency": 0.125}, {"name": "b", "frequency": 0.375}]
     two, one = hazard(make_case(tmp_path, *split)), hazard(make_case(tmp_path))
     assert two.sizes["scenario"] == 2
@@ -112,7 +112,7 @@ def test_the_least_threshold_is_every_passage(tmp_path):
 
 
 def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
-    """Of points; of cells that release alike, by plan area; of cells by their true surface."""
+    """Sources are points, cells with equal releases by plan area, or cells by true surface."""
     each = {"name": "one", "frequency": 0.25, "frequency_per": "source"}
     assert hazard(make_case(tmp_path, each)).frequency.values == 0.5
     cliff = {"name": "one", "frequency": 0.01, "frequency_per": "m", "cliff_length": 80.0}
@@ -136,7 +136,7 @@ POWER = {"volume": "pareto", "volume_min": 0.1, "volume_max": 20.0, "volume_expo
 
 
 def test_activity_gives_the_frequency_of_all_volumes(tmp_path):
-    """0.05 / sqrt(0.1) - 0.05 / sqrt(20) a year, and of that the fraction above 5 m3."""
+    """0.05 / sqrt(0.1) - 0.05 / sqrt(20) per year, times the fraction above 5 m3."""
     one = {"name": "one", "activity": 0.05} | POWER
     found = read_study(make_case(tmp_path, one, case={"boulders": 4000}), dem=Z, transform=GRID)
     assert found.scenarios[0].frequency == pytest.approx(0.1581139 - 0.0111803, rel=1e-6)
@@ -146,7 +146,7 @@ def test_activity_gives_the_frequency_of_all_volumes(tmp_path):
     above = found.scenarios[0].frequency * (volume[:, None] > [0.2, 1.0, 5.0]).mean(axis=0)
     expected = 0.05 * (np.array([0.2, 1.0, 5.0]) ** -0.5 - 20.0**-0.5)
     np.testing.assert_allclose(above, expected, rtol=0.08)
-    one = {"name": "one", "activity": 0.05}  # of the volumes of &boulder
+    one = {"name": "one", "activity": 0.05}  # with the volumes of &boulder
     found = read_study(
         make_case(tmp_path, one, boulder=POWER | {"volume_mean": None}), dem=Z, transform=GRID
     )
@@ -166,7 +166,7 @@ def test_activity_needs_all_of_its_distribution(tmp_path, key):
 
 
 def test_a_scenario_changes_boulders(tmp_path):
-    """One key of &boulder, or with a distribution of its own all keys of volumes."""
+    """A scenario changes a single key of &boulder, or with its own distribution all volume keys."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}
     alike = {"block_shape": ["compact"], "mean_radius_sigma": 0.0}
     boulder |= alike
@@ -201,7 +201,7 @@ def test_extremes_are_those_of_all_scenarios(tmp_path):
 
 
 def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
-    """And leaves that above it as it was, whatever else is a line."""
+    """The hazard above the wall is unchanged, whatever other lines exist."""
     wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e5}
     bare = hazard(make_case(tmp_path), objects=layer(ROAD))
     case = make_case(tmp_path).replace(barrier=[wall])
@@ -212,14 +212,14 @@ def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
     assert (behind.hazard_class.values[below] == 0).all()
     assert bare.object_frequency.values[0] > 0 == behind.object_frequency.values[0]
     up, without = (one.scenario_passages.values[0, above] for one in (behind, bare))
-    assert (up <= without).all() and up.sum() > 0.99 * without.sum()  # few come back up
+    assert (up <= without).all() and up.sum() > 0.99 * without.sum()  # few move uphill again
 
 
 # ---- classes
 
 
 def classes(*frequencies, passed=True):
-    """The class of frequencies of passage, above 30 and above 300 kJ, by its word."""
+    """Class for frequencies of passage, above 30 and above 300 kJ, as a word."""
     values = np.array(frequencies)[:, None]
     return CLASSES[hazard_classes(values, SWISS, np.array([passed]))[0]]
 
@@ -251,7 +251,7 @@ def test_the_swiss_matrix_at_its_borders(frequencies, word):
 def test_nothing_where_nothing_came():
     assert classes(0, 0, 0, passed=False) == "none"
     assert classes(BELOW / 300, 0, 0, passed=False) == "none"
-    assert classes(1 / 30, 0, 0, passed=False) == "moderate"  # at the upper end of an interval
+    assert classes(1 / 30, 0, 0, passed=False) == "moderate"  # at the upper limit of an interval
 
 
 def test_intensities_are_what_each_period_brings():
@@ -271,8 +271,8 @@ def test_classes_of_an_interval_enclose_its_own():
 
 
 def test_few_boulders_cannot_tell_that_none_come(tmp_path):
-    """A cell that none of n passed may be passed by z2/(n + z2) of all: residual only if that comes
-    less than once in the longest period."""
+    """A cell with none of n boulders may be passed by z2/(n + z2) of all: it is residual only if
+    that is less than once in the longest period."""
     found = hazard(make_case(tmp_path, {"name": "one", "frequency": 1.0}))
     empty = found.hit_frequency.values == 0
     assert (found.hit_frequency_high.values[empty] == np.float32(Z2 / (200 + Z2))).all()
@@ -292,7 +292,7 @@ def test_the_boulders_needed_are_enough_and_no_more():
 
 
 def test_a_matrix_of_ones_own(tmp_path):
-    """One threshold, two periods."""
+    """One threshold and two periods."""
     own = {"thresholds": [250.0], "return_periods": [10.0, 1000.0]}
     own["matrix"] = ["low", "residual", "high", "moderate"]
     found = hazard(make_case(tmp_path, hazard=own))
@@ -343,14 +343,14 @@ def test_an_object_is_met_by_what_touches_its_line(tmp_path, layer):
 
 
 def test_a_boulder_counts_once_at_an_object(tmp_path, layer):
-    """Of two parts, of which each alone is met: no more than both, no less than either; an object
-    round all paths is met by all; and one twice as two is met as one."""
+    """Two parts: the total is at most their sum and at least each part. An object around all paths
+    is hit by all boulders, and an object given twice is hit like one."""
     low = shapely.LineString([(0, 230), (300, 233)])
     both = shapely.MultiLineString([ROAD, low])
     twice = shapely.MultiLineString([ROAD, ROAD])
     found = hazard(make_case(tmp_path), objects=layer(ROAD, low, both, twice, RING))
     road, lower, together, same, ring = found.object_passages.values[0].tolist()
-    assert together == max(road, lower) == road  # what comes to the lower one has crossed the upper
+    assert together == max(road, lower) == road  # boulders at the lower part crossed the upper one
     assert same == road
     passed = found.scenario_passages.values[0]
     rows, columns = (GRID.y < 360) & (GRID.y > 300), (GRID.x > 100) & (GRID.x < 200)
@@ -391,7 +391,7 @@ def test_risk_is_the_sum_over_intensities(tmp_path, layer):
         by_class = np.array([passing - medium, medium - strong, strong])
         risk = 0.5 * 200 * (by_class * vulnerability).sum()
         assert found[f"object_risk{end}"].values[0] == pytest.approx(risk, rel=1e-12)
-        same = found[f"object_risk{end}"].values[1]  # all that come destroy it
+        same = found[f"object_risk{end}"].values[1]  # all boulders that arrive destroy it
         assert same == pytest.approx(passing, rel=1e-12)
     alike = hazard(make_case(tmp_path), objects=layer(ROAD, vulnerability=[0.25]))
     assert alike.object_risk.values == pytest.approx(0.25 * alike.object_frequency.values)
@@ -428,7 +428,7 @@ def test_objects_that_cannot_be_are_refused(tmp_path, layer):
         hazard(make_case(tmp_path), objects=path)
 
 
-# ---- what is refused
+# ---- refusals
 
 
 @pytest.mark.parametrize(
@@ -479,7 +479,7 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
 
 
 def test_a_factor_on_frequencies_widens_their_limits_and_nothing_else(tmp_path, layer):
-    """Of cells, objects and risks; a class is certain if it is over the whole range."""
+    """For cells, objects and risks; a class is certain if it holds over the whole range."""
     path = layer(ROAD, vulnerability=[0.5], persons=[1.0])
     known = hazard(make_case(tmp_path), objects=path)
     wide = {"frequency_factor": [0.5, 3.0]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What hits an object: every boulder whose path, as recorded, comes within a radius of it in plan,
+"""Hits of objects: all boulders whose recorded path comes within a radius of the object in plan,
 whatever the cell size, the threads and the window of the maps."""
 
 import numpy as np
@@ -16,7 +16,7 @@ Z = scenes.rough()
 GRID = scenes.grid(Z)
 MAPS = ["passages", "hits", "hits_energy_exceeded", "energy_exceeded"]
 WIDTH = 10.0
-NEAR = 1e-6  # [m] of a tie, which rounding decides
+NEAR = 1e-6  # [m] difference that rounding may decide
 RELEASE = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0}
 ALL = {"maps": MAPS, "trajectories": 200, "map_extent": "terrain"}
 
@@ -40,7 +40,7 @@ def result(tmp_path_factory):
 
 
 def paths_of(result):
-    """The path of each boulder in plan, and its radius [m]."""
+    """Path of each boulder in plan, and its radius [m]."""
     at = {name: result[f"trajectory_{name}"].values for name in ("boulder", "x", "y")}
     points = np.stack([at["x"], at["y"]], axis=1)
     cuts = np.flatnonzero(np.diff(at["boulder"])) + 1
@@ -61,8 +61,8 @@ def test_an_object_in_a_cell_is_hit_by_the_paths_that_come_near(result):
 
 
 def test_hits_have_the_energy_of_the_cells_within_reach(result):
-    """The middle of a cell is nearer than 5 m to all of it: no hit is weaker than the passage. All
-    that move exceed nothing."""
+    """All points of a cell are nearer than 5 m to its centre: no hit has less energy than the
+    passage. All moving boulders exceed a threshold of zero."""
     assert (result.hits.values >= result.passages.values).all()
     hits, passages = result.hits_energy_exceeded.values, result.energy_exceeded.values
     assert (hits >= passages).all() and (hits[1] > passages[1]).any()
@@ -71,7 +71,7 @@ def test_hits_have_the_energy_of_the_cells_within_reach(result):
 
 
 def test_cells_do_not_change_hits(tmp_path):
-    """Of a plane at three resolutions, at the middles that they share; passages grow with cells."""
+    """On a plane at three resolutions, at common cell centres; passages grow with cells."""
     found, passed = [], []
     for cell in 1.0, 3.0, 9.0:
         n = round(324 / cell)
@@ -85,7 +85,7 @@ def test_cells_do_not_change_hits(tmp_path):
         passed.append(result.passages.values.sum())
     fine, medium, coarse = found
     assert fine.sum() > 1000 and passed[0] > 2 * passed[1] > 4 * passed[2]
-    for other in medium, coarse:  # rounding may turn a path
+    for other in medium, coarse:  # rounding may change a path
         assert abs(other - fine).sum() < 0.01 * fine.sum()
 
 
@@ -97,14 +97,14 @@ def test_neither_threads_nor_windows_change_hits(tmp_path, result, how):
 
 
 def test_the_area_that_maps_cover_holds_all_hits(tmp_path, result):
-    """Where maps end with what boulders can reach, their hits may lie further out."""
+    """Maps end where boulders can reach; hits may be farther out."""
     output = {"maps": MAPS, "map_extent": "reach"}
     small = run(make_case(tmp_path, output=output))
     assert small.hits.values.sum() == result.hits.values.sum()
 
 
 def test_other_maps_do_not_change(tmp_path, result):
-    """Boulders run in lanes without hits, and one by one with them."""
+    """Boulders run in lanes without hits, and one by one with hits."""
     alone = run(make_case(tmp_path, output=ALL | {"maps": ["passages", "energy_exceeded"]}))
     for name in "passages", "energy_exceeded", "stop_x", "speed_max":
         assert alone[name].identical(result[name])
@@ -129,7 +129,7 @@ POINT = {"x": [150.0, 150.0], "y": [250.0, 250.0]}
 @pytest.mark.parametrize("width", [0.0, 6.0])
 @pytest.mark.parametrize("where", [ROAD, POINT], ids=["road", "point"])
 def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, width):
-    """In lanes, and one by one with trees: with the state where it first touches."""
+    """In lanes, and one by one with trees: the state is that at the first contact."""
     line = [{"name": "o", **where, "object_width": width}]
     found = run(make_case(tmp_path, line=line, output={"trajectories": 200}))
     paths, radius = paths_of(found)
@@ -143,7 +143,7 @@ def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, 
         time, x, y = (found[f"trajectory_{name}"].values[of_boulder] for name in ("time", *"xy"))
         at = shapely.Point(np.interp(touched[k], time, x), np.interp(touched[k], time, y))
         away = shapely.distance(at, shapely.LineString(points))
-        assert away == pytest.approx(radius[k] + width / 2, abs=1e-4)  # times are in single
+        assert away == pytest.approx(radius[k] + width / 2, abs=1e-4)  # times in single precision
     centres = run(make_case(tmp_path, line=[{"name": "o", **ROAD}]))
     assert (met >= has_crossed(centres, 0)).all() or where is POINT
 
@@ -173,7 +173,7 @@ def hazard(case, objects):
 
 
 def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
-    """A point without one is as wide as the objects of the maps."""
+    """A point without a width is as wide as the objects of the maps."""
     case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(122.5, 342.5)] * 3 + [shapely.LineString([(90, 300), (210, 300)])] * 2
     widths = [np.nan, 0.0, WIDTH, np.nan, 8.0]
@@ -195,10 +195,10 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
 
 
 def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
-    """Its cell is one of the terrain, not of the area that boulders can reach."""
+    """Its cell is a cell of the terrain, not of the reachable area."""
     low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
     scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]
-    scenarios[1]["volume_mean"] = 20.0  # their maps would cover different cells
+    scenarios[1]["volume_mean"] = 20.0  # maps would otherwise cover different cells
     shapes = [shapely.Point(152.5, 142.5)] * 2
     layer = make_layer(tmp_path / "o.gpkg", shapes, "EPSG:32632", width=[np.nan, WIDTH])
     case = make_case(tmp_path, release=low, output={}, scenario=scenarios)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers at the lines by source, by volume and along the line, of results that tests make."""
+"""Line statistics by source, by volume and along the line, for artificial results."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ LIMITS = ["fraction", "fraction_low", "fraction_high", "mean", "mean_low", "q95_
 
 
 def made(n=3000, sources=3, names=None, volume=None, **heights):
-    """Boulders of each source in turn; the later the source, the further along a line of 95 m of
-    two sides and the faster they come, and the fewer; each of 2 kg."""
+    """Boulders of each source in turn, each of 2 kg. Boulders of later sources cross farther along
+    a line of 95 m with two sides, are faster, and are fewer."""
     random = np.random.default_rng(5)
     source = np.repeat(np.arange(1, sources + 1), n // sources)
     place = random.beta(2, 2, source.size) * 95 * source / sources
@@ -58,15 +58,15 @@ def test_a_group_has_the_numbers_of_its_boulders_and_the_groups_are_all(by, clas
         alone = rockfall.line_statistics(result.isel(boulder=chosen)).set_index("quantity")
         for quantity in ("speed", "upper_edge", "position"):
             row = table.loc[(name, quantity)]
-            if by == "source":  # with intervals: a stratum knows nothing of others
+            if by == "source":  # with intervals: a stratum does not depend on others
                 assert row[LIMITS].tolist() == pytest.approx(alone.loc[quantity, LIMITS], rel=1e-3)
             assert row["std"] == alone.loc[quantity, "std"]
             assert row["fraction"] == alone.loc[quantity, "fraction"]
 
 
 def test_intervals_of_groups_are_those_of_strata():
-    """Sources differ by ten standard deviations. A mean knows how many were released at each, not
-    how many of them would be of the class and come."""
+    """Sources differ by ten standard deviations. A mean accounts for the number released at each
+    source, not for how many are in the class and arrive."""
     speed = rockfall.line_statistics(made(), "volume", [1.0]).set_index("quantity").loc["speed"]
     half = (speed["mean_high"] - speed["mean_low"]) / 2
     n = speed["n"].to_numpy()
@@ -113,7 +113,7 @@ def test_windows_add_up_to_the_line():
 
 
 def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
-    """R = 1 m, its point 3 m above the slope, vertically: 1.5 m normal to it."""
+    """R = 1 m; the point is 3 m above the slope vertically, 1.5 m normal to it."""
     result = made(volume=np.full(3000, 4 / 3 * np.pi), jump_height=3.0, passing_height=3.0 + 2.0)
     table = rockfall.line_statistics(result).set_index("quantity")
     expected = {"upper_edge": 6.0, "normal_height": 2.5, "normal_upper_edge": 3.5}

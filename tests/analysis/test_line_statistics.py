@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers at the lines: their values, and whether their intervals hold what they say."""
+"""Line statistics: values, and coverage of intervals."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ LONG = 20_000
 
 @pytest.fixture(scope="module")
 def long_run(gallery):
-    """20,000 boulders of one source past a line."""
+    """Run of 20,000 boulders from one source that pass a line."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
     def make(folder):
@@ -35,7 +35,7 @@ def long_run(gallery):
 
 
 def a_sample(number):
-    """Sources that stand for others: &release sources = 'sample'."""
+    """Sources that represent others: &release sources = 'sample'."""
     return Sources.of(number, sampled=True)
 
 
@@ -49,7 +49,7 @@ def test_95_percent_intervals_hold_the_long_runs_value_95_times_in_100(long_run)
     parts = [
         line_numbers(long_run.isel(boulder=slice(k, k + 200)), 0, "speed", Sources.alone(200))
         for k in range(0, LONG, 200)
-    ]  # 100 repetitions with boulders of their own; benchmarks.accuracy.intervals has more
+    ]  # 100 repetitions with separate boulders; benchmarks.accuracy.intervals has more
     for name in ("mean", "q50", "q95", "fraction", "std"):
         held = [part[f"{name}_low"] <= truth[name] <= part[f"{name}_high"] for part in parts]
         assert 0.90 <= np.mean(held) <= 0.99, name
@@ -82,7 +82,7 @@ def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
 
 
 def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
-    """Far from the origin, as coordinates of a map are, over a side of no length."""
+    """Far from the origin, as map coordinates are, along a line with a side of zero length."""
     corner, random = np.array([6e5, 5e6]), np.random.default_rng(2)
     vertices = corner + [[0, 0], [30, 40], [30, 40], [30, 140], [0, 140]]
     place = np.append(random.uniform(0, 180, 500).astype("f4"), [0.0, 50.0, 150.0, 180.0])
@@ -116,7 +116,7 @@ def test_wilson_as_printed():
 
 
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
-    """Each value 50 times over: the interval is that of the sources, not of the boulders."""
+    """Each value occurs 50 times: the interval is that of the sources, not of the boulders."""
     value = np.random.default_rng(1).exponential(size=40)
     source = a_sample(np.repeat(np.arange(40), 50))
     for signed in (False, True):
@@ -128,8 +128,8 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
 
 @pytest.mark.parametrize("sources", [2, 9, 10, 20])
 def test_intervals_hold_for_few_sources(sources):
-    """Sources that differ as much as their boulders do, and sources that are alike. Of a mean there
-    is an interval from 10 on."""
+    """Sources that differ as much as their boulders, and sources that are alike. A mean has an
+    interval from 10 boulders on."""
     random = np.random.default_rng(sources)
     source = np.repeat(np.arange(sources), 50)
     sampled = a_sample(source)
@@ -147,7 +147,7 @@ def test_intervals_hold_for_few_sources(sources):
 
 
 def test_sources_at_one_place_are_a_stratum_each_and_of_a_sample_one():
-    """Sources of blocks of 1 and of 10 m3 at each of two places."""
+    """Sources with blocks of 1 and of 10 m3 at each of two places."""
     source = np.repeat([0, 1, 2, 3], 5)
     given = made(source + 1.0, source)
     given["start_x"] = "boulder", np.repeat([0.0, 7.0], 10)
@@ -173,7 +173,7 @@ def test_students_t_is_that_of_scipy():
     np.testing.assert_allclose([*map(student, freedom)], stdtrit(freedom, 0.975), rtol=2e-8)
 
 
-SKEWED = {  # laws, and their mean and standard deviation
+SKEWED = {  # distributions, with mean and standard deviation
     "exponential": (lambda random, size: random.exponential(size=size), 1.0, 1.0),
     "gamma": (lambda random, size: 1 + random.gamma(0.5, size=size), 1.5, np.sqrt(0.5)),
     "lognormal": (
@@ -187,8 +187,8 @@ SKEWED = {  # laws, and their mean and standard deviation
 @pytest.mark.parametrize("law", SKEWED)
 @pytest.mark.parametrize("n", [10, 26, 100])
 def test_intervals_of_few_skewed_values_hold_and_err_on_neither_side(law, n):
-    """As energies and heights are; the truth lies above no interval of a mean much more often than
-    below, nor than 2.5 times in 100."""
+    """As for energies and heights: the truth is above the interval of a mean not much more often
+    than below it, nor than 2.5 times in 100."""
     draw, mean, std = SKEWED[law]
     random, alone = np.random.default_rng(n), Sources.alone(n)
     above, below = np.zeros((2, 2))
@@ -203,8 +203,8 @@ def test_intervals_of_few_skewed_values_hold_and_err_on_neither_side(law, n):
 
 
 def test_intervals_of_rare_passages_hold_for_unlike_sources():
-    """40 sources of 100 boulders, of which few pass, from some more and with more energy: 26 come
-    on average."""
+    """40 sources of 100 boulders of which few pass; some sources have more passing boulders with
+    more energy. On average 26 pass."""
     random = np.random.default_rng(5)
     number = np.repeat(np.arange(40), 100)
     source, chance = Sources.of(number), 2e-4 * (1 + np.arange(40))[number] * 26 / 16.4
@@ -220,7 +220,7 @@ def test_intervals_of_rare_passages_hold_for_unlike_sources():
 
 
 def test_limits_move_and_turn_with_the_values():
-    """Other units, another zero, the other direction along a line."""
+    """Other units, another zero, the opposite direction along a line."""
     v, alone = np.random.default_rng(3).exponential(size=26), Sources.alone(26)
     for signed in (False, True):
         limits = np.array(Values(v, alone).limits_of_mean(signed))
@@ -234,8 +234,8 @@ def test_limits_move_and_turn_with_the_values():
 
 
 def test_too_few_boulders_have_no_interval():
-    """Below 10 of a mean, below 100 of a standard deviation; values that most boulders share count
-    as one: they tell nothing of those that come less often."""
+    """Fewer than 10 for a mean, 100 for a standard deviation. Values shared by most boulders count
+    as one, because they contain no information on rarer values."""
     random = np.random.default_rng(2)
 
     def given(values):
@@ -253,7 +253,7 @@ def test_too_few_boulders_have_no_interval():
 
 
 def test_tables_name_what_is_withheld():
-    """12 boulders pass: no interval of a deviation, no upper limit of a high quantile."""
+    """12 boulders pass: no interval of a standard deviation, no upper limit of a high quantile."""
     values = np.r_[np.random.default_rng(1).exponential(size=12), np.full(20, np.nan)]
     row = of_speed(made(values))
     assert row["withheld"] == "std, q90, q95, q98, q99"

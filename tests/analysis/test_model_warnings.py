@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings on the model of a run come with every study of it, each once: from commands and from
-functions, which give them as Python warnings and as an attribute."""
+"""Model warnings of a run appear once in every study of it: in the output of commands, and for
+functions as Python warnings and as an attribute."""
 
 import warnings
 from pathlib import Path
@@ -32,7 +32,7 @@ SPEEDS = "line,quantity,unit,value\n" + "".join(f"L,speed,m/s,{v}\n" for v in ra
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study, "ROUND", 16)
-    monkeypatch.setattr(convergence, "MIN_REFERENCE", 1)  # few are enough for warnings
+    monkeypatch.setattr(convergence, "MIN_REFERENCE", 1)  # few boulders suffice for warnings
     z = (1100 - 0.9 * np.arange(30)[:, None] * 5.0 + np.zeros(24)).astype("f4")
     make_raster("dem.tif", z, nodata=-9999)
     Path("case.nml").write_text(CASE)
@@ -40,7 +40,7 @@ def place(tmp_path, monkeypatch):
 
 
 def warned(function, *arguments, **more):
-    """What a function returns, and its warnings, attributed to the line that calls it."""
+    """Return value of a function, and its warnings, attributed to the calling line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = function(*arguments, **more)

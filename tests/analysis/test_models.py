@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One case by every rebound model: the models are run as they would be alone, and differences are
-those of the same boulders."""
+"""One case by every rebound model: models run as they would alone, and differences are between the
+same boulders."""
 
 import csv
 
@@ -21,7 +21,7 @@ from rockfall.studies.models import COLUMNS, read_models, run_models, write_mode
 
 SHIPPED = GroundTable(shipped_grounds())
 CLASSICAL = [*ROCKS]
-#: Classical models where no rocks have a size: rockyfor3d needs one.
+#: Classical models for ground without rock sizes; rockyfor3d needs a size.
 UNSIZED = [
     "pfeiffer_bowen pfeiffer_talus", "pfeiffer_bowen pfeiffer_rock", "constant constant_talus",
     "constant rock_ledge", "bourrier_hungr bourrier_hungr",
@@ -48,7 +48,7 @@ def found(made):
 
 
 def case_of_zones(folder):
-    """Zones with small and with large rocks, and one that is a road in every model."""
+    """Zones with small and with large rocks, and a zone that is a road in every model."""
     case = make_full_case(folder, case={"boulders": 100})
     ids = np.tile(np.repeat([4, -2, 5], 2), (80, 10))
     make_raster(folder / "zones.tif", ids.astype("i2"), crs="EPSG:32632")
@@ -117,8 +117,8 @@ def test_sizes_may_come_in_any_way(tmp_path, way):
 
 
 def test_differences_are_those_of_the_same_boulders(case, found):
-    """The first has none. Their intervals are those of a difference boulder by boulder: narrower
-    than two samples would have, and the fraction's is that of how many changed sides."""
+    """The first model has no differences. Intervals are those of differences boulder by boulder,
+    narrower than for two samples; that of a fraction depends on how many boulders change sides."""
     first = found.table[found.table["model"] == found.names[0]]
     means = first[first["statistic"] != "q95"].dropna(subset="difference")
     assert (means[["difference", "difference_low", "difference_high"]] == 0).all(axis=None)
@@ -139,8 +139,8 @@ def test_differences_are_those_of_the_same_boulders(case, found):
 
 
 def test_intervals_of_differences_that_no_normal_distribution_has(case):
-    """One boulder has none. Where boulders change sides one way only, it is that of the fraction
-    that does, by Wilson (1927): on a lake all of them stop."""
+    """A single boulder has no interval. If boulders change sides in only one direction, it is that
+    of the fraction that does (Wilson 1927): on a lake all boulders stop."""
     case = case.replace(release={"x": [600152.0], "y": [4999980.0]})
     one = run_models(case.replace(case={"boulders": 1}), ["soil_0"])
     row = at(one, "soil_0", "", "stopping_distance")
@@ -158,7 +158,7 @@ def test_intervals_of_differences_that_no_normal_distribution_has(case):
 
 
 def test_grounds_that_cover_everything_are_varied(case):
-    """But for those that absorb, and impact sets only where rocks have a size: nowhere here."""
+    """Except grounds that absorb; impact sets need rock sizes, which no ground has here."""
     by_name = case.path(case.surface["table"]).with_name("named.csv")
     by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,soil_0\n")
     case = case.replace(surface={"table": by_name.name}, case={"boulders": 5})
@@ -214,7 +214,7 @@ def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
 
 
 def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
-    """As zones keep any other ground; where all name it, all are varied."""
+    """Zones keep a table like any other ground; if all zones have it, all are varied."""
     path = case.path(case.surface["table"])
     sized = path.read_text()
     case = case.replace(
@@ -237,7 +237,7 @@ def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
 
 
 def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
-    """A table needs no sizes; a size that is not given must not be taken for a small one."""
+    """A table needs no rock sizes; a missing size must not count as a small size."""
     bare = {"zones": None, "table": None}
     case = case.replace(impact={"table": "talus"}, surface=bare, case={"boulders": 20})
     found = run_models(case)
@@ -281,7 +281,7 @@ def test_rocks_without_a_size_beside_others_are_said(case):
 
 
 def values(models, name):
-    """Numbers of a model."""
+    """Statistics of a model."""
     return models.table[models.table.model == name].value.dropna().tolist()
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Neutral slopes of a scene, beside those that can be told by hand, and the cells that are steeper.
+"""Neutral slopes of a scene compared with hand calculations, and the cells that are steeper.
 
-Without scatter, V_t_out = a V_t_in and V_n_out = b V_t_in: on a plane of tangent t a bounce and the
-flight after it change speed by the factor a + 2 b t.
+Without scatter, V_t_out = a V_t_in and V_n_out = b V_t_in: on a plane with tangent t, a bounce and
+the following flight multiply the speed by a + 2 b t.
 """
 
 import re
@@ -16,15 +16,15 @@ from rockfall.scene.read import read_scene
 from rockfall.text.preview import preview
 from scenes import grid, make_case
 
-KEPT = np.array([0.5, 0.55, 0.6, 0.65, 0.7])  # a, of each ratio
-RISE = np.array([0.25, 0.28, 0.3, 0.29, 0.26])  # b
+KEPT = np.array([0.5, 0.55, 0.6, 0.65, 0.7])  # a for each ratio
+RISE = np.array([0.25, 0.28, 0.3, 0.29, 0.26])  # b for each ratio
 NEUTRAL = np.degrees(np.arctan((1 - KEPT) / (2 * RISE)))  # 45, 38.8, 33.7, 31.1, 30.0
-RADIUS = np.cbrt(0.75 / np.pi * 0.8)  # of 0.8 m3
+RADIUS = np.cbrt(0.75 / np.pi * 0.8)  # radius of a sphere of 0.8 m3
 UPPER, LOWER = 40.0, 32.0  # slopes of the two halves of the ground [degree]
 
 
 def ground(ny=80, nx=40, cell=5.0):
-    """Steeper above, flatter below."""
+    """Ground that is steeper above and flatter below."""
     tangents = np.where(np.arange(ny - 1) < ny // 2, *np.tan(np.radians([UPPER, LOWER])))
     z = 2000.0 - cell * np.concatenate([[0.0], np.cumsum(tangents)])
     return np.repeat(z[:, None], nx, axis=1)
@@ -45,7 +45,7 @@ def test_the_nearest_set_has_its_neutral_slope(tmp_path, ratio):
     nearest = scene(tmp_path, impact={"ratio": "nearest"})
     found = NeutralSlopes(nearest).of(RADIUS, np.array([RADIUS / ratio]))
     want = NEUTRAL[int(np.clip(np.floor(ratio + 0.5), 1, 5)) - 1]
-    assert found == pytest.approx(want, abs=0.06)  # bisection
+    assert found == pytest.approx(want, abs=0.06)  # accuracy of the bisection
 
 
 @pytest.mark.parametrize("ratio", [1.5, 2.25, 4.9])
@@ -74,7 +74,7 @@ def test_method_a_balances_its_three_sizes(tmp_path):
 
 @pytest.fixture
 def zoned(tmp_path):
-    """Zone 1 is steep, zone 2 flatter, zone 9 absorbs, zone 4 is nowhere."""
+    """Zone 1 is steep, zone 2 flatter, zone 9 absorbs, zone 4 does not occur."""
     zones = np.full(ground().shape, 2)
     zones[:40], zones[-5:] = 1, 9
     table = f"zone,mean_radius\n1,{RADIUS / 2:.6f}\n4,1\n2,{RADIUS / 2:.6f}\n9,Inf\n"
@@ -94,7 +94,7 @@ def lines(scene_):
 
 
 def test_check_tells_of_each_zone_how_much_is_steeper(zoned):
-    """The slope of ratio 2, 38.8 degrees, lies between those of the two halves."""
+    """The neutral slope of ratio 2, 38.8 degrees, lies between the slopes of the two halves."""
     assert lines(zoned()) == [
         "zone 1: R_m 0.288 m, R_b/R_m 2; neutral slope 39 degrees, 100% of cells steeper",
         "zone 2: R_m 0.288 m, R_b/R_m 2; neutral slope 39 degrees, 0% of cells steeper",
@@ -113,7 +113,7 @@ def test_check_tells_both_ends_where_volumes_are_served_by_several_sets(zoned):
 
 def test_sizes_in_rasters_are_told_by_fifths(tmp_path):
     rocks = np.full(ground().shape, RADIUS / 3, "f4")
-    rocks[:, :6] = RADIUS  # in 5 of the 38 columns that are looked at
+    rocks[:, :6] = RADIUS  # in 5 of the 38 sampled columns
     rocks[:30, 10:] = RADIUS / 5  # in 29 of 78 rows
     rocks[:, -9:] = np.inf
     here = scene(tmp_path, {"mean_radius": "given"}, {"mean_radius": rocks})
@@ -129,7 +129,7 @@ def test_sizes_in_rasters_are_told_by_fifths(tmp_path):
 
 
 def test_what_is_told_does_not_depend_on_windows(zoned):
-    """Rows in bands, as terrain is read that does not fit in memory."""
+    """Rows are read in bands, as for terrain that does not fit in memory."""
     from rockfall.io.rasters.grid import Box
     from rockfall.scene.ground import Ground
 

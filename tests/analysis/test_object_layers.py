@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Objects of several layers: each has the numbers that it has alone, sums are of all of them, and
-names tell layers apart."""
+"""Objects from several layers: each has the same results as alone, sums include all objects, and
+names distinguish the layers."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def make_case(folder):
 
 @pytest.fixture
 def layers(tmp_path):
-    """Buildings with persons, a road with traffic, and things without either, by path."""
+    """Buildings with persons, a road with traffic, and objects without either, by path."""
     about = {"crs": "EPSG:32632"}
     homes = {"name": ["1", "2"], "persons": [4.0, 2.0], "vulnerability": [0.5, 0.5]}
     return [
@@ -72,7 +72,7 @@ def test_each_object_has_the_numbers_that_it_has_alone(tmp_path, layers):
 
 
 def test_sums_are_of_all_layers(tmp_path, layers):
-    """Expected deaths add up exactly; their limits within those of the objects added."""
+    """Expected deaths add up exactly; their limits are within the sum of the objects' limits."""
     together = hazard(tmp_path, layers)
     added = sum(float(hazard(tmp_path, path).total_collective_risk) for path in layers[:2])
     assert added > 0
@@ -215,7 +215,7 @@ def test_attributes_without_effect_are_named(tmp_path, given, idle):
     ("curve", 1e5, 1e6, "is 0.1 at 20,000 kJ, twice the strongest nets: give its energies in kJ"),
     ("curve", 0.1, 1, "is 1 at 5 kJ, the energy of a small stone: give its energies in kJ"),
     ("lethality_curve", 1e5, 1e6, "is 0.1 at 20,000 kJ"),
-    ("lethality_curve", 0.1, 1, None),  # stones kill
+    ("lethality_curve", 0.1, 1, None),  # stones are lethal
     ("", 100, 1000, "no object uses a curve of this table"),
 ])  # fmt: skip
 def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations in other units, or with x and y exchanged, are named; sound ones are not."""
+"""Observations in other units, or with x and y exchanged, are reported; correct data are not."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ Z = rough()
 
 
 def site_of(folder):
-    """Boulders past a line, in UTM."""
+    """Boulders that pass a line, in UTM coordinates."""
     line = [{"name": "S", "x": [WEST, WEST + 300.0], "y": [SOUTH + 280.0] * 2}]
     release = {"x": WEST + 150.0, "y": SOUTH + 380.0}
     return make_case(
@@ -52,7 +52,7 @@ def doubts(result, path):
     return [note for note in compare(result, path).notes if note.endswith("?")]
 
 
-RATIOS = {  # of what is written to what was seen
+RATIOS = {  # ratio of written to observed values
     "km/h": ("speed", "m/s", 3.6, "km/h"),
     "km/h, of a model that is 30 % off": ("speed", "m/s", 3.6 * 1.3, "km/h"),
     "m/s": ("speed", "m/s", 1.0, None),
@@ -160,7 +160,7 @@ def test_other_places_are_not(x, y, result):
 
 
 def test_local_coordinates_cannot_tell(tmp_path):
-    """Where x and y have the same numbers a place off the terrain may be meant."""
+    """Positions off the terrain may be correct if x and y have similar values."""
     line = [{"name": "S", "x": [0.0, 300.0], "y": [280.0] * 2}]
     case = make_case(
         tmp_path, *sets(), line=line, case={"boulders": 50}, terrain={},

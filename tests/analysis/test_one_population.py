@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One population: over random scenarios the sum over them is the whole, a road as one segment is
-the road as an object, its pieces miss nothing of it, and what changes nothing changes no number."""
+"""A single population: scenarios sum to the total, a road as one segment equals the road as an
+object, its pieces miss nothing, and a change without effect changes no value."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
 def random_case(folder, seed):
-    """Case with two to four scenarios of random frequencies and volumes."""
+    """Case with two to four scenarios with random frequencies and volumes."""
     random = np.random.default_rng(seed)
     scenarios = [
         {
@@ -69,9 +69,9 @@ def test_the_sum_over_scenarios_is_the_whole_and_segments_miss_nothing_of_the_ro
     single = hazard(case, None)["segment_passages"].values[:, 0]
     assert single.all() and (single == whole["object_passages"].sel(object="way")).all()
     pieces = whole["segment_passages"].values.sum(axis=1)
-    assert (pieces >= single).all()  # a boulder at a joint touches two
+    assert (pieces >= single).all()  # a boulder at a joint hits two pieces
     assert (pieces <= 1.3 * single).all()
-    assert (single >= whole["line_passages"].values[:, 0]).all()  # with the side of the boulder
+    assert (single >= whole["line_passages"].values[:, 0]).all()  # including the boulder's side
 
 
 def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard(tmp_path):
@@ -96,7 +96,7 @@ def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard
 
 @pytest.mark.parametrize("seed", [6, 7, 8])
 def test_every_product_has_the_same_numbers(tmp_path, seed):
-    """Hazard, variants with a net below, dossier, siting, design, layers and answers."""
+    """Hazard, variants with a net below, dossier, siting, design, layers and answers agree."""
     case = random_case(tmp_path, seed)
     found = hazard(case)
     variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
@@ -133,7 +133,7 @@ def test_every_product_has_the_same_numbers(tmp_path, seed):
 
 @pytest.mark.parametrize("seed", [9, 10])
 def test_pieces_of_a_line_are_crossed_by_what_crosses_the_line(tmp_path, seed):
-    """A boulder that comes back may cross two pieces, but counts once at the line."""
+    """A returning boulder may cross two pieces, but counts once at the line."""
     case = random_case(tmp_path, seed)
     (road,) = case.line
     ends = [0.0, *np.sort(np.random.default_rng(seed).uniform(60, 240, 4)).tolist(), 300.0]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where it comes from: the sources of what comes to a place sum up to it, and each gives no more
-than what starts there."""
+"""Origins: the contributions of sources to a place sum to its total, and none exceeds what the
+source releases."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_origins_are_sorted_shares_of_what_comes(hazard):
     assert found["share"].sum() == pytest.approx(1.0) and (found["reach"] <= 1 + 1e-12).all()
     assert (found["frequency"].diff()[1:] <= 0).all()
     left = rockfall.origins(hazard, "left")
-    assert left["x"][0] == 52.5 and left["share"][0] > 0.9  # the only source above it
+    assert left["x"][0] == 52.5 and left["share"][0] > 0.9  # the only source above the place
     assert rockfall.origins(hazard, "above").empty
     with refused("roof: no line or object; there are road, left, above, house"):
         rockfall.origins(hazard, "roof")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised outlines of zones: none is lower than the cells within, none overlaps another, and no
-part is narrower than it may be."""
+"""Generalised outlines of zones: none is lower than its cells, none overlaps another, and no part
+is narrower than allowed."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ CELL = 4.0
 
 
 def areas_of(classes):
-    """The area of each class of a raster, from 1, of cells with the given numbers."""
+    """Area of each class of a raster, from 1, of cells with given numbers."""
     rows, columns = np.indices(classes.shape)
     west, south = CELL * columns, -CELL * rows
     cells = shapely.box(west, south, west + CELL, south + CELL)
@@ -53,7 +53,7 @@ def test_no_cell_gets_a_lower_class(seed, width):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_hardly_a_part_is_narrow(seed):
-    """Where nearly everything is a thread; what is left are corners and what crowds between."""
+    """Almost everything is a thread; corners and crowded parts remain."""
     width, about = 10.0, {"join_style": "mitre", "mitre_limit": 2.0}
     raw = areas_of(noise(seed))
     before, after = (
@@ -68,7 +68,7 @@ def test_hardly_a_part_is_narrow(seed):
 
 
 def test_a_rim_takes_the_class_above_it():
-    """One cell wide, round a block; a broad one stays."""
+    """A rim one cell wide around a block; a broad rim remains."""
     classes = np.ones((30, 40), int)
     classes[8:16, 8:16], classes[9:15, 9:15] = 2, 3
     classes[5:25, 22:38], classes[10:20, 27:33] = 2, 3

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Return levels: the fit, whether intervals hold what they say, and what is refused."""
+"""Return levels: fit, coverage of intervals, and refusals."""
 
 import re
 
@@ -51,7 +51,7 @@ def test_p_values_are_even_where_the_gpd_holds_and_small_where_not():
     assert np.mean(p < 0.05) > 0.9
 
 
-MANY, FAR = {"maxiter": 2000}, 1e9  # of searches
+MANY, FAR = {"maxiter": 2000}, 1e9  # options of searches
 TAILS = {
     "exponential": stats.expon(10, 3),
     "heavy": stats.genpareto(0.2, 5, 2),
@@ -59,7 +59,7 @@ TAILS = {
 }
 
 
-SAMPLES = {  # of which the tail's levels may lie below those of the sample
+SAMPLES = {  # samples whose fitted levels may be below those of the sample
     "uniform": lambda random, n: random.uniform(size=n),
     "steps": lambda random, n: random.integers(0, 40, n).astype(float),
     "two kinds": lambda random, n: (
@@ -94,7 +94,7 @@ def test_a_level_of_the_tail_is_not_below_one_of_the_sample():
 
 
 def test_levels_as_written_do_not_fall_with_rarity():
-    """Digits justified by a wide interval would make 24.46 of a later level 24, after 24.4."""
+    """With digits by its wide interval, a later level of 24.46 would print as 24, below 24.4."""
     row = {"level_1000": 24.4, "level_1000_low": 24.3, "level_1000_high": 24.5,
            "level_10000": 24.46, "level_10000_low": 20.0, "level_10000_high": 31.0,
            "level_100000": 39.9, "level_100000_low": 24.0, "level_100000_high": 60.0}  # fmt: skip
@@ -105,8 +105,8 @@ def test_levels_as_written_do_not_fall_with_rarity():
 
 
 def test_intervals_hold_the_levels_of_known_distributions():
-    """Nine in ten at least, of some 45; those of 95 % would fail that once in 20 tries, but the
-    hull over two thresholds holds more. And they tell something."""
+    """At least nine in ten, of about 45. Exact 95 % intervals would fail this once in 20 tries, but
+    the hull over two thresholds covers more. The intervals must also be informative."""
     held, width = [], []
     for law in TAILS.values():
         for seed in range(20):
@@ -136,7 +136,7 @@ def test_the_interval_encloses_that_of_the_highest_threshold():
 
 @pytest.mark.parametrize("law", TAILS)
 def test_limits_are_those_of_the_profile_likelihood(law):
-    """At a limit the likelihood, maximised over shape and scale by a search, is that allowed."""
+    """At a limit, the profile likelihood, maximised by a search, equals the allowed value."""
     values, N = np.sort(TAILS[law].rvs(4000, random_state=3)), 20_000
     excess, threshold = values[-150:] - values[-151], values[-151]
     fit = fit_gpd(excess, threshold)
@@ -160,7 +160,7 @@ def test_limits_are_those_of_the_profile_likelihood(law):
 
 
 def test_a_bounded_tail_says_where_it_ends():
-    law = stats.genpareto(-0.25, 5, 2)  # from 5 to 13
+    law = stats.genpareto(-0.25, 5, 2)  # range from 5 to 13
     known = [tail(law.rvs(20_000, random_state=k), levels=()).end for k in range(40)]
     assert np.mean([high >= 13 for _, high in known]) >= 0.9
     assert np.mean([high < 20 for _, high in known]) >= 0.9
@@ -169,7 +169,7 @@ def test_a_bounded_tail_says_where_it_ends():
 
 
 def test_the_threshold_lies_above_what_is_not_the_tail():
-    """Most boulders low, one in 50 from a population that jumps high."""
+    """Most boulders are low; one in 50 is from a population with high jumps."""
     low, high = stats.expon.rvs(size=19_600, random_state=1), stats.expon(10, 3)
     values = np.append(low, high.rvs(400, random_state=2))
     found = tail(values)
@@ -191,7 +191,7 @@ def test_levels_have_the_units_of_the_values():
 
 
 def test_a_level_that_many_boulders_exceed_is_that_of_the_sample():
-    """Whatever its tail: this one has no mean."""
+    """For any tail: this one has no mean."""
     values = np.abs(stats.cauchy.rvs(size=30_000, random_state=1))
     found = tail(values)
     value, low, high, refused = found.levels[1000]
@@ -235,12 +235,12 @@ def test_a_level_that_may_be_anything_is_refused():
 
 
 def of_each(number):
-    """Five boulders of each of a sample of sources."""
+    """Five boulders from each of a sample of sources."""
     return Sources.of(np.repeat(np.arange(number), 5), sampled=True)
 
 
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
-    """Each value five times over: five times the boulders, and no more known."""
+    """Each value occurs five times: five times more boulders, but no more information."""
     values = TAILS["exponential"].rvs(3000, random_state=1)
     alone = tail(values, levels=(10_000,))
     many = tail(
@@ -256,12 +256,12 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
     assert few.refused == "30 independent boulders in the upper 5 %, 50 needed"
 
 
-# ---- of a result
+# ---- levels of a result
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """8,000 boulders, many past one line, none past another."""
+    """Result with 8,000 boulders, many of which pass one line and none another."""
     lines = [
         {"name": name, "x": [0.0, 300.0], "y": [y, y]} for name, y in (("L", 280.0), ("M", 399.0))
     ]
@@ -299,20 +299,20 @@ def test_the_table_has_the_tail_of_each_quantity(result):
 
 
 def of_all(values, source=None, attrs=None, names=("L",)):
-    """A result in which each quantity rises with these values (lines, boulders) or (boulders,)."""
+    """Result in which each quantity increases with values (lines, boulders) or (boulders,)."""
     result = made(np.atleast_2d(values)[0], source, attrs).drop_dims(["line", "crossing"])
     return result.assign(crossed(result["boulder"], names, **dict.fromkeys(STORED, values)))
 
 
 def test_sources_that_are_a_sample_are_clusters():
-    """100 boulders of each of 60 sources, which all do the same."""
+    """100 boulders from each of 60 sources; those of a source all behave alike."""
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
     table = rockfall.return_levels(of_all(speed, np.repeat(np.arange(60), 100), SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}
 
 
 def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
-    """pandas 3 makes NaN of a None among texts, pandas 2 does not: every row has a text."""
+    """pandas 3 converts None among texts to NaN, pandas 2 does not: every row has a text."""
     values = np.stack([TAILS["exponential"].rvs(3000, random_state=1), np.full(3000, 2.0)])
     result = of_all(values, names=["L", "M"])
     table = rockfall.return_levels(result, levels=(1000,))
@@ -323,7 +323,7 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
 
 
 def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, result):
-    """Each table is one of cells apart by two blanks or more, the numbers as many as the heads."""
+    """Table cells are separated by at least two blanks; rows have as many cells as the heading."""
     many = result.assign(mass=("boulder", 1e4 * masses_of(result), MASS["mass"]))
     rockfall.write_result(many, tmp_path / "out.nc")
     assert main(["lines", str(tmp_path / "out.nc")]) == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk of objects: sums by hand over the boulders that hit, their limits, what cannot be."""
+"""Risk of objects: sums by hand over the boulders that hit, their limits, and refusals."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def hits(case, shape, width=0.0):
 
 
 def test_persons_in_a_house(case):
-    """Individual = presence x lethality x frequency; collective = that times the persons."""
+    """Individual = presence x lethality x frequency; collective = individual x persons."""
     about = {"persons": [3.0], "presence": [0.5], "lethality": [0.2]}
     found = hazard(case, [HOUSE], **about)
     k = len(hits(case, HOUSE)[0])
@@ -84,7 +84,7 @@ def test_damage_of_a_building_follows_its_curve(case):
 
 
 def test_vehicles_on_a_road(case):
-    """aadt (block diameter + vehicle length) / (24000 speed) of them are hit by a block."""
+    """The number hit by a block is aadt (block diameter + vehicle length) / (24000 speed)."""
     traffic = {"aadt": [2400.0], "speed": [60.0], "vehicle_length": [4.5], "width": [6.0]}
     found = hazard(case, [ROAD], persons_per_vehicle=[1.5], lethality=[0.8], trips=[4.0], **traffic)
     _, diameter = hits(case, ROAD, 6.0)
@@ -107,7 +107,7 @@ def test_sums_are_of_the_boulders_that_objects_share(case):
 
 
 def test_limits_hold_the_mean_of_other_boulders():
-    """95 % or more of them, of a skewed quantity that is mostly zero; and Wilson's of an
+    """At least 95 % coverage for a skewed quantity that is mostly zero; Wilson's interval for an
     indicator."""
     rng = np.random.default_rng(20261124)
     mean, held = 0.1 * 0.5, 0
@@ -128,7 +128,7 @@ def test_no_hit_is_no_proof(case):
 
 
 def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
-    """Only counts above thresholds are known there: damage and upper limit are too high."""
+    """Only counts above thresholds are known there: damage and upper limit are overestimated."""
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0
@@ -159,7 +159,7 @@ CURVES = "name,energy,vulnerability,source\nown,0,0.1,A. (2020)\nown,100,0.7,A. 
 
 
 def test_curves_of_a_table(tmp_path):
-    """Straight between rows, 1 beyond the last."""
+    """Linear between rows, 1 beyond the last row."""
     path = tmp_path / "curves.csv"
     path.write_text(CURVES)
     own = read_curves(path)["own"]
@@ -209,7 +209,7 @@ def test_exposures_that_cannot_be_are_refused(case, shape, columns, message):
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_an_interval_of_classes_is_one_of_their_numbers(language):
-    """Their names are ranges themselves, "1e-6 to 1e-5"; the legend says what each number is."""
+    """Names of classes are ranges themselves, "1e-6 to 1e-5"; the legend explains the numbers."""
     names = class_words()
 
     def row(*numbers):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Risk of objects: damage and deaths a year are what a hand calculation over the boulders of a run
-gives; limits enclose them; sums know that boulders are shared; nothing is silently left out."""
+"""Risk of objects: annual damage and deaths equal a hand calculation over the boulders of a run;
+limits enclose them; sums account for shared boulders; nothing is silently omitted."""
 
 import warnings
 
@@ -36,7 +36,7 @@ def make_case(folder, **groups):
 
 @pytest.fixture
 def found(tmp_path):
-    """The hazard of objects with attributes."""
+    """Hazard of objects with attributes."""
 
     def make(*objects, curves=None, **columns):
         columns = {"name": [f"o{k}" for k in range(len(objects))]} | columns
@@ -49,7 +49,7 @@ def found(tmp_path):
 
 @pytest.fixture
 def boulders(tmp_path):
-    """Energies [J] at the house and at the road (NaN: none), and diameters [m], of the same run."""
+    """Energies [J] at house and road (NaN: no hit), and diameters [m], in the same run."""
     lines = [
         {"name": name, "x": list(x), "y": list(y), "object_width": 0.0}
         for name, (x, y) in (("h", HOUSE.exterior.xy), ("r", ROAD.xy))
@@ -72,7 +72,7 @@ def three(found, name, k=0):
 
 
 def test_persons_in_a_house(found, boulders):
-    """0.5 boulders a year, of which a part hits; there half of the time, one of ten dies."""
+    """0.5 boulders per year, some hit; persons are present half the time, one of ten dies."""
     home = {"persons": [4.0], "presence": [0.5], "lethality": [0.1]}
     risk = found(HOUSE, **home)
     hits = np.isfinite(boulders[0][0]).sum()
@@ -91,8 +91,8 @@ def test_persons_in_a_house(found, boulders):
 
 
 def test_vehicles_on_a_road(found, boulders):
-    """2,400 vehicles a day at 60 km/h are one in 600 m: of 1.44 million metres a day a boulder of
-    diameter d takes d + 4 for each."""
+    """2,400 vehicles per day at 60 km/h are one per 600 m; on 1.44 million metres per day, a
+    boulder of diameter d hits those within d + 4."""
     traffic = {"aadt": [2400.0], "speed": [60.0], "vehicle_length": [4.0]}
     traffic |= {"persons_per_vehicle": [1.5], "trips": [4.0], "lethality": [0.8]}
     risk = found(ROAD, **traffic)
@@ -119,7 +119,7 @@ def test_damage_is_that_of_the_energy_of_each_boulder(found, boulders):
         assert value == pytest.approx(by_hand, rel=1e-9)
         assert low < value < high
         assert "Agliardi" in risk.attrs["risk_assumptions"]
-        assert "object_risk" not in risk  # which is by the attributes of vulnerability alone
+        assert "object_risk" not in risk  # it depends only on the attributes of vulnerability
 
 
 def test_a_table_of_curves(found, boulders, tmp_path):
@@ -143,7 +143,7 @@ def test_attributes_by_intensity_give_the_same_as_the_risk_of_classes(found):
 
 
 def test_points_without_a_width_have_the_upper_end_of_each_intensity(found):
-    """And a lower limit by the lower end; by intensity both are exact."""
+    """The lower limit uses the lower end; by intensity both are exact."""
     columns = {"persons": [1.0], "value": [1.0], "curve": ["agliardi2009"]}
     columns |= {f"lethality_{k + 1}": [one] for k, one in enumerate((0.1, 0.4, 0.9))}
     risk = found(shapely.Point(147.0, 286.0), **columns)
@@ -164,8 +164,8 @@ def test_points_without_a_width_have_the_upper_end_of_each_intensity(found):
 
 
 def test_sums_know_that_boulders_are_shared(found):
-    """A house twice is hit by the same boulders: limits add up. With a road that others reach, too,
-    they lie within the sums."""
+    """A house given twice is hit by the same boulders: limits add up. With a road that is also hit
+    by other boulders, limits lie within the sums."""
     persons = {"lethality": [0.1, 0.1], "persons": [2.0, 2.0]}
     twice = found(HOUSE, HOUSE, **persons)
     added = [2 * one for one in three(twice, "object_collective_risk")]
@@ -188,14 +188,14 @@ def test_a_total_of_points_adds_their_limits(found):
 
 
 def clusters(sources, each=1):
-    """Boulders of sources, all of which count as one where sources are a sample."""
+    """Boulders by source; each source counts as one boulder if sources are a sample."""
     number = np.repeat(np.arange(sources), each)
     return Clusters(Sources.of(number, sampled=each > 1), each)
 
 
 @pytest.mark.parametrize("boulders", [50, 400])
 def test_limits_hold_the_mean_as_often_as_they_say(boulders):
-    """Of losses that few boulders bring, skewed to total loss."""
+    """Losses from few boulders, skewed towards total loss."""
     random = np.random.default_rng(5)
     held, above = 0, 0
     for _ in range(1000):
@@ -229,7 +229,7 @@ def test_classes_end_at_powers_of_ten(found):
         assert (risk[f"object_risk_class{end}"].values == expected).all()
 
 
-# ---- what is said and refused
+# ---- remarks and refusals
 
 
 def test_every_default_is_said(found):

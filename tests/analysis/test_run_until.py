@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs until sure: where they stop, whether their intervals hold, and that they equal a run."""
+"""Runs until a precision is reached: stopping, coverage of intervals, equality with a run."""
 
 import signal
 
@@ -35,9 +35,9 @@ NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
     [("fraction@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
 )
 def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
-    """The interval of a quantile lies between two order statistics, its width is itself a matter of
-    chance: the mean stop is that near, and most of the stops. `benchmarks.accuracy.intervals` has
-    thousands of such runs."""
+    """The interval of a quantile lies between two order statistics, so its width is itself random:
+    the mean stop is within 20 %, and so are most stops. `benchmarks.accuracy.intervals` has
+    thousands of runs."""
     random = np.random.default_rng(1)
     rules = read_rules(rule, ["L"])
     statistic = rules[0].statistic
@@ -53,15 +53,15 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
         held.append(row[f"{statistic}_low"] <= truth <= row[f"{statistic}_high"])
     assert abs(np.mean(stops) - 1) < 0.2
     assert np.mean(np.abs(np.array(stops) - 1) <= 0.2) >= within
-    assert np.mean(held) >= 0.8  # of 10: 2.2 standard errors below 0.95
+    assert np.mean(held) >= 0.8  # 10 runs: 2.2 standard errors below 0.95
 
 
 def test_heavy_tails_take_no_more_boulders_than_theory_asks():
-    """On average, where each stage has boulders of its own, as with several sources: limits of the
-    95 % quantile are a few values apart, and runs that went by them were a fifth too long."""
+    """On average, if each stage has separate boulders, as with several sources. Limits of the 95 %
+    quantile are only a few values apart: runs that relied on them were a fifth too long."""
     (rule,) = rules = read_rules("speed.q95@L<12%", ["L"])
     sigma, level = 1.2, 0.95
-    density = norm.pdf(norm.ppf(level)) / sigma  # of the logarithm, at the quantile
+    density = norm.pdf(norm.ppf(level)) / sigma  # density of the logarithm at the quantile
     need = (Z / rule.limit) ** 2 * level * (1 - level) / density**2
     random, stops = np.random.default_rng(5), []
     for _ in range(40):
@@ -76,7 +76,7 @@ def test_heavy_tails_take_no_more_boulders_than_theory_asks():
 
 @pytest.mark.parametrize("rule", ["fraction@L<0.7%", "speed.mean@L<1%", "energy_total.std@L<2.5%"])
 def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
-    """Within a tenth: the need is that of the width of a run five times as long."""
+    """Within a tenth: the need follows from the interval of a run five times as long."""
     case = slope_case(tmp_path)
     found = rockfall.run_until(case, rule, **terrain())
     (verdict,) = verdicts_of(found)
@@ -89,7 +89,7 @@ def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
 
 @pytest.mark.parametrize("of", [2, 5])
 def test_runs_of_few_sources_do_not_end_by_luck(of):
-    """Sources that are alike may also seem so by chance, and then a run must not believe it."""
+    """Sources may seem alike by chance, which a run must not rely on."""
     random, held = np.random.default_rng(of), []
     rules = read_rules("speed.mean@L<3%", ["L"])
     for _ in range(25):
@@ -101,7 +101,7 @@ def test_runs_of_few_sources_do_not_end_by_luck(of):
         row = line_numbers(result, 0, "speed", sources(result))
         held.append(row["mean_low"] <= theory("mean", 1)[0] <= row["mean_high"])
         assert result.sizes["boulder"] >= 0.8 * theory("mean", 0.03)[1]
-    assert np.mean(held) >= 0.85  # of 25: 2.3 standard errors below 0.95
+    assert np.mean(held) >= 0.85  # 25 runs: 2.3 standard errors below 0.95
 
 
 def test_no_interval_is_believed_before_enough_boulders_crossed():
@@ -122,8 +122,8 @@ def test_equal_values_are_met_at_once_and_nobody_never():
 
 
 def test_a_number_without_an_interval_is_never_met():
-    """Nine places of a sample: more boulders would not tell what others are like, and the run says
-    so at once; ten may."""
+    """A sample of nine places: more boulders would not show what other places are like, and the run
+    reports it at once; with ten places it runs."""
     rules = read_rules("speed.mean@L<90%", ["L"])
     values = 10 + np.random.default_rng(1).random(1800)
     for places in (9, 10):
@@ -135,8 +135,8 @@ def test_a_number_without_an_interval_is_never_met():
 
 
 def test_a_sample_of_sources_that_differ_stops_a_run_that_more_boulders_do_not_help():
-    """20 sources, speeds 10 +- 3 among them and +- 1 within: 13 % is as sure as it gets of others;
-    of these, 2 % is soon known."""
+    """20 sources with speeds of 10 +- 3 between them and +- 1 within: for other sources the best
+    precision is 13 %; for these, 2 % is soon reached."""
     random = np.random.default_rng(3)
     place = random.normal(10, 3, 20)
 
@@ -145,7 +145,7 @@ def test_a_sample_of_sources_that_differ_stops_a_run_that_more_boulders_do_not_h
         return made(place[source] + random.normal(0, 1, source.size), source, SAMPLE)
 
     rules = read_rules("speed.mean@L<2%", ["L"])
-    assert next_stage(evaluate(rules, result(50)), 50, 10**6) > 50  # not yet plain
+    assert next_stage(evaluate(rules, result(50)), 50, 10**6) > 50  # not yet evident
     (verdict,) = evaluate(rules, result(2000))
     assert verdict.need == np.inf and "do not help" in str(verdict)
     assert next_stage([verdict], 2000, 10**6) == 2000
@@ -235,7 +235,7 @@ def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A folder with a case file on a plane, made the current one."""
+    """Folder with a case file on a plane, as the current folder."""
     from rockfall.io.rasters.geotiff import write_geotiff
 
     monkeypatch.chdir(tmp_path)

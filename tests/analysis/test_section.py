@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section: flights on a plane have the heights and energies of a calculation by hand, a station
-that is an evaluation line has the kernel's numbers, and no recorded boulder exceeds the maps."""
+"""Section: flights on a plane have the heights and energies of a hand calculation, a station on an
+evaluation line has the kernel's values, and no recorded boulder exceeds the maps."""
 
 import csv
 
@@ -28,7 +28,7 @@ from rockfall.terrain.height import height
 from rockfall.terrain.polyline import intersections
 from scenes import grid, make_case, rough, sets
 
-SINGLE = 1e-6  # what a result keeps of a crossing is in single precision
+SINGLE = 1e-6  # results store crossings in single precision
 
 Z = rough()
 TERRAIN = Z, grid(Z)
@@ -67,14 +67,15 @@ def wide(result):
     return section_of(result, SectionLine(DOWN, 150.0, 20.0), TERRAIN)
 
 
-#: A plane of 45 degrees to the south, z = y, and gravity of 10 m/s2: a boulder thrown level to the
-#: south at v m/s from z = y = 100 is v t - 5 t^2 above the plane, and comes to it after v/5 s.
+#: A plane of 45 degrees to the south, z = y, and gravity of 10 m/s2: a boulder thrown horizontally
+#: to the south at v m/s from z = y = 100 is v t - 5 t^2 above the plane, and reaches it after v/5
+#: s.
 PLANE = np.tile(np.arange(147.5, 0, -5.0)[:, None], (1, 20))
 GRAVITY, FROM = 10.0, 100.0
 
 
 def thrown(result, speeds, x):
-    """A result on the plane with one flight of each of its first boulders in place of its own."""
+    """Result on the plane whose first boulders are replaced by single flights."""
     speeds, x = np.asarray(speeds, float), np.asarray(x, float)
     time, number = speeds / 5, result["boulder"].values[: speeds.size]
     vertices = {
@@ -108,7 +109,7 @@ def test_flights_on_a_plane_by_hand(on_plane):
     table = found.table.set_index("distance")
     np.testing.assert_allclose(table["elevation"], 120.0 - table.index)
     assert found.recorded == 3 and found.boulders == 50
-    # the third boulder is beyond the corridor; the first lands 20 m on, the second 80 m
+    # the third boulder is beyond the corridor; the first lands 20 m away, the second 80 m
     assert table["recorded_n"].tolist() == [0, 0, 2, 2, 2, 1, 1, 1, 1, 1, 1]
     here = found.passages[found.passages["distance"] == 30.0]
     radius = (3 / (4 * np.pi)) ** (1 / 3)
@@ -119,17 +120,17 @@ def test_flights_on_a_plane_by_hand(on_plane):
     np.testing.assert_allclose(here["speed"], np.sqrt(squared))
     np.testing.assert_allclose(here["energy_total"], 1350.0 * (squared + 0.4 * 3.0**2))
     assert table.loc[30.0, "recorded_energy_total_max"] == pytest.approx(1350.0 * 428.6)
-    assert table["recorded_energy_total_mean"].isna().all()  # two boulders give no mean
+    assert table["recorded_energy_total_mean"].isna().all()  # two boulders are too few for a mean
     far = section_of(data, line._replace(within=11.6), (PLANE, grid(PLANE)))
     assert far.passages.query("distance == 30")["jump_height"].max() == pytest.approx(85 / 9)
 
 
 def test_an_oblique_section_projects_on_itself(on_plane):
-    """At 45 degrees to the flights: a station is crossed where its own line is."""
+    """At 45 degrees to the flights: a station is crossed on its own line."""
     data = thrown(on_plane, [10.0], [50.0])
     line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
     found = section_of(data, line, (PLANE, grid(PLANE))).passages
-    # the line across the start at (40, 100) holds (50, 110): the flight begins beyond it
+    # the line across the start at (40, 100) contains (50, 110): the flight begins beyond it
     assert not len(found)
     before = SectionLine(np.array([40 + 85j, 90 + 35j]), 20.0, 50 * 2**0.5)
     found = section_of(data, before, (PLANE, grid(PLANE))).passages
@@ -222,7 +223,7 @@ def test_without_rows_maps_are_what_is_known(tmp_path):
 
 
 def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
-    """With advice that helps: more trajectories would not."""
+    """The advice helps: more trajectories would not."""
 
     def section(kept, maps):
         output = {"trajectories": 9, "maps": maps, "kept": kept}
@@ -274,8 +275,8 @@ def test_maps_below_are_the_cells_of_the_line(result, wide):
         assert table[f"cell_{name}_q95"].notna().any() and table[f"cell_{name}_q95"].isna().any()
 
 
-STEEPEST = 0.3  # the steepness of a patch less that of its cell, at most: for heights of centres
-#: What boulders meet besides the ground: rolls, slides and waits of contacts, trees, a weak net.
+STEEPEST = 0.3  # maximum difference between the steepness of a patch and of its cell, for centres
+#: Obstacles and contacts: rolls, slides and waits of contacts, trees, a weak net.
 MEETINGS = {
     "sets": {},
     "table": {"impact": {"form": "table", "table": "talus"}},
@@ -293,7 +294,7 @@ NET = {"name": "net", "x": [0.0, 300.0], "y": [301.0, 301.0], "height": 9.0, "ca
 
 @pytest.mark.parametrize("meeting", MEETINGS)
 def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
-    """At every line, whatever they met before; and none exceeds the maxima of the maps."""
+    """At every line, whatever they met before; none exceeds the maxima of the maps."""
     lines = [
         {"name": f"at {y}", "x": [0.0, 300.0], "y": [float(y)] * 2} for y in range(370, 20, -10)
     ]
@@ -312,18 +313,18 @@ def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
         here = here.set_index("boulder").loc[run["boulder"].values[crossed]]
         for name in QUANTITIES:
             wanted = line_values(run, name, k)[crossed]
-            near = 1e-5 if meeting == "net" else SINGLE  # beyond a net it starts a hair further on
+            near = 1e-5 if meeting == "net" else SINGLE  # boulders restart slightly beyond a net
             np.testing.assert_allclose(here[name], wanted, rtol=near, atol=near)
         compared += crossed.sum()
     assert compared > 100
-    below = 1.0 if meeting == "table" else 0.05  # rolls are chords
+    below = 1.0 if meeting == "table" else 0.05  # rolls are stored as chords
     for one in rockfall.trajectories(run):
         assert (one.z >= height(*TERRAIN, one.x, one.y) - below).all()
     radius = 0.6 * STEEPEST
     for name in QUANTITIES:
         recorded, most = (found.table[f"{of}_{name}_max"] for of in ("recorded", "corridor"))
         known = recorded.notna().to_numpy()
-        above = radius if name == "passing_height" else 1e-6  # maps have the slope of the cell
+        above = radius if name == "passing_height" else 1e-6  # maps use the slope of the cell
         assert (recorded[known] <= most[known] * (1 + 1e-6) + above).all(), name
 
 
@@ -345,12 +346,12 @@ def test_where_lines_meet():
     np.testing.assert_allclose(along, [5.0, 15.0])
     np.testing.assert_allclose(along_other, [5.0, 15.0])
     corner, _ = intersections(vertices, np.array([5 - 5j, 15 + 5j]))
-    np.testing.assert_allclose(corner, [10.0])  # once, though it meets both sides
+    np.testing.assert_allclose(corner, [10.0])  # once, although it meets both sides
     assert not intersections(vertices, np.array([0 + 1j, 8 + 1j]))[0].size
 
 
 def test_masses_of_sources_with_densities_of_their_own(result, wide):
-    """They are those of the result, where sources may have others than the case."""
+    """Masses are those of the result, where sources may have other densities than the case."""
     denser = np.where(result["source"].values == 2, 1.5, 1.0)
     mass = result["volume"] * case_of(result).boulder["density"] * denser
     found = section_of(result.assign(mass=mass), wide.line, TERRAIN).passages
@@ -375,7 +376,7 @@ def test_without_terrain_heights_are_unknown(result):
 
 
 def test_thinned_terrain_has_a_profile_but_no_heights(result, wide):
-    """As large terrain is read, with every second cell: a bump between cells would be missed."""
+    """Large terrain is read with every second cell, which would miss a bump between cells."""
     thin = Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40)
     found = section_of(result, wide.line, thin)
     assert found.table["recorded_passing_height_max"].isna().all()
@@ -430,7 +431,7 @@ def test_a_layer_and_pairs_are_the_same(result, tmp_path):
 
 
 def test_command(place, capsys):
-    """Tables with units, a figure of the format that is asked for, and refusals."""
+    """Tables with units, a figure in the requested format, and refusals."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     assert main(["run", "case.nml", "--quiet"]) == 0
     words = ["section", "case.nc", "--line", "600060,4999990", "600060,4999890"]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Segments of roads: each is hit by the boulders whose recorded paths touch its strip of ground,
-numbers weigh boulders as often as they come, and nothing is left out in silence."""
+"""Road segments: each is hit by the boulders whose recorded paths touch its strip of ground,
+boulders are weighted by their frequency, and nothing is silently omitted."""
 
 import json
 from pathlib import Path
@@ -68,7 +68,7 @@ def boulders_of(case):
 
 
 def test_a_segment_is_hit_by_the_paths_that_touch_its_ground(tmp_path):
-    """Of a straight road: rectangles of 30 x 8 m. A boulder over the border of two hits both."""
+    """Straight road: rectangles of 30 x 8 m. A boulder on the border of two hits both."""
     case = make_case(tmp_path)
     found = hazard(case, make_roads(tmp_path, ROAD))
     paths, radius = boulders_of(case)
@@ -88,7 +88,7 @@ def test_a_segment_is_hit_by_the_paths_that_touch_its_ground(tmp_path):
 
 
 def test_all_segments_together_are_hit_by_what_hits_the_road(tmp_path):
-    """Each boulder that touches the strip of the whole road touches one of its segments or more."""
+    """Each boulder that touches the strip of the road touches at least one of its segments."""
     case, roads = make_case(tmp_path), make_roads(tmp_path, ROAD)
     found, whole = hazard(case, roads), hazard(case, roads, length=None)
     assert whole.sizes["segment"] == 1
@@ -99,7 +99,7 @@ def test_all_segments_together_are_hit_by_what_hits_the_road(tmp_path):
 
 
 def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
-    """Two scenarios, of 0.5 and 0.01 boulders a year, with lines along the same outline."""
+    """Two scenarios, with 0.5 and 0.01 boulders per year, and lines along the same outline."""
     scenarios = [
         {"name": "small", "frequency": 0.5, "volume_mean": 0.5},
         {"name": "large", "frequency": 0.01, "volume_mean": 5.0},
@@ -146,13 +146,13 @@ def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
 
 
 def upper_edges(result):
-    """Height of the highest point at the only line: the centre's, and a radius."""
+    """Height of the highest point at the only line: centre plus radius."""
     radius = np.cbrt(0.75 * result.volume.values / np.pi)
     return at_lines(result)["line_passing_height"].values[0] + radius
 
 
 def test_classes_are_those_of_the_matrix(tmp_path):
-    """Above 300 kJ more often than every 30 years: high. Surely rarer than every 300: residual."""
+    """Above 300 kJ more than every 30 years: high. Certainly rarer than every 300: residual."""
     found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD))
     rows = segment_table(found)
     often = rows["frequency_above_300kJ"] >= 1 / 30
@@ -173,7 +173,7 @@ def test_a_winding_road_is_hit_wherever_it_is_crossed(tmp_path):
 
 
 def test_a_road_that_closes_is_hit_from_within(tmp_path):
-    """Around the sources: boulders that stop on the road have not touched its outer edge."""
+    """The road surrounds the sources: boulders that stop on it have not touched its outer edge."""
     release = {"x": [120.0, 180.0], "y": [340.0, 345.0], "drop_height": 5.0}
     case = make_case(tmp_path, release=release)
     ring = shapely.LineString([(60, 280), (240, 280), (240, 395), (60, 395), (60, 280)])
@@ -215,7 +215,7 @@ def test_equal_weights_are_those_of_line_statistics():
 
 
 def test_few_values_or_weights_give_no_upper_limit():
-    """Of 20 values none need be above the 95 % quantile; 500 weigh no more where one has it all."""
+    """None of 20 values need be above the 95 % quantile, nor of 500 if one has all the weight."""
     values = np.arange(1.0, 501.0)
     assert np.isnan(quantile_interval(values[:20], np.ones(20), 0.95)[2])
     assert np.isfinite(quantile_interval(values, np.ones(500), 0.95)).all()
@@ -225,8 +225,8 @@ def test_few_values_or_weights_give_no_upper_limit():
 
 
 def test_intervals_hold_the_quantile():
-    """Of the heaviest values, which are also the highest, and of more that are light: 97.5 % of the
-    limits on either side, or nearly."""
+    """With more weight on the highest values, and with more light values: almost 97.5 % on either
+    side."""
     random, low_held, high_held, trials = np.random.default_rng(2), 0, 0, 1000
     weights = np.repeat([3.2, 0.5, 0.02], [100, 1000, 3000])
     scales = np.repeat([3.0, 1.0, 1.0], [100, 1000, 3000])
@@ -239,7 +239,7 @@ def test_intervals_hold_the_quantile():
     assert low_held > 0.96 * trials and high_held > 0.96 * trials
 
 
-# ---- where roads are cut
+# ---- cuts of roads
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_a_short_rest_belongs_to_the_piece_before_it(length, step, edges):
 
 
 def test_strips_cover_the_road_in_its_bends():
-    """Cut at the corner, where straight ends leave a wedge."""
+    """Cut at the corner, where straight ends would leave a wedge."""
     corner = shapely.LineString([(0, 0), (100, 0), (130, 90)])
     axes = [shapely.LineString(corner.coords[:2]), shapely.LineString(corner.coords[1:])]
     strips = strips_along(corner, axes, 8.0)
@@ -306,7 +306,7 @@ def test_chainage_may_be_an_attribute(tmp_path, read):
 
 
 def test_what_lies_beyond_the_terrain_is_said(read):
-    """West of x = 0 there is none: four segments are left out, one lies partly there."""
+    """There is no terrain west of x = 0: four segments are omitted, one is partly outside."""
     found, remarks = read(shapely.LineString([(-90, 200), (50, 200)]), length=20.0)
     assert found.start.tolist() == [80, 100, 120] and found.within.tolist() == [False, True, True]
     left, low = remarks
@@ -315,7 +315,7 @@ def test_what_lies_beyond_the_terrain_is_said(read):
 
 
 def test_sources_on_the_road_are_said(read):
-    """Those of the case lie at (120, 380) and (180, 385); a boulder that stays crosses no edge."""
+    """Sources are at (120, 380) and (180, 385); a boulder that stays there crosses no edge."""
     _, remarks = read(shapely.LineString([(60, 380), (150, 380)]))
     assert "1 sources are on the road" in remarks[0] and "too low" in remarks[0]
     assert read(shapely.LineString([(60, 300), (150, 300)]))[1] == []
@@ -329,7 +329,7 @@ def test_a_line_without_width_is_said(read):
     assert "lines have no width, so only boulders that touch the axis" in remarks[0]
 
 
-# ---- the study
+# ---- study
 
 
 def test_segments_change_nothing_else(tmp_path):
@@ -346,7 +346,7 @@ def test_segments_change_nothing_else(tmp_path):
 
 
 def test_a_sample_of_sources_has_wider_limits(tmp_path):
-    """Of two places, than boulders from anywhere; not wider than if each counted as one boulder."""
+    """Wider with two places than with boulders from anywhere, at most one boulder per place."""
     release = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0, "sources": "sample"}
     found = hazard(make_case(tmp_path, release=release), make_roads(tmp_path, ROAD), length=None)
     fraction = found.segment_passages.values.item() / BOULDERS
@@ -398,7 +398,7 @@ def test_what_cannot_be_is_refused(tmp_path):
         hazard(case, many)
 
 
-# ---- the command
+# ---- command
 
 
 LINE = shapely.LineString([(600005, 4999905), (600110, 4999925)])
@@ -406,7 +406,7 @@ LINE = shapely.LineString([(600005, 4999905), (600110, 4999925)])
 
 @pytest.fixture
 def site(place):
-    """A slope with a scenario and a road, in the current folder."""
+    """Slope with a scenario and a road, in the current folder."""
     from slope_case import CASE
 
     Path("case.nml").write_text(CASE + "&scenario name = 'one', frequency = 0.5 /\n")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`&observed`: a run says whether it agrees with its site."""
+"""`&observed`: a run reports whether it agrees with its site."""
 
 import html
 from pathlib import Path
@@ -17,7 +17,7 @@ from rockfall.result.variables import STATUS
 
 @pytest.fixture
 def seen(place):
-    """A case with its result."""
+    """Case with its result."""
     case = rockfall.read_case("case.nml").replace(case={"boulders": 1000})
     return case, rockfall.run(case)
 
@@ -48,8 +48,8 @@ def test_the_angle_of_one_percent_is_set_beside_the_lowest_observed(seen):
 
 
 def of_angles(angles, moving=0, sources=1):
-    """Boulders of these energy-line angles, from equally many of each source; the first of them
-    left the terrain."""
+    """Boulders with given energy-line angles, equally many from each source; the first left the
+    terrain."""
     n = len(angles)
     status = np.where(np.arange(n) < moving, STATUS["left_domain"], STATUS["stopped"])
     at = np.arange(n) * sources // n
@@ -59,8 +59,7 @@ def of_angles(angles, moving=0, sources=1):
 
 
 def test_sources_that_are_a_sample_make_the_angle_less_certain(place):
-    """The angle of each source is its own: of all sources it is known, of 20 among many it is
-    not."""
+    """Each source has its own angle: it is known over all sources, but not from 20 of many."""
     case = rockfall.read_case("case.nml")
     values = of_angles(np.repeat(30.0 + np.arange(20), 100), sources=20)
     for sources, key in (("all", "model.angle_flatter"), ("sample", "model.angle_as_observed")):
@@ -119,7 +118,7 @@ CASE = "\n&observed files = 'seen.csv' /\n"
 
 @pytest.fixture
 def left(place):
-    """Result of a case whose own files are gone or broken after the run."""
+    """Result of a case whose own files are missing or broken after the run."""
     Path("seen.csv").write_text("distance\n12.0\n30.0\n41.0\n")
     by_sets = Path("case.nml").read_text().replace("&impact", "&impact form = 'matrix',")
     Path("seen.nml").write_text(by_sets + CASE)

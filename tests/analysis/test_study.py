@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The engine of studies: a study of a few lines has the same boulders in all scenes, in order, with
-checkpoints, each warning once, and one result in memory at a time."""
+"""Engine of studies: a short study has the same boulders in all scenes, in order, with checkpoints,
+each warning once, and one result in memory at a time."""
 
 import gc
 import signal
@@ -39,7 +39,7 @@ def case(tmp_path):
 
 
 def densities(case, values=DENSITIES):
-    """Scenes by the density of their rock, made as they are asked for."""
+    """Scenes by rock density, made on request."""
     for density in values:
         yield f"{density:g}", read_scene(case.replace(boulder={"density": density}), **ARRAYS)
 
@@ -49,7 +49,7 @@ def own(case, density):
 
 
 def test_a_study_is_its_scenes_and_its_numbers(case):
-    """Each run is that of its case alone, in the order of the scenes."""
+    """Each run equals that of its case alone, in the order of the scenes."""
     found = dict(Study().run(densities(case), lambda _, result: result["plan_distance"].values))
     assert list(found) == ["2400", "2700", "3000"]
     for density, distances in zip(DENSITIES, found.values(), strict=True):
@@ -57,7 +57,7 @@ def test_a_study_is_its_scenes_and_its_numbers(case):
 
 
 def test_scenes_that_are_compared_have_the_same_boulders(case):
-    """Whatever seeds they came with; others keep theirs, which draw other volumes."""
+    """Whatever their seeds; other scenes keep their seeds, which draw other volumes."""
     varied = case.replace(boulder={"volume": "normal", "volume_std": 0.2})
     scene = read_scene(varied, **ARRAYS)
 
@@ -116,7 +116,7 @@ def test_each_warning_on_the_models_is_there_once(case):
     assert len(set(study.warnings)) == len(study.warnings)
     assert any("rock_ledge" in text for text in study.warnings)
     twice = Study()
-    for seed in (1, 2):  # again by other boulders: the first tell
+    for seed in (1, 2):  # same scenes with other boulders; the first run decides the warnings
         list(twice.run(((name, with_numbers(one, seed=seed)) for name, one in scenes), len_of))
     first = Study()
     list(first.run(((name, with_numbers(one, seed=1)) for name, one in scenes), len_of))
@@ -167,7 +167,7 @@ def test_progress_is_that_of_all_runs(case, monkeypatch, capfd, unit, steps):
 
 @pytest.fixture
 def pair():
-    """Values of the same 400 boulders in two runs, of four sources; some have none."""
+    """Values of the same 400 boulders from four sources in two runs; some have none."""
     random = np.random.default_rng(3)
     common, noise = random.gamma(4.0, 2.0, 400), random.normal(0, 0.3, (2, 400))
     values = common + noise
@@ -176,13 +176,13 @@ def pair():
 
 
 def test_differences_exclude_chance_common_to_both(pair):
-    """Means and fractions differ as they do; the interval is far narrower than of two samples."""
+    """Means and fractions differ as expected; the interval is far narrower than of two samples."""
     (before, here), source = pair
     value, low, high = difference_of_means(here, before, source)
     assert value == pytest.approx(np.nanmean(here) - np.nanmean(before), rel=1e-12)
     assert low < value < high
     apart = 1.96 * np.hypot(*(np.nanstd(one) / np.sqrt(400) for one in (here, before)))
-    assert high - low < apart  # half of what two samples would have
+    assert high - low < apart  # half of the width for two samples
     assert difference(mean_of(here), mean_of(before), source) == pytest.approx((value, low, high))
     ours, theirs = (~np.isnan(one) for one in (here, before))
     for of_fractions in changed_sides, difference_of_fractions:
@@ -196,7 +196,7 @@ def test_equal_runs_differ_by_nothing(pair):
     assert difference_of_means(before, before, source) == (0, 0, 0)
     assert mean_difference(np.zeros(400), source) == (0, 0, 0)
     value, low, high = changed_sides(~np.isnan(before), ~np.isnan(before), source)
-    assert value == 0 and low == -high < 0  # some might change sides
+    assert value == 0 and low == -high < 0  # some boulders might change sides
 
 
 def test_boulders_that_change_sides_in_one_direction_bound_the_interval():

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall validate`: a law is within the bounds of boulders that it made itself, and beyond those
-of others; nothing is judged where chance may decide. Weights of boulders enter every number."""
+"""`rockfall validate`: a model agrees with boulders that it generated and disagrees with others; no
+verdict where chance may decide. Weights of boulders enter every statistic."""
 
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ def case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(case, tmp_path_factory):
-    """Boulders of the case by another seed: where they came to rest, and what passed a line."""
+    """Boulders of the case with another seed: stopping places and crossings of a line."""
     result = rockfall.run(case.replace(case={"seed": 4711}))
     places = {f"{name}": result[f"stop_{name}"].values for name in "xy"}
     places |= {f"start_{name}": result[f"start_{name}"].values for name in "xy"}
@@ -77,7 +77,7 @@ def test_a_law_is_within_the_bounds_of_its_own_boulders(case, made):
 
 
 def test_each_law_has_the_name_of_what_it_follows(case, made):
-    """A ground for all holds, whatever table the case names beside it."""
+    """A ground for the complete case applies, whatever table the case also has."""
     folder, _, _ = made
     seen = read_observed(folder / "stops.csv")
     named = case.replace(impact={"table": "talus"}, case={"boulders": 5})
@@ -133,7 +133,7 @@ def test_what_cannot_be_compared_is_refused(case, made, tmp_path, capsys, monkey
     refuses(["validate", name, stops, "--table", "moon"], ".* no such table of impacts.*", capsys)
 
 
-# ---- the test of two samples with weights
+# ---- two-sample test with weights
 
 
 def test_equal_weights_give_the_test_of_two_samples():
@@ -146,7 +146,7 @@ def test_equal_weights_give_the_test_of_two_samples():
 
 
 def test_a_weight_counts_as_that_many_boulders():
-    """Also where values are equal, within a sample and across both."""
+    """Also for equal values, within a sample and across both."""
     random = np.random.default_rng(2)
     seen, made = random.integers(0, 12, 25) * 1.0, random.integers(0, 15, 40) * 1.0
     share = random.integers(1, 5, 40)
@@ -159,7 +159,7 @@ def test_a_weight_counts_as_that_many_boulders():
 
 
 def test_more_boulders_of_a_source_do_not_move_the_test():
-    """Ten times as many boulders of one source, of a tenth of the weight."""
+    """Ten times as many boulders from one source, with a tenth of the weight."""
     random = np.random.default_rng(3)
     seen, near, far = random.normal(size=20), random.normal(-1, 1, 30), random.normal(1, 1, 30)
     even = kolmogorov_smirnov(seen, np.concatenate([near, far]), np.ones(60))
@@ -171,8 +171,8 @@ def test_more_boulders_of_a_source_do_not_move_the_test():
 
 
 def test_p_of_the_same_distribution_is_uniform():
-    """Weights that do not depend on values: p below 5, 20 and 50 % as often, by theory; with the
-    number of boulders in place of the effective one it would be far more often."""
+    """Weights are independent of values: p is below 5, 20 and 50 % as often as in theory. With the
+    number of boulders instead of the effective number it would be far more often."""
     random = np.random.default_rng(4)
     runs, found, naive = 2000, [], 0
     critical = stats.kstwo.isf(0.05, 50)  # 60 * 300 / 360
@@ -189,7 +189,7 @@ def test_p_of_the_same_distribution_is_uniform():
 
 
 def test_several_results_count_as_one_site(case, made):
-    """A result given twice is one with twice the boulders: the same numbers, a smaller p."""
+    """A result given twice counts as twice the boulders: equal statistics, a smaller p."""
     folder, line, _ = made
     seen = read_observed(folder / "stops.csv", folder / "speeds.csv")
     result = rockfall.run(case)
@@ -206,7 +206,7 @@ def test_several_results_count_as_one_site(case, made):
 
 
 def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
-    """Two results with unlike run-outs: the mean is that of the parts by what was observed."""
+    """Two results with different run-outs: the mean weights both by the number observed."""
     folder, _, _ = made
     stops = pd.read_csv(folder / "stops.csv")
     stops.iloc[:40].to_csv(tmp_path / "many.csv", index=False)
@@ -221,11 +221,11 @@ def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
     assert both.observed == pytest.approx((40 * parts[0].observed + 10 * parts[1].observed) / 50)
 
 
-# ---- ground that has names
+# ---- ground with names
 
 
 def with_zones(case, rows):
-    """The case with these rows of its table of zones (4, -2, 77), in a file of their own."""
+    """The case with some rows of its zone table (4, -2, 77), in a separate file."""
     path = case.path(case.surface["table"]).with_name("named.csv")
     path.write_text(f"zone,mean_radius,ground\n{rows}")
     return case.replace(surface={"table": path.name}, case={"boulders": 20})
@@ -236,7 +236,7 @@ NAMED = "4,{0},soil_0\n-2,{0},rock\n77,,meadow\n"
 
 @pytest.mark.all
 def test_tables_hold_where_every_ground_has_a_name(case, made):
-    """In place of all that rebounds, as classical models do; a note says on what part."""
+    """Tables replace all rebounds, like classical models; a note gives the affected part."""
     seen = read_observed(made[0] / "stops.csv")
     named = with_zones(case, NAMED.format(0.2))
     found = validate(named, seen, tables=["talus", "rocky-slope"], seeds=2)
@@ -288,7 +288,7 @@ def test_laws_that_hold_nowhere_are_refused(case, made):
 @pytest.mark.all
 @pytest.mark.parametrize("rows", ["named", "none"])
 def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
-    """Of all that are shipped it is left out, and a note says so."""
+    """It is omitted from the shipped tables, with a note."""
     seen = read_observed(made[0] / "stops.csv")
     bare = with_zones(case, NAMED.format(""))
     if rows == "none":

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must be said of the model is said before a run and after it: by which rebounds it came
-about, that forest is not validated, what lies beyond what the model was made from."""
+"""Limits of the model are reported before a run and after it: the rebound models used, forests that
+are not validated, and conditions beyond the data of the model."""
 
 import re
 import shutil
@@ -34,7 +34,7 @@ from scenes import grid, make_case, rough, sets
 POINT = {"x": 1.0, "y": 1.0}
 
 
-#: Values of a long warning of each message.
+#: Values that make the text of each message long.
 TYPICAL = {
     "mean": 2.345, "most": 20, "limit": 0.8, "bare": 95.0, "forest": 34.0, "bare_here": 98,
     "forest_here": 48, "model": "vaujany-observed", "speed": 13,
@@ -65,7 +65,7 @@ def test_a_warning_has_at_most_25_words(name, language):
 
 
 def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
-    """Boulders that went 100 m down and 100 m far, 45 degrees, at these greatest speeds."""
+    """Boulders that descended 100 m over 100 m, at 45 degrees, with given maximum speeds."""
     names = ("range", "speed", "angle")
     counts = {f"rebounds_out_of_{name}": n for name, n in zip(names, outside, strict=True)}
     flat = np.full(len(speed), 100.0)
@@ -143,14 +143,14 @@ def test_nothing_has_nothing_beyond():
     assert list(extrapolations(values(rebounds=0, speed=[]))) == []
 
 
-# ---- ends that say little of a slope
+# ---- ends without information on a slope
 
 LINE = {"name": "road", "x": [0.0, 100.0], "y": [50.0, 50.0]}
 
 
 def ends(status, count=2, has_crossed=False, stop=(50.0, 80.0), fall=50.0):
-    """100 boulders from (50, 100), of which the first `count` ended so and there; others lie below
-    the line."""
+    """100 boulders from (50, 100), the first `count` with a given end; the others end below the
+    line."""
     is_cut = np.arange(100) < count
     x, y = (np.where(is_cut, cut, other) for cut, other in zip(stop, (50.0, 10.0), strict=True))
     return {
@@ -162,7 +162,7 @@ def ends(status, count=2, has_crossed=False, stop=(50.0, 80.0), fall=50.0):
 
 
 def crossings(*crosses):
-    """Variables of these boulders, of which some cross each line."""
+    """Variables of boulders of which some cross each line."""
     number = np.arange(1, crosses[0].size + 1)
     made = crossed(number, [*map(str, range(len(crosses)))], speed=np.where(crosses, 1.0, np.nan))
     return {"boulder": number} | {name: of for name, (_, of) in made.items()}
@@ -180,8 +180,8 @@ def end_texts(folder, values, line=LINE):
     ("how", "said"),
     [
         ({}, True),
-        ({"count": 1}, False),  # 1 % may
-        ({"has_crossed": True, "stop": (50.0, 5.0)}, False),  # it has passed the line
+        ({"count": 1}, False),  # 1 % is allowed
+        ({"has_crossed": True, "stop": (50.0, 5.0)}, False),  # the boulder has passed the line
         ({"stop": (20.0, 90.0)}, True),  # over the side, above the line
     ],
 )
@@ -194,8 +194,8 @@ def test_who_leaves_the_terrain_before_a_line_is_said_to_lower_fractions(
 
 
 def test_a_void_between_two_lines_is_said(tmp_path):
-    """Boulders that crossed the upper line would meet the lower one, had they gone on; not one that
-    ends beside their way, or lies behind them."""
+    """Boulders that crossed the upper line would have met the lower line. This does not apply to
+    boulders that end aside, or behind the lines."""
     upper, held = {"name": "upper", "x": [0.0, 100.0], "y": [90.0, 90.0]}, ends("hit_nodata")
     for lower, said in (
         (LINE, True),
@@ -203,7 +203,7 @@ def test_a_void_between_two_lines_is_said(tmp_path):
         (LINE | {"x": [0.0, 40.0]}, False),
         (LINE | {"x": [60.0, 100.0]}, False),
         (LINE | {"y": [120.0, 120.0]}, False),
-        (LINE | {"x": [50.0, 50.0], "y": [40.0, 60.0]}, False),  # along their way
+        (LINE | {"x": [50.0, 50.0], "y": [40.0, 60.0]}, False),  # along their path
     ):
         case = make_case(tmp_path, *sets(), release=POINT, line=[upper, lower])
         both = crossings(np.ones(100, bool), has_crossed(held, 0))
@@ -214,9 +214,9 @@ def test_a_void_between_two_lines_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("passed", "cut", "how", "said"),
     [
-        (0, 4, {}, True),  # the upper limit of none in 1,000 is 3.8
+        (0, 4, {}, True),  # the upper limit for none in 1,000 is 3.8
         (0, 3, {}, False),
-        (10, 9, {}, True),  # that of 10 is 18.3
+        (10, 9, {}, True),  # the upper limit for 10 is 18.3
         (10, 8, {}, False),
         (10, 9, {"stop": (20.0, 90.0)}, False),  # over the side
         (10, 9, {"has_crossed": True}, False),
@@ -225,7 +225,7 @@ def test_a_void_between_two_lines_is_said(tmp_path):
 def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
     tmp_path, status, passed, cut, how, said
 ):
-    """Less than 1 % of all, but as many as come there."""
+    """Less than 1 % of all boulders, but as many as arrive there."""
     rows = {name: np.resize(value, 1000) for name, value in ends(status, cut, **how).items()}
     cuts = np.arange(1000) < cut
     rows["status"] = np.where(cuts, STATUS[status], STATUS["absorbed"])
@@ -293,7 +293,7 @@ def test_check_and_run_say_that_a_void_ends_boulders(tmp_path, is_void):
 
 
 def test_remarks_are_in_the_order_of_their_grades_and_each_once(tmp_path):
-    """Boulders that a void stops make fractions wrong: before all that is merely uncertain."""
+    """Boulders stopped by a void make fractions wrong: listed before mere uncertainties."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "laboratory-spheres"})
     lost = ends("hit_nodata", 60)
     found = model_remarks(values(outside=(100, 300, 0)) | lost, case)
@@ -304,7 +304,7 @@ def test_remarks_are_in_the_order_of_their_grades_and_each_once(tmp_path):
 
 
 def narrow(ratio):
-    """Sets that were fitted on hardly anything in speed."""
+    """Sets fitted to a very small range of speeds."""
     return " speed_range = 100, 101\n angle_range = 2, 90\n"
 
 
@@ -322,7 +322,7 @@ def scene_of(case):
 
 
 def test_check_summary_and_report_say_the_same(case, monkeypatch):
-    """All boulders of one source are in the pilot run, too."""
+    """All boulders of one source are also in the pilot run."""
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 10**9)
     page = preview(scene_of(case))
     result = run_scene(scene_of(case))
@@ -409,7 +409,7 @@ def test_the_set_of_the_paper_is_judged_by_the_method_of_the_case(tmp_path, meth
     ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2"), ("*", "EL2")]
 )
 def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, line):
-    """Talus and meadow always, `rocky-slope` where rebounds follow it."""
+    """Talus and meadow are always listed, `rocky-slope` if rebounds use it."""
     grounds = {
         "ground": [name], "ground_model": ["impact_table"], "rebounds_by_ground": [1000],
         "ground_block_radius": [np.nan],
@@ -428,7 +428,7 @@ def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, l
 
 @pytest.mark.parametrize("name", [*shipped_sets()])
 def test_of_every_shipped_set_is_warned_what_it_is_not_good_for(tmp_path, name):
-    """None of them is good everywhere, and each is too low somewhere."""
+    """No set is good everywhere, and each is too low somewhere."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": name})
     assert [one.is_warning for one in set_remarks(values(), case)] == [True]
 
@@ -444,8 +444,8 @@ def test_of_own_sets_nothing_is_said(tmp_path):
 
 @pytest.mark.parametrize(("angle", "said"), [(30.0, True), (90.0, False)])
 def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, said):
-    """On a plane steeper than the rest angle nobody stops; on one where all rest there is no word,
-    nor of those that are slow on the flat."""
+    """On a plane steeper than the rest angle, no boulder stops. If all rest, there is no remark,
+    nor for boulders that are slow on flat ground."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     z = np.maximum(0.65 * (y - 100.0), 0.0)  # 33 degrees, then level
     case = make_case(
@@ -463,7 +463,7 @@ def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, s
 
 
 def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
-    """Meadow of 33 degrees holds nobody, by its own rest angle."""
+    """By its rest angle, meadow of 33 degrees holds no boulder."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     case = make_case(
         tmp_path, *sets(), terrain={}, case={"boulders": 100},
@@ -477,11 +477,11 @@ def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
     assert any("roll slower than" in one.text for one in model_remarks(result, case))
 
 
-# ---- which rebounds
+# ---- rebound models
 
 
 def on_grounds(folder, surface, **groups):
-    """A run on these grounds; the sets were fitted on nearly all that they meet."""
+    """Run on given grounds; the sets were fitted to nearly all conditions that occur."""
     fitted = " speed_range = 0, 1000\n angle_range = 0, 90\n"
     case = make_case(
         folder, *sets(), more=lambda _: fitted, terrain={}, case={"boulders": 60},
@@ -502,11 +502,11 @@ def test_classical_rebounds_are_named_with_what_they_are_worth(tmp_path):
         f"{n:,} of {n:,} rebounds (100 %) followed classical grounds (soil_4 (rockyfor3d) 100 %) "
         "with unconfirmed coefficients: without a fit speeds and energies may be too low"
     )
-    assert more == []  # the impact sets made nothing that could lie outside of them
+    assert more == []  # no rebound by impact sets that could be outside their range
     page = preview(scene_of(case))
     assert f"caution      in a pilot run {text}" in page
     assert "sets.nml, which no rebound of a pilot run followed" in page
-    assert "\n  rebounds " not in page  # of the sets: nothing to report
+    assert "\n  rebounds " not in page  # sets only: nothing to report
     assert f"  caution: {text}\n" in summary(result)
 
 
@@ -518,7 +518,7 @@ def test_grounds_of_the_users_own_are_not_called_quoted(tmp_path):
 
 
 def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):
-    """Impact sets above, soil 4 below them, then a lake."""
+    """Impact sets above, soil 4 below, then a lake."""
     row = np.arange(80)[:, None] + np.zeros((1, 60), int)
     ids = np.ma.masked_less(np.select([row < 25, row < 60], [-1, 4], 0), 0)
     case = make_case(
@@ -557,7 +557,7 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
     tmp_path, tables, table, volume, said
 ):
-    """Of ground whose strength is not in proportion to R_b: on that all sizes are alike."""
+    """Ground with strength not proportional to R_b; on proportional ground all sizes are alike."""
     shutil.copytree(tables, tmp_path, dirs_exist_ok=True)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
@@ -566,8 +566,8 @@ def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
-    """Tables whose largest blocks are of R_b = 1.8 m: of ground of one strength, or in proportion
-    to R_b."""
+    """Tables with largest blocks of R_b = 1.8 m, for ground of constant strength or proportional to
+    R_b."""
     (row, *_) = plane_files("ploughed", "compact").values()
     table = open_table(row)
     strength = USUAL_WEIGHT * 1.8 / table.size[-1]
@@ -579,8 +579,8 @@ def tables(tmp_path_factory):
 
 
 def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path, tables):
-    """The user's own table is at hand for the run alone; without its number the one of a result of
-    before, or none, is taken from the table at hand."""
+    """The user's own table is available only during the run. An older result without the block
+    radius uses the table available now."""
     own = Path(shutil.copy(tables / "own.nc", tmp_path))
     law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
     case, result = on_grounds(tmp_path, {}, **law)
@@ -596,7 +596,7 @@ def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path,
 
 
 def test_warnings_of_several_results_are_given_once(tmp_path):
-    """With the numbers of the first, and the names of those that they concern if not all."""
+    """With the values of the first result, and the names of the results concerned if not all."""
     folders = [tmp_path / name for name in ("bare", "forest")]
     for folder in folders:
         folder.mkdir()
@@ -611,7 +611,7 @@ def test_warnings_of_several_results_are_given_once(tmp_path):
 
 
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
-    """The numbers are those that the case of the experiment has written down."""
+    """The values are those stored by the case of the experiment."""
     case, result = on_grounds(tmp_path, {}, forest=STAND)
     text = forest_text()
     bare, known = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""&variant groups: the cases that they make, their runs in both programs, what is refused."""
+"""&variant groups: the resulting cases, their runs in both programs, refusals."""
 
 import html
 import re
@@ -38,12 +38,12 @@ GROUPS = [
 
 
 def refused(message):
-    """The block must end in a RockfallError of one line that has this in it."""
+    """Check that the block raises a RockfallError with a single line that contains a text."""
     return pytest.raises(rockfall.RockfallError, match=f"^.*{re.escape(message)}.*$")
 
 
 def site(folder, groups=(), **others):
-    """A case with two barriers, a dam, a forest and these variants; its file is written."""
+    """Case with two barriers, a dam, a forest and given variants; writes its file."""
     case = make_full_case(folder)
     case = case.replace(
         barrier=[NET, WALL], dam=[DAM | {"allow_coarse": True}], forest=FOREST,
@@ -306,7 +306,7 @@ def test_a_forest_variant_needs_a_forest(tmp_path):
     ],
 )
 def test_equal_variants_are_refused(tmp_path, one, two):
-    """Whatever keys make them so."""
+    """Whatever keys make them equal."""
     case = site(tmp_path, [{"name": "a"} | one, {"name": "b"} | two])
     with refused("&variant name = 'b': equals variant 'a': change a key, or leave out one of the"):
         variants(case)

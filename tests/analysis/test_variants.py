@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Paired differences of variants: coverage of their intervals, answers by hand, what is refused."""
+"""Paired differences of variants: coverage of intervals, hand calculations, refusals."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ def bare(folder, **changes):
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """A slope as it is, and with a net above its line."""
+    """Slope without change, and with a net above its line."""
     case = bare(tmp_path_factory.mktemp("variants"))
     net = {"name": "net", "x": [0.0, 300.0], "y": [330.0, 330.0], "height": 3.0, "capacity": 2000.0}
     return {"bare": run(case), "net": run(case.replace(barrier=[net]))}
 
 
 def values_of(random, size, effect):
-    """Values of boulders in two variants: those of the second share chance with the first."""
+    """Values of boulders in two variants; those of the second are correlated with the first."""
     common, own = random.normal(0, 1, size), random.normal(0, 1, (2, size))
     strength = np.exp(0.6 * common + 0.3 * own)
     strength[1] *= effect
@@ -81,8 +81,8 @@ def test_boulders_in_common_make_intervals_narrower():
 
 
 def test_newcombe_by_hand():
-    """Of 50 pairs 36 pass in both, 12 in the variant only, 2 in the first only: Wilson limits of
-    48/50 and 38/50, joined with the correlation of the pairs (Newcombe 1998, method 10)."""
+    """Of 50 pairs, 36 pass in both, 12 only in the variant, 2 only in the first: Wilson limits of
+    48/50 and 38/50, combined with the correlation of the pairs (Newcombe 1998, method 10)."""
     here, before = (np.repeat(of, [36, 12, 2]).astype(bool) for of in ([1, 1, 0], [1, 0, 1]))
 
     def wilson(p, n=50, z=1.959964):
@@ -119,14 +119,14 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     k = line_names(variants["net"]).index("net")
     assert at_net["n"] == (came[k] & ~stopped[k]).sum()
     assert below["difference_high"] < 0 and below["verdict"] == "less"
-    assert np.isnan(at_net["difference"])  # the first has no such line
+    assert np.isnan(at_net["difference"])  # the first variant has no such line
     text = variants_text(table, "a note")
     assert text.endswith("a note")
     assert "pass [%]" in text and "with 30 kJ or more [%]" in text
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
-    """To the terminal, and by the year to the client; of what passes the table has it alone."""
+    """In the terminal, and per year for the client; for passing boulders only in the table."""
     above = [{"name": "above", "x": [0.0, 300.0], "y": [398.0, 398.0]}]
     result = run(bare(tmp_path, line=above + bare(tmp_path).line))
     table = compare_variants({"one": result, "two": result})
@@ -144,7 +144,7 @@ def test_where_none_passes_the_upper_limit_is_told(tmp_path):
 
 
 def test_a_threshold_of_zero_is_every_passage(variants):
-    """Once, also where it is a threshold of the case."""
+    """Once, even if zero is a threshold of the case."""
     case = rockfall.case.case_of(variants["bare"]).replace(hazard={"thresholds": [0.0, 30.0]})
     bare = variants["bare"].assign_attrs(case=case.text())
     table = compare_variants({"bare": bare, "net": variants["net"]})
@@ -180,7 +180,7 @@ def test_the_command(variants, tmp_path, capsys):
 
 
 def test_a_line_in_two_places_is_told(variants, tmp_path):
-    """The same boulders, counted farther up: the difference is not that of a protection."""
+    """The same boulders are counted farther up: the difference is not due to protection."""
     case = bare(tmp_path)
     (line,) = case.line
     higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))
@@ -211,7 +211,7 @@ def test_other_boulders_are_refused(variants, tmp_path, changes, what):
 @pytest.mark.parametrize(("rows", "columns", "apart"), [
     (slice(None), slice(0, 50), 50), (slice(None), slice(10, None), 50),
     (slice(0, 70), slice(None), 50), (slice(0, 80), slice(0, 58), 10),
-    (slice(None), slice(None), None), (slice(None), slice(0, 59), None),  # by one cell
+    (slice(None), slice(None), None), (slice(None), slice(0, 59), None),  # smaller by one cell
 ])  # fmt: skip
 def test_a_variant_on_another_extent_is_told(tmp_path, rows, columns, apart):
     """Boulders leave a smaller terrain earlier, which looks like protection."""

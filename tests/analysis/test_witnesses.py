@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Silent witnesses: densities by hand, what no run reaches, and truths that are found again."""
+"""Silent witnesses: densities by hand, unreachable witnesses, and recovered truths."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -57,7 +57,7 @@ RELEASE = {"x": [100.0, 200.0], "y": [480.0, 480.0], "drop_height": 5.0}
 
 
 def run_out_slope():
-    """Southwards: a slope of 0.8 with bumps over one that runs out."""
+    """Southward slope of 0.8 with bumps that flattens out below."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * 5.0
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
@@ -77,11 +77,11 @@ def scattered(n, seed=1, scale=50.0):
     return Rest(scale * random.standard_normal((n, 2)), np.exp(0.5 * random.standard_normal(n)))
 
 
-# ---- the density of boulders at rest
+# ---- density of boulders at rest
 
 
 def test_the_density_of_two_boulders_is_that_of_hand():
-    """Kernels half as wide as the one neighbour lies, 20 m; a third boulder anywhere in 1 ha."""
+    """Kernels are half the distance to the only neighbour, 20 m; a third boulder within 1 ha."""
     kernel = Kernel(1.0, 2, np.inf, 1e4, 5.0)
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0]]), np.ones(2))
     sums = kernel_sums(kernel, blocks_at((0, 0), (500, 0)), rest)
@@ -92,7 +92,7 @@ def test_the_density_of_two_boulders_is_that_of_hand():
 
 
 def test_the_density_has_the_weight_of_all_boulders():
-    """Its integral is that of N boulders of N + 1; the rest is spread over the area."""
+    """Its integral is N/(N + 1) for N boulders; the rest is spread over the area."""
     rest = scattered(60)
     kernel = fitted_kernel(blocks_at((0, 0)), rest, 5.0)
     x, y = np.meshgrid(np.arange(-600, 600, 4.0), np.arange(-600, 600, 4.0))
@@ -112,8 +112,7 @@ def test_a_boulder_given_the_others_is_one_that_was_never_there():
 
 
 def test_kernels_are_as_wide_as_boulders_lie_apart_and_no_one_chooses_by_how_many():
-    """Wide for scattered boulders, narrow in a heap; more neighbours where there is no structure
-    than where there is."""
+    """Wide for scattered boulders, narrow in a heap; without structure, with more neighbours."""
     heap = scattered(200, 2, 0.5).place + 300.0
     rest = Rest(np.concatenate([scattered(200).place, heap]), np.ones(400))
     widths = kernel_widths(fitted_kernel(blocks_at((0, 0)), rest, 0.01), rest)[0]
@@ -133,7 +132,7 @@ def test_boulders_count_by_their_volume_where_that_of_the_block_is_known():
 
 
 def test_boulders_count_by_their_shape_where_that_of_the_block_is_known():
-    """As if there were no others, in a run with several shapes."""
+    """As if there were no other shapes in the run."""
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 30.0]]), np.ones(3), np.array([1, 3, 3]))
     blocks = blocks_at((0, 0), (0, 0), (0, 0))._replace(shape=np.array([1, 2, 0]))
     kernel = fitted_kernel(blocks, rest, 5.0)
@@ -169,12 +168,12 @@ def test_shapes_of_blocks_are_read_and_refused(tmp_path):
 
 
 def in_places(counts, apart=1e4):
-    """So many boulders at each place, far from the others."""
+    """Numbers of boulders at places far from each other."""
     return np.repeat(np.arange(len(counts)) * [[apart], [0.0]], counts, axis=1).T
 
 
 def made(blocks, rest, worth=1.0):
-    """Evidence of blocks with kernels a cell wide, and what it keeps of boulders."""
+    """Evidence of blocks with kernels one cell wide, and the boulders it keeps."""
     kernel = Kernel(1.0, len(rest.place), np.inf, 1e9, 5.0)
     data = Deposited([blocks], [kernel], [np.full(len(blocks.place), 5.0)], worth=worth)
     sums = np.array(kernel_sums(kernel, blocks, rest))
@@ -183,8 +182,8 @@ def made(blocks, rest, worth=1.0):
 
 @pytest.mark.parametrize(("worth", "near"), [(1.0, 0.02), (0.2, 0.2)])
 def test_blocks_in_places_apart_have_the_dirichlet_multinomial_probability(worth, near):
-    """The urn counts half of the other blocks: the midpoint rule of its product, which is coarse
-    where boulders are worth fewer than the blocks."""
+    """The urn counts half of the other blocks: the midpoint rule of its product, which is coarse if
+    boulders are fewer than the blocks."""
     seen, runs = [8, 6, 6], ([40, 30, 30], [70, 20, 10])
     blocks = blocks_at(*in_places(seen))
     kept = [made(blocks, Rest(in_places(run), np.ones(100)), worth) for run in runs]
@@ -205,7 +204,7 @@ def test_blocks_outside_of_all_deposits_are_finite_and_said():
     )
     farther, many = made(blocks_at((0, 0), (3e4, 7)), Rest(in_places([500, 500]), np.ones(1000)))
     lost = data.log_likelihood(kept[None])[0] - farther.log_likelihood(many[None])[0]
-    assert lost == pytest.approx(np.log(10), abs=0.05)  # ten times as many boulders: as much less
+    assert lost == pytest.approx(np.log(10), abs=0.05)  # ten times more boulders: a tenth of it
 
 
 def test_runs_that_differ_by_more_than_their_boulders_are_worth_less():
@@ -228,7 +227,7 @@ def test_runs_that_differ_by_more_than_their_boulders_are_worth_less():
 
 
 def at_line(heights, heading=(0.0, -1.0)):
-    """A result with boulders at the line of a mark."""
+    """Result with boulders at the line of a mark."""
     number, (east, north) = np.arange(1, len(heights) + 1), heading
     made = crossed(number, ["mark 1"], passing_height=heights, velocity_x=east, velocity_y=north)
     one = "boulder", np.ones(number.size)
@@ -239,7 +238,7 @@ MARK = Mark("o.csv: line 2", 0.0, 0.0, 1.5, line="mark 1")
 
 
 def test_the_side_of_a_mark_says_which_boulders_could_make_it():
-    """A scar on the northern side is of boulders that move south."""
+    """A scar on the northern side is made by boulders that move south."""
     result = at_line([1.0, np.nan, 2.0])
     for side, n in ((np.nan, 2), (0.0, 2), (340.0, 2), (180.0, 0)):
         assert passing_at(result, replace(MARK, side=side)).heights.size == n
@@ -247,7 +246,7 @@ def test_the_side_of_a_mark_says_which_boulders_could_make_it():
 
 @pytest.mark.parametrize("hits", [1, 3])
 def test_heights_of_marks_have_a_density(hits):
-    """Of one hit, or the highest of three: the integral is 1."""
+    """Density of one hit, or of the highest of three: the integral is 1."""
     heights, kernel = np.array([2.0, 3.0, 3.2, 5.0]), Heights(0.3, 10.0)
     steps = np.arange(0.005, 10, 0.01)
     found = []
@@ -274,7 +273,7 @@ def test_where_no_boulder_comes_a_mark_is_less_likely_and_never_impossible():
 
 
 def normal_sets(apart):
-    """Log-likelihoods of two sets of data on one parameter of members from the prior."""
+    """Log-likelihoods of two data sets on one parameter, for members drawn from the prior."""
     points = np.random.default_rng(4).standard_normal((400, 1))
     return points, np.array([-((points[:, 0] - c) ** 2) / (2 * 0.3**2) for c in (-apart, apart)])
 
@@ -378,8 +377,8 @@ def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsy
 
 
 def test_marks_of_a_case_with_lines_and_barriers_have_lines_of_their_own(tmp_path):
-    """As long as trunk and boulder are wide where many pass, longer where few do; across the slope;
-    and nothing that stops a boulder is lost."""
+    """Lines are as wide as trunk and boulder where many boulders pass, longer where few do, and run
+    across the slope; nothing that stops a boulder is omitted."""
     line = [{"name": "mark 1", "x": [0.0, 300.0], "y": [330.0, 330.0]}]
     barrier = [{"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}]
     read = read_scene(case(tmp_path, 200, 3, line=line).replace(barrier=barrier), **HOW)
@@ -409,7 +408,7 @@ def case(folder, boulders, seed, **groups):
 
 
 def witnessed(result, marks=15):
-    """Blocks at rest of a result, the first of known sources, and marks at its line."""
+    """Blocks at rest from a result, the first with known sources, and marks at its line."""
     rest = np.flatnonzero(~left_terrain(result))
     stops = np.column_stack([result["stop_x"], result["stop_y"]])[rest]
     source = result["source"].values[rest].astype(str)
@@ -429,7 +428,7 @@ LINE = {"name": "trees", "x": [0.0, 300.0], "y": [330.0, 330.0]}
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
-    """Rocks of 0.2 m: a run, and its folder."""
+    """Run with rocks of 0.2 m, and its folder."""
     folder = tmp_path_factory.mktemp("witnesses")
     rocks = {"uniform_mean_radius": 0.2}
     return folder, rockfall.run(case(folder, 20, 77, line=[LINE], surface=rocks), **HOW)
@@ -437,7 +436,7 @@ def truth(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(truth):
-    """Rocks of 0.2 m, sought from 0.1 m with a factor of 2, by boulders of another seed."""
+    """Posterior for rocks of 0.2 m, prior 0.1 m with a factor of 2, other seed."""
     folder, result = truth
     prior = {"surface": {"uniform_mean_radius": 0.1}, "ensemble": {"radius_factor": 2.0}}
     with pytest.MonkeyPatch.context() as patch:
@@ -468,7 +467,7 @@ def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
 
 
 def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, capsys):
-    """By the rocks that made them blocks are at home; by others they differ."""
+    """With the true rocks, blocks agree with the density; with others they differ."""
     folder, result = truth
     seen = replace(witnessed(result, 0), contacts=None)
     sizes = {0.2: None, 0.05: None}
@@ -488,7 +487,7 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
 
 
 def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
-    """A meadow that is cleared is no evidence that no block came there."""
+    """A cleared meadow is no evidence that no block reached it."""
     shapely = pytest.importorskip("shapely")
     monkeypatch.chdir(tmp_path)
     _, result = truth

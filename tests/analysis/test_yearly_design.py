@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers by the frequency of what they let pass: counts are those of the kernel's rule, and an
-advised barrier that is built lets as few pass as promised."""
+"""Barriers by the frequency of passing boulders: counts follow the kernel's rule, and an advised
+barrier, when built, lets as few boulders pass as predicted."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def hazard(case):
 def test_what_passes_a_barrier_is_what_the_kernel_lets_pass(seed):
     random = np.random.default_rng(seed)
     n = random.integers(0, 300)
-    heights = random.choice([0.5, 1.0, 2.25, 7.0, 60.0], n)  # some at the top of a barrier
+    heights = random.choice([0.5, 1.0, 2.25, 7.0, 60.0], n)  # some equal the top of a barrier
     at = Passing(random.choice([9e4, 1e5, 1.1e5, 4.6e6], n), heights)
     counts = class_behind(at)
     for k, capacity in enumerate(CLASS_ENERGY):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequencies of variants are those of their hazards, and zero changes change nothing."""
+"""Frequencies of variants are those of their hazards, and changes without effect change nothing."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A browser, and a case on a lively slope that it shows."""
+"""Browser, and a case on a lively slope that it shows."""
 
 import queue
 from pathlib import Path
@@ -13,15 +13,15 @@ from made import make_raster
 
 @pytest.fixture(scope="module")
 def browser():
-    one = open_browser("--enable-unsafe-swiftshader")  # for WebGL alone; else it draws by software
+    one = open_browser("--enable-unsafe-swiftshader")  # for WebGL; otherwise software drawing
     yield one
     one.quit()
 
 
 @pytest.fixture
 def write_place(tmp_path, monkeypatch):
-    """Write a case on a lively slope to a folder, made the current one, with a list of recent files
-    of its own."""
+    """Write a case on a lively slope to a folder, made the current folder, with a separate list of
+    recent files."""
 
     def write(case):
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -40,8 +40,8 @@ def slope(write_place):
 
 @pytest.fixture
 def window(browser, slope):
-    """The window of the case, with complete results."""
-    import app_window  # needs Selenium, which `slope` has asked for
+    """Window of the case, with complete results."""
+    import app_window  # needs Selenium, which `slope` has checked
 
     with app_window.served("case.nml") as server:
         resize(browser, 1280, 800)
@@ -53,7 +53,7 @@ def window(browser, slope):
 
 @pytest.fixture
 def enter():
-    """Open files, as pages that write."""
+    """Open files, as pages can write them."""
     from app_messages import Talk, decoded
     from rockfall.app.outbox import Client
     from rockfall.app.room import Room

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window's server: what it lets in, what it runs, and that this is what it saves."""
+"""Server of the live window: accepted input, runs, and equality with the saved case."""
 
 import asyncio
 import base64
@@ -81,7 +81,7 @@ def polygon(west, south, east, north, id="z1", **properties):
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, write_place):
-    """A case on a lively slope, and a list of recent files of its own."""
+    """Case on a lively slope, with a separate list of recent files."""
     write_place(CASE)
     page = make_page(tmp_path / "page")
     (page / "secret.txt").write_text("secret")
@@ -128,7 +128,7 @@ def visit():
 
 
 class Page:
-    """What the page in the browser is to the server."""
+    """Client that acts like the page in the browser."""
 
     def __init__(self, socket):
         self.socket = socket
@@ -137,11 +137,11 @@ class Page:
         self.socket.send(json.dumps({"type": type, **content}))
 
     def get(self):
-        """Next message: its header, with arrays in place of their descriptions."""
+        """Next message: its header, with arrays instead of their descriptions."""
         return decoded(self.socket.recv(120))
 
     def until(self, type, **content):
-        """Next message of a type with this content."""
+        """Next message with a given type and content."""
         return self.all_until(type, **content)[-1]
 
     def all_until(self, type, **content):
@@ -153,7 +153,7 @@ class Page:
                 return found
 
     def edit(self, revision, **content):
-        """Edit, and the messages up to the state of it."""
+        """Send an edit; return the messages up to its state."""
         self.send("edit", revision=revision, **content)
         return self.until("state", revision=revision)
 
@@ -162,7 +162,7 @@ class Page:
 
 
 def same_variables(one, other):
-    """Check that two results have the same variables, in every bit."""
+    """Check that two results have bit-identical variables."""
     assert {*one.variables} == {*other.variables}
     for name in one.variables:
         a, b = one[name].values, other[name].values
@@ -172,7 +172,7 @@ def same_variables(one, other):
             assert same_bits(a, b), name
 
 
-# What comes in.
+# Input.
 
 
 def test_hello_without_the_key_is_refused(serve, visit):
@@ -290,13 +290,13 @@ def test_a_message_that_is_too_large_closes_its_page_only(serve, visit):
         with suppress(ConnectionClosed):
             first.socket.send('{"type": "' + "x" * MAX_BYTES + '"}')
 
-    # a page reads while it sends; one that did not would not see that it is closed
+    # a page reads while sending; otherwise it would not notice that the connection is closed
     sender = threading.Thread(target=send_too_much)
     sender.start()
     with pytest.raises(ConnectionClosed):
         first.all_until("never")
     sender.join()
-    with suppress(OSError):  # its library may leave the connection open
+    with suppress(OSError):  # the library may leave the connection open
         first.socket.socket.shutdown(socket.SHUT_RDWR)
     assert second.until("role")["writer"]
 
@@ -316,7 +316,7 @@ def test_a_slow_page_gets_the_latest_results():
 
 
 def mute(server):
-    """A page that takes nothing."""
+    """Page that accepts nothing."""
     connection = socket.create_connection(("127.0.0.1", server.port))
     ours = f"127.0.0.1:{server.port}"
     connection.sendall(
@@ -330,7 +330,7 @@ def mute(server):
     connection.sendall(bytes([0x81, 0x80 | len(hello), 0, 0, 0, 0]) + hello)
     while server._opening.result().is_empty:
         time.sleep(0.01)
-    for _ in range(2):  # the second waits for the first, which waits in buffers
+    for _ in range(2):  # the second message waits for the first, which waits in buffers
         server._opening.result()._clients[0].send("x", b"x" * 20_000_000)
     return connection
 
@@ -403,7 +403,7 @@ def test_what_the_page_cannot_mean_is_refused_at_its_place(serve, visit):
         assert place.items() <= state["errors"][0].items(), (about, state)
     page.send("save", name="x")
     assert page.until("refused")["task"] == "save"
-    # The page now has what the server has not: changes of it would make another document.
+    # The page and server now differ: changes would make another document.
     assert page.edit(98)["errors"] == state["errors"]
     drawn = {name: features for name, features in document["layers"].items() if features}
     state = page.edit(99, layers=drawn, settings=document["settings"], whole=True)
@@ -466,7 +466,7 @@ def test_errors_of_the_case_land_at_their_field(serve, place, visit):
         assert page.edit(100 + revision, **undone)["errors"] == [], about
 
 
-# What it runs.
+# Runs.
 
 
 def test_an_edit_is_run_and_its_statistics_are_those_of_the_saved_case(serve, place, visit):
@@ -560,7 +560,7 @@ DOCUMENTS = {
 
 @pytest.mark.parametrize("about", DOCUMENTS)
 def test_what_is_run_is_what_is_saved(place, about):
-    """In every bit of every variable, and again once the saved case is opened."""
+    """Every variable is bit-identical, also when the saved case is opened again."""
     layers, settings = DOCUMENTS[about]
     site, document = open_site(Path("case.nml"))
     document = site.edited(document, layers, settings)
@@ -728,7 +728,7 @@ def test_a_run_pauses_and_goes_on(serve, visit):
     assert later["boulders"] >= paused["boulders"] and not later["complete"]
     page.send("stop")
     stopped = page.until("batch", running=False)
-    page.edit(2, settings={"case": {"boulders_total": 50, "threads": 1}})  # runs once it goes on
+    page.edit(2, settings={"case": {"boulders_total": 50, "threads": 1}})  # runs when resumed
     page.send("run")
     assert page.until("batch", revision=2, complete=True)["boulders"] == 50
     assert stopped["revision"] == 1
@@ -772,14 +772,14 @@ def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
     state = page.edit(1, layers={"zones": [polygon(1, 9, 9, 1)]})
     assert state["errors"]
     settings = welcome["document"]["settings"]
-    sources = [point(150, 40)]  # in place of steep cells
+    sources = [point(150, 40)]  # instead of steep cells
     page.edit(2, layers={"sources": sources}, settings=settings, whole=True)
     assert page.until("background")["sources"] == 0
     assert page.until("batch", revision=2, complete=True)["boulders"] == 120
 
 
 def test_layers_of_a_case_become_features(place):
-    """Whatever their form, and the run of the document has the bits of the case."""
+    """Whatever their form; the run of the document is bit-identical to that of the case."""
     box = shapely.box
     make_layer(
         "zones.gpkg", [box(W, N - 200, W + 300, N), box(W, N - 400, W + 300, N - 200)],
@@ -800,7 +800,7 @@ def test_layers_of_a_case_become_features(place):
     Path("layers.nml").write_text(text, encoding="utf-8")
     site, document = open_site(Path("layers.nml"))
     sources = document.layers["sources"]
-    assert [one.properties for one in sources] == [  # without the lone column a
+    assert [one.properties for one in sources] == [  # without the single column a
         {"name": "A", "drop_height": 2.0}, {"name": "B", "drop_height": 3.0},
     ]  # fmt: skip
     assert document.layers["barriers"][0].properties == {
@@ -816,7 +816,7 @@ NUMBERED = """zones = 'zones.gpkg', default_zone = 2"""
 
 
 def test_zones_with_numbers_of_their_own_get_more_of_them(place):
-    """A default zone is one of them, by its number; new ones get others."""
+    """A default zone has its own number; new zones get other numbers."""
     shapes = [shapely.box(W, N - 200, W + 150, N), shapely.box(W, N - 400, W + 150, N - 200)]
     make_layer("zones.gpkg", shapes, zone=[2, 7], mean_radius=[0.2, 0.4])
     Path("own.nml").write_text(CASE.replace("uniform_mean_radius = 0.25", NUMBERED), "utf-8")
@@ -857,7 +857,7 @@ VARIANTS = f"""&barrier name = 'Netz', x = {W}, {W + 300}, y = {N - 150}, {N - 1
 
 
 def same_ends(one, other):
-    """Check that boulders of two cases end alike, and return the result of the second."""
+    """Check that boulders of two cases end alike; return the result of the second."""
     one, other = rockfall.run(one), rockfall.run(other)
     for name in "stop_x", "stop_y", "travel_time", "status":
         assert same_bits(one[name].values, other[name].values), name
@@ -938,7 +938,7 @@ def test_variants_are_saved_with_what_they_name(varied, place):
     assert rockfall.read_case("less.nml").variant == []
 
 
-# What goes out.
+# Output.
 
 
 NAMES = ["", ".x", "..", "../x", "a/b", "a\\b", "/tmp/x", "x ", " x", "x.", "a\0", "a\nb", "x" * 81,
@@ -1098,7 +1098,7 @@ sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
 
 @contextmanager
 def program(*options, **environment):
-    """The window as a process of its own, which is killed at the end, and how to enter it."""
+    """The window as a separate process, which is killed at the end, and its address."""
     command = [sys.executable, "-c", PROGRAM, *(options or ("--no-browser",))]
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     about = {"stdout": PIPE, "stderr": PIPE, "text": True}
@@ -1173,7 +1173,7 @@ def test_a_run_to_a_file_outlives_its_window(serve, visit):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
 def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
-    """Killed before the last step, once all has been written."""
+    """Killed before the last step, after everything was written."""
     kind = "export" if name == "x_layers" else "report"
     with program(HELD="rockfall.gpkg" if kind == "export" else name) as (child, server):
         page = visit(server)
@@ -1334,7 +1334,7 @@ def test_files_opened_before_are_offered(serve, place, visit):
     assert [one["name"] for one in welcome["recent"]] == ["case.nml", "dem.tif"]
     page.send("edit", revision=1)
     page.until("refused")
-    visit(serve("dem.tif")).get()  # is now the first of the list, but not of the one on this page
+    visit(serve("dem.tif")).get()  # now the first of the list, but not of the list on this page
     page.send("open_recent", index=0)
     assert page.until("welcome")["mode"] == "case"
     page.until("batch", complete=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard, sources and design checks in the live window: the numbers of the commands."""
+"""Hazard, sources and design checks in the live window: the same values as from commands."""
 
 from pathlib import Path
 
@@ -65,7 +65,7 @@ def houses(page, **view):
 
 
 def is_hazard_of(shown, case):
-    """Check that a message has the numbers of `rockfall.hazard`, and return that."""
+    """Check that a message has the values of `rockfall.hazard`, and return these."""
     hazard = rockfall.hazard(rockfall.read_case(case), objects="houses.gpkg")
     assert np.array_equal(shown["arrays"]["classes"], hazard["hazard_class"].values)
     assert len(shown["classes"]) == len(CLASSES) == 5
@@ -127,7 +127,7 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
 
 
 def is_sheet_of(shown, result):
-    """Check that a message has the tables of `rockfall.design`, in full and of the net alone."""
+    """Check that a message has the tables of `rockfall.design`, in full and for the net alone."""
     for sheet in (rockfall.design(result), rockfall.design(result, line="net")):
         tables = [*check_tables(sheet), choice_table(sheet, "net")]
         assert shown["tables"] == [*map(table_entry, tables)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Houses and stands of forest in the live window."""
+"""Houses and forest stands in the live window."""
 
 from io import BytesIO
 from pathlib import Path
@@ -124,6 +124,6 @@ def test_houses_are_drawn_where_they_are(browser):
         with_houses = colour(page, house), colour(page, beside)
         page.click("[data-show=objects]")
         without = colour(page, house), colour(page, beside)
-        assert abs(with_houses[0] - without[0]).max() > 0.1  # of 1
+        assert abs(with_houses[0] - without[0]).max() > 0.1  # of a maximum of 1
         assert abs(with_houses[1] - without[1]).max() < 0.01
         browser.get("about:blank")

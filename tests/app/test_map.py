@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The map of the live window: where it opens, and what it can show."""
+"""Map of the live window: its initial view, and what it can show."""
 
 from pathlib import Path
 
@@ -47,9 +47,9 @@ def test_the_view_opens_where_sources_and_lines_are_and_not_on_the_whole_dem(bro
         places = [window.pixel(one) for one in ends]
         assert all(left < x < left + width and top < y < top + height for x, y in places)
         across, down = (max(one) - min(one) for one in zip(*places, strict=True))
-        assert across > width / 4 or down > height / 4  # 160 m of 5,000: the rest is not in view
+        assert across > width / 4 or down > height / 4  # 160 m of 5,000 m: the rest is not in view
         before = window.pixel([W + east, N - 4740])
-        window.click('[data-action="plus"]')  # the view is the user's from now on
+        window.click('[data-action="plus"]')  # from now on the view is that of the user
         moved = (
             "Math.hypot(...rockfall.pixelOf(arguments[0]).map((at, k) => at - arguments[1][k])) > 5"
         )
@@ -84,7 +84,7 @@ def test_the_list_has_twelve_maps_until_it_is_unfolded(window):
     window.until("the map", "rockfall.batch?.overlay?.name === 'energy_q95_low'")
     window.browser.execute_script(CHOOSE, "+")
     folded = window.browser.execute_script(f"return {OPTIONS}")
-    assert len(folded) == 14 and "energy_q95_low" in folded  # the one that is shown stays in it
+    assert len(folded) == 14 and "energy_q95_low" in folded  # the layer shown stays in it
 
 
 def test_contours_are_where_the_ground_has_their_elevation(browser):
@@ -94,7 +94,7 @@ def test_contours_are_where_the_ground_has_their_elevation(browser):
     with served("case.nml") as server:
         resize(browser, 1280, 800)
         window = open_window(browser, server)
-        assert browser.execute_script("return rockfall.contours") == []  # made when first shown
+        assert browser.execute_script("return rockfall.contours") == []  # created when first shown
         window.click('[data-tab="display"]')
         window.click('[data-show="contours"]')
         shown = window.until("contours", "rockfall.contours.length && rockfall.contours")
@@ -104,7 +104,7 @@ def test_contours_are_where_the_ground_has_their_elevation(browser):
           return z === null ? 0 : Math.abs(z - elevation);
         })).reduce((a, b) => Math.max(a, b), 0)""")
         browser.get("about:blank")
-    assert off < 0.01  # [m], of single precision
+    assert off < 0.01  # [m], single-precision error
     levels = np.array([one["elevation"] for one in shown])
     steps = np.diff(levels)
     assert (steps == steps[0]).all() and (levels % steps[0] == 0).all()

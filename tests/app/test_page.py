@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a real browser: what an engineer does there, and what must not happen."""
+"""The live window in a real browser: actions of an engineer, and what must not happen."""
 
 import base64
 import json
@@ -44,7 +44,7 @@ pytestmark = [
     pytest.mark.skipif(not (PAGE / "app.js").exists(), reason="the page is made by ./run page"),
 ]
 
-TREES = 0x00, 0x7A, 0x59  # their colour
+TREES = 0x00, 0x7A, 0x59  # colour of trees
 
 
 def test_a_case_opens_with_its_statistics(window):
@@ -104,7 +104,7 @@ def test_a_source_is_dragged_on_four_million_cells(browser):
 
 
 def test_a_terrain_alone_asks_for_its_ground(browser):
-    """What is chosen is a key of the case; without a choice the window runs nothing."""
+    """The choice is a key of the case; without a choice the window runs nothing."""
     with served("dem.tif") as server:
         resize(browser, 1280, 800)
         browser.get("about:blank")
@@ -120,8 +120,8 @@ def test_a_terrain_alone_asks_for_its_ground(browser):
 
 
 def test_slides_and_waits_are_no_arcs_and_flights_have_their_own_gravity(browser):
-    """On the Moon: a fall, a slide of 6 s, a wait of 5 s, a hop of 4 s to the same height. By
-    Earth's gravity the highest points were 44, 31 and 20 m above the ground."""
+    """On the Moon: a fall, a slide of 6 s, a wait of 5 s, a hop of 4 s to the same height. With
+    Earth's gravity the highest points would be 44, 31 and 20 m above the ground."""
     case = rockfall.read_case("case.nml").replace(
         flight={"gravity": 1.62}, case={"boulders_total": 1}, output={"trajectories": 1}
     )
@@ -192,7 +192,7 @@ def test_a_long_run_is_paused_and_gives_way_to_an_edit(window):
     window.click('[data-action="pause"]')
     window.until("a pause", "!rockfall.batch.running")
     paused = window.browser.execute_script("return rockfall.batch.boulders")
-    time.sleep(0.5)  # in which nothing may come: too short cannot make this fail
+    time.sleep(0.5)  # nothing may arrive within this time; too short a time cannot cause a failure
     assert window.browser.execute_script("return rockfall.batch.boulders") == paused
     window.fill("boulders_total", 150)
     window.complete(window.revision)
@@ -272,7 +272,7 @@ def test_states_are_compared_with_their_trees_and_counts_with_whole_numbers(brow
 
 
 def green(element):
-    """Number of pixels of an element whose colour is near that of trees."""
+    """Number of pixels of an element with almost the colour of trees."""
     pixels = 255 * imread(BytesIO(element.screenshot_as_png))[..., :3]
     return (abs(pixels - TREES).max(axis=-1) < 40).sum()
 
@@ -346,7 +346,7 @@ def test_paper_has_the_map_and_the_table(view, window, tmp_path):
         subprocess.run(command, check=True, capture_output=True, text=True).stdout
         for command in commands
     )
-    assert text.count("\f") == 1  # a page
+    assert text.count("\f") == 1  # one page
     boulders = window.complete()["L"]["n"]
     assert re.search(rf" L \S+ .*{boulders} boulders", re.sub(r"\s+", " ", text))
     assert "3-D" not in text

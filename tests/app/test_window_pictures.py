@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures below the results in the live window, from files of this machine."""
+"""Pictures below the results in the live window, from local files."""
 
 import json
 import threading
@@ -30,7 +30,7 @@ pytestmark = [
 ]
 
 W, N = 600000.0, 5000000.0
-SIZE = 300.0, 400.0  # of the terrain [m]
+SIZE = 300.0, 400.0  # size of the terrain [m]
 MAGENTA = 200, 0, 200
 
 
@@ -45,7 +45,7 @@ def write_picture(path, bands, west=W, north=N, cell=5.0, crs="EPSG:32632"):
 
 
 def halves():
-    """Magenta in the west, green in the east, of the northern half of the terrain."""
+    """Picture of the northern half of the terrain: magenta in the west, green in the east."""
     bands = np.zeros((3, 40, 60), "u1")
     bands[:, :, :30] = np.array(MAGENTA)[:, None, None]
     bands[1, :, 30:] = 180
@@ -53,7 +53,7 @@ def halves():
 
 
 def colour_at(shown, x, y):
-    """Red, green, blue and opacity at a place of the terrain [m from its north-west]."""
+    """Red, green, blue and opacity at a point of the terrain [m from its north-west]."""
     west, east, south, north = shown["extent"]
     rgba = shown["arrays"]["rgba"]
     assert (east - west, north - south) == SIZE
@@ -146,7 +146,7 @@ def test_the_picture_is_seen_below_the_results_and_no_request_leaves_the_machine
         browser.execute_async_script("""
         requestAnimationFrame(() => requestAnimationFrame(arguments[0]))""")
         pixels = imread(BytesIO(browser.get_screenshot_as_png()))[..., :3]
-        x, y = window.pixel([W + 60, N - 180])  # beside what the boulders reached
+        x, y = window.pixel([W + 60, N - 180])  # outside the reached area
         assert np.abs(255 * pixels[y, x] - MAGENTA).max() < 6
         browser.get("about:blank")
     log = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
@@ -156,7 +156,7 @@ def test_the_picture_is_seen_below_the_results_and_no_request_leaves_the_machine
 
 
 class Maps(BaseHTTPRequestHandler):
-    """A web map service of one colour, which notes what it is asked."""
+    """Web map service with a single colour, which records its requests."""
 
     def do_GET(self):
         self.server.asked.append(dict(parse_qsl(urlsplit(self.path).query)))
@@ -205,7 +205,7 @@ def test_a_web_map_is_requested_only_where_the_user_has_added_it(browser, maps):
                 end = window.until("an answer", "performance.getEntriesByType('resource').length")
                 assert end
         if not wms:
-            assert maps.asked == []  # not even by hand: the policy of the page forbids it
+            assert maps.asked == []  # not even manually: the policy of the page forbids it
             browser.get_log("browser")
     browser.get("about:blank")
     mapped = [one for one in maps.asked if "by" not in one]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A section in the live window: its numbers are those of the command, and two clicks show it."""
+"""Section in the live window: the same values as from the command, and two clicks show it."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def place(write_place):
 
 
 def numbers_agree(shown, cut):
-    """Check that a message has the numbers of a section, to the last bit."""
+    """Check that a message has exactly the values of a section."""
     assert shown["error"] == ""
     for name in COLUMNS:
         assert same_bits(shown["arrays"][name], cut.table[name].to_numpy("f8")), name
@@ -118,7 +118,7 @@ def test_two_clicks_show_a_section_whose_numbers_can_be_read(window):
     window.click('[data-tool="section"]')
     window.touch([W + 150, N - 60], [W + 160, N - 240])
     window.until("a section", "document.querySelectorAll('.drawings svg').length === 4")
-    assert window.complete() == lines  # of the same boulders
+    assert window.complete() == lines  # same boulders
     assert "180 m" in window.text(".section-panel h3")
     drawing = window.find(".drawings .stack svg")
     ActionChains(window.browser).move_to_element(drawing).perform()

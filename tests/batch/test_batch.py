@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""rockfall-batch: the options of `rockfall run`, the same bits, and bad input in one line."""
+"""rockfall-batch: options of `rockfall run`, bit-identical results, one line for bad input."""
 
 import os
 import shutil
@@ -49,7 +49,7 @@ def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
 
 
 def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
-    """Of ground of one strength; a classical ground has none."""
+    """For ground of constant strength; classical ground has no blocks."""
     names = np.where(np.arange(60) < 25, 1, -1) + np.zeros((80, 1), "i2")
     make_raster(tmp_path / "grounds.tif", names.astype("i2"), crs="EPSG:32632", nodata=-1)
     (tmp_path / "grounds.csv").write_text(
@@ -68,7 +68,7 @@ def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path
 
 
 def test_options_change_what_they_name(ready, batch):
-    """Also the boulders of cells that release by area, and keys that decide no array."""
+    """Also boulders of cells that release by area, and keys that determine no array."""
     case = rockfall.read_case(ready / "case.nml").replace(
         surface={"rg_reading": "radius"}, release={"drop_height": 2.0}, impact={"stop_speed": 0.3}
     )
@@ -83,7 +83,7 @@ def test_options_change_what_they_name(ready, batch):
 
 
 def test_a_scene_file_is_the_variables_of_its_description(ready):
-    """docs/files.md: what another tool writes is read, however it packs it."""
+    """docs/files.md: files written by other tools are read, whatever their packing."""
     with netCDF4.Dataset(ready / "ready/scene.nc") as file:
         found = file.variables.items()
         assert {name: (one.dtype.str[1:], one.dimensions) for name, one in found} == {
@@ -117,7 +117,7 @@ ARGUMENTS = {
     (CASE, "-o", "zones.csv"): "zones.csv: already exists; not overwritten (--overwrite "
     "replaces it)",
 }  # fmt: skip
-if sys.platform != "win32":  # where /dev and /proc are names like others
+if sys.platform != "win32":  # except where /dev and /proc are ordinary names
     ARGUMENTS |= {
         (CASE, "-o", "/dev/null", "--overwrite"): "/dev/null: not a regular file",
         (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
@@ -176,7 +176,7 @@ def test_another_scene_must_be_prepared_again(change, key, ready, batch):
 
 
 def spoil(path, name, **about):
-    """Give a variable of a netCDF file other values, or another type or shape."""
+    """Change the values, type or shape of a variable in a netCDF file."""
     with netCDF4.Dataset(path) as old:
         old.set_auto_maskandscale(False)
         with netCDF4.Dataset(f"{path}.new", "w") as new:
@@ -234,7 +234,7 @@ def test_a_scene_that_cannot_be_is_refused(what, ready, batch):
 
 
 def test_any_byte_that_is_another_is_refused_or_harmless(ready, batch):
-    """Never a crash, nothing written: cut files, and bytes changed at random places."""
+    """No crash, and nothing is written, for truncated files and files with random changed bytes."""
     good, random = (ready / "ready/scene.nc").read_bytes(), np.random.default_rng(7)
     before = sorted(os.listdir(ready))
     for turn in range(24):
@@ -249,7 +249,7 @@ def test_any_byte_that_is_another_is_refused_or_harmless(ready, batch):
         assert done.returncode in (0, 2)
         if done.returncode == 2:
             assert done.stderr.splitlines()[-1].startswith("rockfall-batch: ")
-            assert len(done.stderr.splitlines()) <= 2  # one may warn of the line
+            assert len(done.stderr.splitlines()) <= 2  # one line may be a warning about the line
         assert (ready / "part").exists() == (done.returncode == 0)
         (ready / "part").unlink(missing_ok=True)
         assert sorted(os.listdir(ready)) == before
@@ -258,7 +258,7 @@ def test_any_byte_that_is_another_is_refused_or_harmless(ready, batch):
 def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
     spoil(ready / "ready/scene.nc", "source_x", change=put(3.0))
     done = batch(CASE, cwd=ready)
-    assert done.returncode == 2 and done.stderr.count("\n") == 2  # one warns of the line
+    assert done.returncode == 2 and done.stderr.count("\n") == 2  # one is a warning about the line
     assert (
         f"{CASE}: &release: source 1 (3.000, 4999980.000) lies outside the terrain" in done.stderr
     )
@@ -293,7 +293,7 @@ def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
 
 
 def test_quantile_maps_take_memory_where_boulders_pass(batch, tmp_path):
-    """Counts for all of a million cells are 824 MB; the program has 500."""
+    """Counts for all of a million cells would take 824 MB; the program may use 500 MB."""
 
     z, grid = (
         np.zeros((1000, 1000), "f4") - np.arange(1000)[:, None],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoints: either program goes on from the other's, however it ended, to the same bits."""
+"""Checkpoints: programs resume from each other's, however they ended, bit-identically."""
 
 import contextlib
 import io
@@ -32,14 +32,14 @@ PROGRAMS = ("rockfall", "rockfall-batch")
 
 
 def command(program, output, *words):
-    """A run of the case in the folder where it starts."""
+    """Command of a run in the folder where it starts."""
     begin = {"rockfall": [sys.executable, "-m", "rockfall", "run", "case.nml"],
              "rockfall-batch": [find_program(), "ready/case.nml"]}[program]  # fmt: skip
     return [*begin, "--quiet", "-o", output, *words]
 
 
 def kill(folder, program, *words, wait=0.0):
-    """Kill a run some time after it has kept something; whether it had not ended before."""
+    """Kill a run some time after its first save; return whether it was still running."""
     state = folder / "a.nc.checkpoint"
     before = state.stat().st_ino if state.exists() else 0
     words = ("--resume", "--checkpoint", "0.001", *words)
@@ -59,7 +59,7 @@ def result_of(path):
 
 
 def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):
-    """A source that a kill cuts is counted once a cell."""
+    """A source split by a kill is counted once per cell."""
     instants, before = random.Random(4), 0
     for k, program in enumerate((*PROGRAMS, *PROGRAMS)):
         assert kill(many, program, "--threads", str(1 + k % 2), wait=instants.uniform(0, 0.01))
@@ -86,24 +86,24 @@ def test_shards_that_are_killed_and_change_programs_join_to_the_run(many):
 
 @pytest.fixture
 def stopped(many):
-    """A folder with `a.nc.checkpoint`, of a run of the program that was killed."""
+    """Folder with `a.nc.checkpoint`, from a run of the program that was killed."""
     assert kill(many, "rockfall-batch")
     (many / "a.nc.lock").unlink()
     return many
 
 
 def refused(folder, words, *more):
-    """Both programs refuse in one line, and nothing changes on disk."""
+    """Check that both programs refuse with one line, and that nothing changes on disk."""
     before = everything(folder)
     said = io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stderr(said):  # no Python is started for it
+    with contextlib.chdir(folder), contextlib.redirect_stderr(said):  # without starting Python
         status = main(["run", "case.nml", "--quiet", "-o", "a.nc", *more])
     ended = subprocess.run(
         command("rockfall-batch", "a.nc", *more), cwd=folder, capture_output=True, text=True
     )
     assert status == ended.returncode == 2
     for program, text in (("rockfall", said.getvalue()), ("rockfall-batch", ended.stderr)):
-        last = text.splitlines()[-1]  # before it one may warn of the line
+        last = text.splitlines()[-1]  # one line before it may be a warning about the line
         assert last.startswith(f"{program}: {words}")
     assert everything(folder) == before
 
@@ -117,7 +117,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
 @pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
-    """By both programs alike; what a stopped run left gives way to what goes on from it."""
+    """Equally by both programs; files of a stopped run are replaced when it resumes."""
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
     refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)
@@ -147,7 +147,7 @@ def test_a_result_is_not_overwritten_unasked(many):
 @makes_links
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
-    """Nor is anything left of it where the name was a known one."""
+    """Nothing is left behind if the name was already in use."""
     (many / "victim").write_text("mine\n")
     (many / ".a.nc.checkpoint").symlink_to("victim")
     words = ("--boulders", "2000", "--checkpoint", "1e-9")
@@ -179,7 +179,7 @@ def test_what_differs_is_named(stopped, batch):
 def test_what_cannot_be_read_is_refused(stopped):
     path = stopped / "a.nc.checkpoint"
     good = path.read_bytes()
-    with netCDF4.Dataset(path) as file:  # values, which have checksums
+    with netCDF4.Dataset(path) as file:  # values have checksums
         at = good.index(file["travel_time"][...].data.tobytes())
     unreadable = "exists but is not a readable checkpoint: "
     damaged = good[:at] + bytes(64) + good[at + 64 :]
@@ -211,7 +211,7 @@ def test_values_that_no_run_has_are_refused(stopped, subtests):
 
 
 def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
-    """And one that somebody else's file has the name of is refused."""
+    """An existing file of another kind with the lock's name is refused."""
     running = subprocess.Popen(
         command("rockfall-batch", "a.nc", "--boulders", "1000000", "--checkpoint", "0"), cwd=many
     )
@@ -230,13 +230,13 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
 
 
 def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch):
-    """Here the rows fit (1.8 MB) and the result does not: with more room the run goes on."""
+    """Rows fit (1.8 MB) and the result does not: with more space the run resumes."""
     words = ("ready/case.nml", "-o", "a.nc", "--checkpoint", "1e-9", "--quiet")
     ended = batch(*words, cwd=many, limit=2_000_000)
     *warnings, last = ended.stderr.splitlines()
     assert ended.returncode == 2 and last.startswith("rockfall-batch: a.nc: ")
     said = [line for line in warnings if "no more checkpoints" in line]
-    assert len(said) <= 1  # none if the last one that was due fitted
+    assert len(said) <= 1  # none if the last due save fitted
     start = "rockfall-batch: warning: a.nc.checkpoint: cannot be written: "
     assert all(line.startswith(start) for line in said)
     assert not list(many.glob(".*"))
@@ -249,7 +249,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
 @pytest.mark.all
 @preloads
 def test_a_crash_at_every_step(ready):
-    """Each is followed by an interrupt right after the next has begun."""
+    """Each crash is followed by an interrupt right after the next start."""
     shim = build_shim(ready)
     words = ["--checkpoint", "1e-9", "--resume", "--overwrite", "--boulders", "400"]
 
@@ -265,17 +265,17 @@ def test_a_crash_at_every_step(ready):
     whole = rockfall.merge([ready / "a.nc"])
     (ready / "a.nc").unlink()
     ended, step = CRASHED, 0
-    while ended == CRASHED:  # until a run has come to its end
+    while ended == CRASHED:  # until a run completes
         step += 1
         ended = run(CRASH_AT=str(step))
         if ended == CRASHED:
             assert run(INTERRUPT_READY="1") in (INTERRUPTED, 0)  # 0: all boulders were saved
             assert run() == 0
-        if step in (4, 8):  # after a save, and within another
+        if step in (4, 8):  # after a save, and during another
             same_results(rockfall.merge([ready / "a.nc"]), whole)
         assert not list(ready.glob("a.nc.*"))
         (ready / "a.nc").unlink()
-    assert step > 8  # the fewest calls of a run with one save
+    assert step > 8  # minimum number of calls of a run with one save
 
 
 def test_comments_and_threads_may_differ(stopped, batch):

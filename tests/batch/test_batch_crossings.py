@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of lines that rockfall-batch keeps in a file while a run goes on."""
+"""Crossings of lines that rockfall-batch stores in a file during a run."""
 
 import pytest
 
@@ -7,8 +7,8 @@ import rockfall
 from programs import make_full_case, same_results
 from rockfall.scene.prepare import prepare
 
-BLOCK = 1_000_000  # crossings from which they go to the file
-COUNT = 1000  # lines
+BLOCK = 1_000_000  # number of crossings from which they are stored in the file
+COUNT = 1000  # number of lines
 
 
 @pytest.mark.all

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall prepare`: the program gives the same bits of what it makes as Python of the case."""
+"""`rockfall prepare`: bit-identical results from its files and from the case in Python."""
 
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ from rockfall.io.output_files import overwriting
 from rockfall.scene.prepare import prepare
 
 NY, NX = 40, 50
-CELL = 2.0 / 3.0  # no such number in binary, nor are the edges
+CELL = 2.0 / 3.0  # not exact in binary, nor are the edges
 WEST, NORTH = 412345.1, 5123456.7
 PLACE = Affine(CELL, 0.0, WEST, 0.0, -CELL, NORTH)
 VARIABLES = {"maps": ["passages", "deposits", "energy_max", "energy_mean", "speed_max_map"]}
@@ -34,7 +34,7 @@ def zone_ids():
 
 
 def polygons(path, field):
-    """Two rectangles beside each other that leave the east of the terrain free."""
+    """Two adjacent rectangles that leave the eastern part of the terrain free."""
     shapely = pytest.importorskip("shapely")
     middle, east, south = WEST + 15 * CELL, WEST + 38.2 * CELL, NORTH - NY * CELL
     boxes = [shapely.box(WEST, south, middle, NORTH), shapely.box(middle, south, east, NORTH)]
@@ -42,7 +42,7 @@ def polygons(path, field):
 
 
 def case_of(folder, **changes):
-    """A case in a folder, with every output."""
+    """Case in a folder, with every output."""
     groups = {
         "case": {"title": "It's a slope, 'rough'", "boulders": 30, "seed": 2**62 + 1},
         "terrain": {"dem": "dem.tif"},

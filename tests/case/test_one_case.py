@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One case: the kernel reads its text once, and it is written once."""
+"""The text of a case is read once by the kernel, and written once."""
 
 import shutil
 import sys
@@ -17,11 +17,11 @@ SITE = Path(__file__).parents[2] / "cases/vaujany"
 
 @pytest.fixture
 def seen(monkeypatch):
-    """Texts with groups that any procedure of the kernel takes, and cases that are written."""
+    """Texts with groups passed to procedures of the kernel, and cases that are written."""
     taken, written = [], []
 
     class Watched:
-        """The kernel, whose procedures note the texts that they are given."""
+        """Kernel whose procedures record the texts passed to them."""
 
         def __getattr__(self, name):
             return lambda *arguments, **named: self._call(getattr(_core, name), arguments, named)
@@ -44,7 +44,7 @@ def seen(monkeypatch):
 
 
 def site(folder):
-    """A case that no other test has read, with a barrier and blocks that break."""
+    """Case that no other test has read, with a barrier and blocks that break."""
     path = shutil.copytree(SITE, folder / "site") / "case.nml"
     text = path.read_text().replace("boulders = 10000", "boulders = 2")
     path.write_text(
@@ -58,7 +58,7 @@ def test_one_run_reads_its_case_once_and_writes_it_once(seen, tmp_path):
     path, (taken, written) = site(tmp_path), seen
     assert main(["run", str(path), "--threads", "1", "-o", str(tmp_path / "out.nc")]) == 0
     texts, cases = [text for text in taken if "&set" not in text], [*written]
-    change = "&case\n    threads = 1\n/\n"  # by the option, which is read alone
+    change = "&case\n    threads = 1\n/\n"  # from the option, which is read separately
     assert texts == [path.read_text(), change]
     assert cases == [change, rockfall.read_case(path).replace(case={"threads": 1}).text()]
 

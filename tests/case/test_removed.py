@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A key that is removed takes along those that are only valid with it, in one call."""
+"""Removing a key also removes the keys that are only valid with it, in one call."""
 
 import pytest
 
@@ -15,7 +15,7 @@ USUAL = {
     "release": {"x": 5.0, "y": 5.0},
 }
 WOOD = {"seed": 4, "species_table": "kinds.csv", "clearings": "gaps.gpkg", "clearings_layer": "old"}
-#: Group; keys that are removed; keys that go with them; and what is given instead.
+#: Group; removed keys; keys removed with them; keys given instead.
 GROUPS = [
     (
         "surface",
@@ -61,7 +61,7 @@ def test_one_call_removes_a_key_with_all_that_goes_with_it(group, owner, others,
     bare = case.replace(**{group: dict.fromkeys(owner) | instead})
     assert bare == made(group, instead)
     assert not {*owner, *others} & given_groups(bare).get(group, {}).keys()
-    with pytest.raises(rockfall.RockfallError):  # one of them alone is refused
+    with pytest.raises(rockfall.RockfallError):  # a single key of these is refused
         made(group, others | instead)
 
 
@@ -82,7 +82,7 @@ def test_what_still_has_a_meaning_stays():
     wood = made("forest", {"trees": "t.gpkg", "trees_layer": "a", "seed": 4})
     stands = wood.replace(forest={"trees": None, "polygons": "p.gpkg"})
     assert stands.forest["seed"] == 4 and "trees_layer" not in stands.forest
-    with pytest.raises(rockfall.RockfallError, match="zones is missing"):  # given in this call
+    with pytest.raises(rockfall.RockfallError, match="zones is missing"):  # given in the same call
         made(*GROUPS[0][:1], {**GROUPS[0][1], **GROUPS[0][2]}).replace(
             surface={"zones": None, "table": "mine.csv"}
         )

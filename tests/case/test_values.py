@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Namelist text is read by the kernel alone: its values arrive in their types, with those that are
-given told from defaults, and what Python writes reads as equal values."""
+"""Only the kernel reads namelist text: values arrive in their types, given values are distinguished
+from defaults, and text written by Python reads as equal values."""
 
 import pickle
 import re
@@ -36,7 +36,7 @@ TEXTS = some.text(
     some.characters(exclude_categories=["Cs", "Cc"]) | some.just("\t"), min_size=1, max_size=40
 )
 REALS = some.floats(allow_nan=False, allow_infinity=False)
-#: The same values each time, however slow the machine is.
+#: The same values each time, however slow the machine.
 untimed = settings(
     max_examples=50, deadline=None, derandomize=True, database=None,
     suppress_health_check=[*HealthCheck],
@@ -65,10 +65,10 @@ def test_values_have_the_types_of_their_keys():
 
 
 def test_what_is_given_is_told_from_defaults():
-    """Whether these are written or not: a case that was written has all of them."""
+    """Whether they are written or not: a written case has all values."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
-    assert found["impact"].given == {"form": "table"}  # which a table brings with it
+    assert found["impact"].given == {"form": "table"}  # implied by the table
     assert found["impact"].usual["table"] == "talus"
     assert groups(CASE.replace("talus", "meadow"))["impact"].given == {
         "form": "table", "table": "meadow",
@@ -110,7 +110,7 @@ def test_limits_of_a_key_are_those_by_which_its_numbers_are_refused():
 
 
 def test_another_value_leaves_defaults_to_the_kernel():
-    """A case that names a table follows it; one that also has its form by default would not."""
+    """A case that gives a table uses it; a case with its default form as well would not."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 1.0},
         release={"x": [0.0], "y": [0.0]},
@@ -161,7 +161,7 @@ def test_a_real_is_the_nearest_double_however_it_is_spelled(word):
 
 
 def test_long_lists_arrive_whole():
-    """Repeat counts make much of a short text."""
+    """Repeat counts expand a short text."""
     found = groups(
         "&case boulders = 1 / &terrain dem = 'a' / &surface uniform_mean_radius = 1 / "
         "&boulder volume = 'list', volumes = 100000*0.125 / &release x = 1, y = 1 /"
@@ -171,7 +171,7 @@ def test_long_lists_arrive_whole():
 
 @pytest.mark.parametrize("path", SHIPPED, ids=str)
 def test_shipped_files_are_read_and_written_again(path):
-    """Cases, impact sets and cases of the laboratory, with whatever groups they have."""
+    """Cases, impact sets and laboratory cases, with any groups."""
 
     def read(text):
         found = read_values(text, str(path)).groups
@@ -188,7 +188,7 @@ def test_a_case_can_be_copied_by_pickle():
 
 
 def test_changes_in_place_stay_in_copies():
-    """Of a value, one that is removed, a group that is added and one that is changed in a list."""
+    """Changes of a value, a removed value, an added group, and a changed group in a list."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
         boulder={"volume_mean": 1.0, "density": 2500.0},

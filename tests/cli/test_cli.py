@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The command line: exit status, one line for whatever is wrong, and nothing written then."""
+"""Command line: exit status, one line for every error, and nothing written after an error."""
 
 import os
 import re
@@ -30,7 +30,7 @@ from slope_case import CASE, slope, zones
 
 
 def command(*arguments, prefix=(), **options):
-    """Run the program as a user does; the rest is as in subprocess.run."""
+    """Run the program as a user does; other arguments as in subprocess.run."""
     program = [*prefix, sys.executable, "-m", "rockfall", *map(str, arguments)]
     return subprocess.run(program, capture_output=True, text=True, timeout=600, **options)
 
@@ -39,11 +39,11 @@ def files(folder):
     return sorted((path.name, path.stat().st_size) for path in folder.rglob("*"))
 
 
-# ---- what may be wrong with the files of a case
+# ---- errors in the files of a case
 
 
 def change(old, new, file="case.nml"):
-    """The first `old` in a file of the case becomes `new`."""
+    """Replace the first `old` in a file of the case by `new`."""
 
     def harm():
         text = Path(file).read_text()
@@ -200,7 +200,7 @@ ARGUMENTS = {
     "prepare over the case": (["prepare", "case.nml", ".", "--overwrite"],
         r"case.nml: is an input; not overwritten"),
 }  # fmt: skip
-if sys.platform != "win32":  # where /dev and /proc are names like others
+if sys.platform != "win32":  # except where /dev and /proc are ordinary names
     ARGUMENTS |= {
         "output is a device": (["run", "case.nml", "-o", "/dev/null"],
             r"/dev/null: not a regular file"),
@@ -256,7 +256,7 @@ def test_output_that_nobody_takes(place):
     assert (done.stdout, done.stderr) == ("0\n", "")
 
 
-# ---- what works
+# ---- valid use
 
 
 def test_check_says_what_would_run_and_writes_nothing(place, capsys):
@@ -437,7 +437,7 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
      ("back", ["seen.csv", "--members", "64", "--effective", "2"])],
 )  # fmt: skip
 def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, command, more):
-    """As `check` and `run` do: a volume in litres."""
+    """As in `check` and `run`: a volume in litres."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     text = CASE.replace("volume_mean = 0.8", "volume_mean = 800.0")
     Path("case.nml").write_text(text + "&ensemble runs = 8, volume_factor = 1.2 /\n")

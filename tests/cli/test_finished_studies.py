@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`--resume` onto variants or a hazard that are finished: exit 0, one line, no byte changes."""
+"""`--resume` of finished variants or of a finished hazard: exit 0, one line, no byte changes."""
 
 import contextlib
 from functools import partial
@@ -48,7 +48,7 @@ def layers(persons=2.0, width=5.0, house=HOUSE, half=100):
 
 
 def finish(what, folder):
-    """Inputs of a command, and what it makes of them."""
+    """Inputs of a command, and its finished output."""
     groups = SCENARIOS if "hazard" in what else VARIANTS
     with contextlib.chdir(folder):
         slope_case.write_slope()
@@ -59,7 +59,7 @@ def finish(what, folder):
 
 @pytest.fixture(autouse=True)
 def finished(gallery, tmp_path, monkeypatch, blank_figures, request):
-    """The same, made the current folder."""
+    """Finished output in the current folder."""
     what = request.node.callspec.params["what"]
     monkeypatch.chdir(gallery.copy(what, partial(finish, what), tmp_path))
 
@@ -137,7 +137,7 @@ def test_what_is_not_the_same_is_not_overwritten_unasked(what, name, capfd):
 
 @pytest.mark.parametrize("what", ["variants", "hazard"])
 def test_a_study_that_was_stopped_goes_on(what, monkeypatch, capfd):
-    """Its checkpoint comes first, also next to an older folder."""
+    """Its checkpoint has priority, also next to an older folder."""
     before = everything(Path("out"))
     with monkeypatch.context() as patch:
         patch.setattr(simulate, "FIRST_CHUNK", 5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; what it refuses."""
+"""`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; refusals."""
 
 import os
 import re
@@ -55,7 +55,7 @@ ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--
 
 @pytest.fixture(scope="module", autouse=True)
 def no_figures():
-    """Drawing takes longer than all else."""
+    """Skip drawing, which takes longer than everything else."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rockfall.cli.commands.hazard.hazard_figures", lambda *_: [])
         sheet = "rockfall.cli.commands.hazard.hazard_sheet"
@@ -64,7 +64,7 @@ def no_figures():
 
 
 def write_case():
-    """The slope with scenarios and two objects, in the current folder."""
+    """Slope with scenarios and two objects, in the current folder."""
     write_slope()
     Path("case.nml").write_text(CASE + SCENARIOS)
     columns = {"name": ["house", "road"], "vulnerability": [0.5, 1.0], "value": [100.0, 1.0]}
@@ -79,7 +79,7 @@ def hazard_case(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def made(no_figures, tmp_path_factory):
-    """A folder in which the command has written, and what Python has; both to be read only."""
+    """Folder with files written by the command, and the result of Python, both read-only."""
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as here:
         here.chdir(folder)
@@ -90,14 +90,14 @@ def made(no_figures, tmp_path_factory):
 
 @pytest.fixture
 def found(made, monkeypatch):
-    """What Python has, in the folder in which the command has written."""
+    """Result of Python, in the folder with files of the command."""
     monkeypatch.chdir(made[0])
     return made[1]
 
 
 @pytest.fixture
 def written(hazard_case, made):
-    """The case, and a copy of what the command writes."""
+    """Case, and a copy of the command's files."""
     shutil.copytree(made[0] / "out", "out")
 
 
@@ -161,7 +161,7 @@ def test_the_file_holds_all_of_it(found):
 
 
 def test_zones_are_the_cells_of_each_class(found):
-    names = ["hazard", "class", "area", "certain"]  # read in an order that depends on pyogrio
+    names = ["hazard", "class", "area", "certain"]  # the order depends on pyogrio
     about, _, wkb, values = pyogrio.raw.read(
         "out/hazard.gpkg", layer="zones_by_cell", columns=names
     )
@@ -200,12 +200,12 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
 
     assert areas("few").min() >= 500 > areas("all").min()
     assert len(areas("few")) < len(areas("all"))
-    for name in "hazard_class.tif", "passage_frequency.tif":  # maps stay as they are
+    for name in "hazard_class.tif", "passage_frequency.tif":  # maps are not changed
         assert Path("few", name).read_bytes() == Path("all", name).read_bytes()
 
 
 def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
-    """Each zone has the highest class of its cells, and a warning says how much went lower."""
+    """Each zone has the highest class of its cells; a warning gives the cells that lose theirs."""
     text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0, minimum_width = 0 /\n"
     Path("case.nml").write_text(text)
     found = rockfall.hazard(rockfall.read_case("case.nml"))
@@ -230,7 +230,7 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
 
 
 def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
-    """And one of several layers can be named; a point on the edge is in the last cell."""
+    """An object can also be given by layer; a point on the edge is in the last cell."""
     beyond = shapely.LineString([(599800, 4999905), (600020, 4999910)])
     bounds = rasterio.open("dem.tif").bounds
     corner = shapely.Point(bounds.right, bounds.bottom)
@@ -276,7 +276,7 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
 
 
 def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
-    """What holds in one scenario only bears its name; the section of the report has it too."""
+    """A warning of a single scenario is listed with its name, also in the section of the report."""
     narrow = CALM_SETS.replace("/\n&", " speed_range = 100, 101 /\n&").replace(
         "ratio = 5", "ratio = 5, speed_range = 100, 101"
     )
@@ -298,7 +298,7 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
     assert printed.count(f"  warning: {forest}") == 1
     found = read_hazard("out/hazard.nc")
     assert forest in [*hazard_warnings(found)]
-    assert forest not in [*hazard_warnings(found, {"model.forest"})]  # shown already
+    assert forest not in [*hazard_warnings(found, {"model.forest"})]  # already shown
     assert [f"  warning: {text}" for text in hazard_warnings(found)] == [
         line for line in printed if "  warning: " in line
     ]
@@ -320,7 +320,7 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     assert Path("out.scenario1.checkpoint").exists()
     monkeypatch.setattr(simulate, "_run_range", fly)
     capsys.readouterr()
-    assert main([*ARGUMENTS, "--overwrite"]) == 2  # not over what was done, unasked
+    assert main([*ARGUMENTS, "--overwrite"]) == 2  # must not be overwritten unless requested
     assert "continue with --resume" in capsys.readouterr().err
     assert main([*ARGUMENTS, "--resume", "--overwrite", "--threads", "2"]) == 0
     assert (Path("out/hazard_class.tif").read_bytes(), rockfall_counts()) == whole
@@ -330,7 +330,7 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
 def test_a_finished_scenario_is_not_run_again(hazard_case, monkeypatch):
     fly = simulate._run_range
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 300)
-    killed_after(monkeypatch, 1)  # the first scenario whole
+    killed_after(monkeypatch, 1)  # the first scenario completely
     with pytest.raises(Killed):
         main(ARGUMENTS)
     calls = []
@@ -344,7 +344,7 @@ def rockfall_counts():
         return file["scenario_energy_exceeded"][...].tobytes()
 
 
-# ---- what is refused, in one line, with nothing written
+# ---- refusals, in one line, with nothing written
 
 
 @pytest.mark.parametrize(
@@ -397,7 +397,7 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
 
 
 def test_scenarios_may_be_run_elsewhere(written, capsys):
-    """In shards too: the same hazard. The wrong result, or one of other inputs, is refused."""
+    """Also in shards, with the same hazard. Results of other scenarios or inputs are refused."""
     assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
     cases = ["case_scenario1.nml", "case_scenario2.nml"]
     assert capsys.readouterr().out.split() == cases

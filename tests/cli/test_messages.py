@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of commands: warnings of products, and the files that were written."""
+"""Messages of commands: warnings of products, and written files."""
 
 import warnings
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A project from layers to the report in a dozen commands; its numbers agree everywhere."""
+"""A project from layers to report in a dozen commands, with equal values everywhere."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def in_other_crs(shape):
 
 
 def draw_site():
-    """Terrain and layers as people have them; the zones in another CRS than the rest."""
+    """Realistic terrain and layers; the zones are in another CRS."""
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
     zones = [in_other_crs(BOX(W + a, N - d, W + b, N - c)) for a, b, c, d in HALVES]
@@ -67,7 +67,7 @@ def draw_site():
 
 @pytest.fixture
 def rockfall_says(capsys):
-    """A command that must succeed; what it printed, its complaints."""
+    """Run a command that must succeed; return its output and warnings."""
 
     def run(*words):
         capsys.readouterr()
@@ -110,7 +110,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     sought = rockfall_says("back", "case.nml", "speeds.csv", *few).out
     converged = rockfall_says("convergence", "case.nml").out
 
-    # one number, and one interval, wherever it is said
+    # one value and one interval everywhere
     result = rockfall.read_result("case.nc")
     row = rockfall.line_statistics(result).query("line == 'L 214' and quantity == 'speed'").iloc[0]
     three = [100 * row[f"fraction{end}"] for end in ("", "_low", "_high")]
@@ -132,7 +132,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     )
     assert study["value"].iloc[-1] == pytest.approx(row["fraction"], abs=24 * near / 100)
     assert "inf" not in converged
-    # sources by name, and nothing of a layer runs in a page
+    # sources have their names, and texts of layers are not executed in pages
     assert result["feature_name"].values.tolist() == ["Nordwand", "<b>Süd</b>"]
     assert set(np.unique(result["source_feature"])) == {1, 2} and "<b>Süd" not in page
     assert json.loads(result.attrs["input_checksums"])["zones"]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands that take two files refuse what does not belong together, in one line, with nothing
-written; variants of a site do."""
+"""Commands with two input files refuse files that do not belong together, in one line, with nothing
+written; variants of a site are accepted."""
 
 import re
 from pathlib import Path
@@ -30,14 +30,14 @@ def run(text, name):
 
 
 def elsewhere(transform=None, crs="EPSG:32632", steeper=0.0):
-    """Another DEM for the next run, and zones on its cells."""
+    """Use another DEM for the next run, with zones on its cells."""
     z = slope() + steeper * np.arange(slope().shape[0])[::-1, None]
     place = {} if transform is None else {"transform": transform}
     make_raster("dem.tif", z.astype("f4"), nodata=-9999, crs=crs, **place)
     make_raster("zones.tif", zones(), nodata=-9999, crs=crs, **place)
 
 
-OTHERS = {  # what changes from the result to the hazard or the models, and what is said of it
+OTHERS = {  # changes between the result and the hazard or models, and the message
     "nothing": ("", "", None),
     "seed, boulders, lines' outputs": ("seed = 7", "seed = 8", None),
     "stop speed": ("&impact", "&impact stop_speed = 0.3,", "different &impact stop_speed"),
@@ -87,7 +87,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
 
 
 def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
-    """A dam, another volume or ground: yes; another CRS, another place: no."""
+    """Another dam, volume or ground is accepted; another CRS or place is not."""
     Path("observed.csv").write_text(OBSERVED)
     dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0,"
     dam += " allow_coarse = .true. /\n"
@@ -115,7 +115,7 @@ def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
 
 @pytest.fixture
 def page(place, capsys):
-    """The page of a run on classical ground, and its first section."""
+    """Report of a run on classical ground, and its first section."""
 
     def made(*words):
         assert main(["report", "out.nc", "--overwrite", *words]) == 0
@@ -126,7 +126,7 @@ def page(place, capsys):
 
 
 def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
-    """In the box at the top; nothing on the page is said of impact sets that made no rebound."""
+    """In the box at the top; the page does not mention impact sets that made no rebound."""
     text = ON_GROUND.replace("boulders = 20", "boulders = 200")
     run(text.replace("&output", "&output rebounds = .true.,"), "out.nc")
     text, first = page()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands import what they use, so that a small case does not wait for what it has no use for."""
+"""Commands import only what they use, so that small cases start quickly."""
 
 import subprocess
 import sys
@@ -29,7 +29,7 @@ print("modules", *sys.modules)
 
 
 def case_of_files(folder, maps, **groups):
-    """A case in files, with these maps, a line, histograms and trajectories."""
+    """Case as files, with given maps, a line, histograms and trajectories."""
     output = {"maps": maps, "rebounds": True, "trajectories": 3, "energy_balance": True}
     groups["hazard"] = {"thresholds": [30.0, 300.0]}
     z = rough()
@@ -39,14 +39,14 @@ def case_of_files(folder, maps, **groups):
 
 
 def modules(*commands, cwd):
-    """What is imported when a process has run these commands."""
+    """Modules imported by a process that has run these commands."""
     words = [sys.executable, "-W", "error", "-c", COMMANDS, *commands]
     done = subprocess.run(words, cwd=cwd, check=True, capture_output=True, text=True)
     return set(done.stdout.splitlines()[-1].split())
 
 
 def described(path):
-    """All that a file holds but values and times: dimensions, types, storage, attributes."""
+    """Everything in a file except values and times: dimensions, types, storage, attributes."""
     clocks = ("date_created", "wall_seconds", "cpu_seconds")
     with netCDF4.Dataset(path) as file:
         yield {dim: one.size for dim, one in file.dimensions.items()}

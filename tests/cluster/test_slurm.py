@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The job array in a real Slurm of one node. Left out unless asked for: `./run slurm-test`."""
+"""Job array in a real Slurm with one node. Only run on request: `./run slurm-test`."""
 
 import getpass
 import os
@@ -20,7 +20,7 @@ from rockfall.cli import main
 
 ROOT = Path(__file__).parents[2]
 SHARDS = 4
-BOULDERS = 400_000  # a job takes seconds: it can be stopped within
+BOULDERS = 400_000  # a job takes seconds, so it can be stopped meanwhile
 CONFIGURATION = """\
 ClusterName=test
 SlurmctldHost={host}(127.0.0.1)
@@ -52,8 +52,8 @@ if not os.environ.get("ROCKFALL_SLURM"):
 
 @pytest.fixture(scope="module")
 def slurm():
-    """A Slurm of this machine and this user, for as long as the tests run."""
-    folder = Path(tempfile.mkdtemp(prefix="slurm"))  # short: it holds a socket
+    """Slurm on this machine for this user, during the tests."""
+    folder = Path(tempfile.mkdtemp(prefix="slurm"))  # short path, because it contains a socket
     folder.chmod(0o755)
     for name in "state", "spool":
         (folder / name).mkdir()
@@ -97,7 +97,7 @@ def slurm():
 
 @pytest.fixture(scope="module")
 def case():
-    """A case in a folder of its own, and its result in one piece."""
+    """Case in a separate folder, and its undivided result."""
     folder, site = Path(tempfile.mkdtemp(prefix="jobs")), ROOT / "cases/vaujany"
     case = rockfall.read_case(site / "case.nml").replace(
         case={"boulders": BOULDERS},
@@ -112,7 +112,7 @@ def case():
 
 @pytest.fixture(params=["python", "batch"])
 def jobs(request, slurm, case, tmp_path, monkeypatch):
-    """The folder of an array that is submitted, and the numbers of its jobs and of the merge."""
+    """Folder of a submitted array, and the numbers of its jobs and of the merge job."""
     path = case[0]
     if request.param == "batch":
         if not find_program():
@@ -130,9 +130,9 @@ def jobs(request, slurm, case, tmp_path, monkeypatch):
 def test_a_job_that_is_requeued_goes_on_and_the_merge_waits_for_it(jobs, case):
     folder, array, merge = jobs
     wait_until_busy(_process(folder / "parts/part1of4"))
-    _said("scontrol", "requeue", f"{array}_1")  # SIGTERM, and later again
+    _said("scontrol", "requeue", f"{array}_1")  # sends SIGTERM, and later again
     _wait(lambda: "Restarts=1" in _said("scontrol", "show", "job", f"{array}_1"), "not requeued")
-    while True:  # the array last: it may end between two questions
+    while True:  # the array last, because it may end between two queries
         waits, is_merged = _states(merge) == ["PENDING"], (folder / "case.nc").exists()
         if not {"RUNNING", "PENDING"} & {*_states(array)}:
             break
@@ -174,18 +174,18 @@ def _said(*words):
 
 
 def _answer(*words):
-    """What a command prints; nothing as long as no daemon answers it."""
+    """Output of a command; empty as long as no daemon answers."""
     return subprocess.run(words, capture_output=True, text=True).stdout
 
 
 def _states(job):
-    """Of a job, or of each of an array."""
+    """States of a job, or of each job of an array."""
     words = _said("scontrol", "show", "job", job).split()
     return [one.removeprefix("JobState=") for one in words if one.startswith("JobState=")]
 
 
 def _process(output):
-    """The process that writes an output, once it is there."""
+    """Process that writes an output, once it exists."""
 
     def find():
         for place in Path("/proc").glob("[0-9]*/cmdline"):

@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every block of code on every page runs, on a small site with the files that the pages name.
+"""Every code block on every page runs, on a small site with the files used on the pages.
 
-A block of
+Blocks have these meanings:
 
-    sh                    is commands, of rockfall with few boulders
-    python                runs after those before it on its page; `case` and `result` are there
-    fortran               is groups of a case that reads its files, with those of case.nml that
-                          lack; or a whole case of the laboratory
-    csv                   is a table: as many columns in every row
-    fortran, csv, python  with title="FILE" is that file, for what comes after it
-    text                  is what a program prints, or a drawing
+sh commands, with few boulders python runs after the preceding blocks of its page; `case` and
+`result` exist fortran groups of a case that reads its files, completed from case.nml; or a complete
+laboratory case csv table with equal numbers of columns in all rows fortran, csv, python with
+title="FILE" contents of this file, for the following blocks text output of a program, or a drawing
 
-and what cannot be run here has a line `<!-- not run: REASON -->` before it. The tutorial has a test
-of its own, which also compares what is printed. Archived pages are not run.
+Blocks that cannot run here follow a line `<!-- not run: REASON -->`. The tutorial has a separate
+test, which also compares output. Archived pages are not run.
 """
 
 import argparse
@@ -71,9 +68,9 @@ CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 &ensemble runs = 8, radius_factor = 1.3, volume_factor = 1.1 /
 &output maps = 'passages', 'reach_probability', 'energy_max', rebounds = .true., trajectories = 5 /
 """
-#: A quarter of the cells of cases/tutorial.
+#: A quarter of the cells in cases/tutorial.
 COARSE = "CELL, NX, NY = 640_000.0, 5_230_000.0, 4.0, 90, 120"
-#: Programs that a test cannot run, and why.
+#: Programs that a test cannot run, with reasons.
 ELSEWHERE = {
     "./run": "sets a machine up; that it knows the command is tested",
     ".ci/run": "runs the tests",
@@ -85,9 +82,9 @@ ELSEWHERE = {
     "scontrol": "needs Slurm",
     "qgis_process": "needs QGIS; tests/qgis runs the plugin there",
 }
-#: What a page may say of places of another site: this one has them elsewhere.
+#: Message about positions on another site, which this site does not contain.
 APART = "must lie between the outer cell centres of the DEM"
-#: After the arguments of a page: few boulders.
+#: Options appended to the arguments on a page, for few boulders.
 SMALL = {
     "until": ["--cap", "200"],
     "run": ["--boulders", "5"],
@@ -106,7 +103,7 @@ def blocks(page):
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
-    """A folder with every file that a page names."""
+    """Folder with every file used on a page."""
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     folder, before = tmp_path_factory.mktemp("site"), Path.cwd()
     os.chdir(folder)
@@ -199,11 +196,11 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def page_site(site, tmp_path, monkeypatch, blank_figures):
-    """A copy of it, made the current folder."""
+    """Copy of the site, as the current folder."""
     folder = shutil.copytree(site, tmp_path / "site")
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rockfall.studies.back.study.ROUND", 16)
-    monkeypatch.setattr("rockfall.studies.convergence.MIN_REFERENCE", 1)  # not the turns
+    monkeypatch.setattr("rockfall.studies.convergence.MIN_REFERENCE", 1)  # minimum number of turns
     monkeypatch.setattr("rockfall.app.show.PAGE", make_page(tmp_path / "page"))
     return folder
 
@@ -251,7 +248,7 @@ def test_blocks_run(page, page_site, capfd):
 
 
 def write(name, code, kind):
-    of_simulation = kind == "fortran" and "&lab" not in code  # the laboratory's are whole
+    of_simulation = kind == "fortran" and "&lab" not in code  # cases of the laboratory are complete
     few = re.sub(r"throws = \d{3,}", "throws = 16", code)
     Path(name).write_text(whole(code) if of_simulation else few)
     if of_simulation:
@@ -265,16 +262,16 @@ def write(name, code, kind):
 
 
 def whole(code):
-    """A case of the groups of a block, and of those of case.nml that it lacks."""
+    """Case with the groups of a block, and missing groups from case.nml."""
     has = re.findall(r"^\s*&(\w+)", code, re.MULTILINE)
     rest = [line for line in CASE.splitlines() if line[1:].partition(" ")[0] not in has]
-    fits = code.replace("&dam\n", "&dam allow_coarse = .true.\n")  # on the cells of the site
+    fits = code.replace("&dam\n", "&dam allow_coarse = .true.\n")  # allowed on cells of the site
     return "\n".join([*rest, fits])
 
 
 @contextlib.contextmanager
 def away(words):
-    """What `new` and `dem` would not overwrite; a file of the site stands in for what they made."""
+    """Move away files that `new` and `dem` do not overwrite; files of the site replace output."""
     path = Path(words[words.index("-o") + 1]) if words[0] in ("new", "dem") else Path()
     before = path.read_bytes() if path.is_file() else b""
     if before:
@@ -285,7 +282,7 @@ def away(words):
 
 
 def known_arguments(words):
-    """What a command takes; nothing where it only prints, as with --version."""
+    """Parsed arguments of a command; none if it only prints, as with --version."""
     try:
         return make_parser().parse_args(words)
     except SystemExit:
@@ -293,7 +290,7 @@ def known_arguments(words):
 
 
 def execute(command, capfd):
-    """A command as a shell has it, without its substitutions."""
+    """Run a command as in a shell, without its substitutions."""
     words = shlex.split(command, comments=True)
     words = [found for one in words for found in (sorted(glob.glob(one)) or [one])]
     if not words:

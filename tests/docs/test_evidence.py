@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Numbers of validity have one home, python/rockfall/data/field_evidence.csv: pages have them in
-blocks that tools/document.py fills, messages by placeholders."""
+"""Validation results are only in python/rockfall/data/field_evidence.csv: pages show them in blocks
+filled by tools/document.py, messages by placeholders."""
 
 import ast
 import math
@@ -25,11 +25,11 @@ PAGES = [
     for path in sorted(ROOT.glob(pattern))
     if ROOT / "docs/archive" not in path.parents
 ]
-#: Pages that hold numbers of validity of their own.
+#: Pages with their own validation results.
 EXEMPT = {
     "docs/validation/vaujany.md": "written by benchmarks/accuracy/vaujany.py, against the paper",
 }
-#: Sentences that are no evidence, by words that they have.
+#: Sentences without evidence, identified by words in them.
 OTHER = {
     "observed blocks stopped within": "of the observation alone",
     "standard deviation within 25 % of the observed values": "bounds of verdicts",
@@ -47,12 +47,12 @@ COMPARED = re.compile(
     r"|\bin the field\b|\bdid\b|\b(?:blocks|boulders) went\b"
 )
 LEVELS = re.compile(r"\b(?:5|50|90|95) % (?:confidence|of the draws|quantile|interval)|of 95 %")
-#: Words for parts in the other languages of messages.
+#: Words for fractions in the messages of other languages.
 PARTS = re.compile(r"\d ?%|Viertel|Drittel|Zehntel|\bquart\b|\btiers\b|\bquarto\b|\bterzo\b")
 
 
 def sentences(page: str) -> list[str]:
-    """Sentences, items and rows of tables outside of code and of blocks that programs write."""
+    """Sentences, list items and table rows, outside of code and of generated blocks."""
     page = re.sub(r"<!-- ([^>]*?) -->\n.*?<!-- end of .*? -->", "", page, flags=re.DOTALL)
     page = re.sub(r"^(```|~~~).*?^\1", "", page, flags=re.DOTALL | re.MULTILINE)
     parts = re.split(r"\n(?=\||\s*[-*] |#)|\n\n", page)
@@ -64,14 +64,14 @@ def sentences(page: str) -> list[str]:
 
 
 def holds_a_number(sentence: str) -> bool:
-    """Return True for a sentence that says how far the program is from what was observed."""
+    """Return True for a sentence that quantifies the agreement with observations."""
     rest = LEVELS.sub("", sentence)
     return bool(NUMBER.search(rest) and COMPARED.search(rest))
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_page_holds_a_number_of_validity_of_its_own(path):
-    """Take it from the table: a block of tools/document_evidence.py, or a link to one."""
+    """Use the table instead: a block of tools/document_evidence.py, or a link to it."""
     if str(path.relative_to(ROOT)) in EXEMPT:
         return
     own = [
@@ -181,7 +181,7 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
 
 
 def test_numbers_of_the_model_come_from_errors():
-    """And are the number itself where nothing was observed."""
+    """Where nothing was observed, they are the value itself."""
     passing = only("vaujany-forest", "forest", "passing", "vaujany-observed")
     assert passing.simulated == pytest.approx(34 * (1 + passing.error / 100))
     assert passing.simulated_error == pytest.approx(0.34 * passing.standard_error)

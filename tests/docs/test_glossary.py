@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The catalogues use the terms of docs/glossary.csv, one for each thing in each language."""
+"""The catalogues use the terms of docs/glossary.csv, one term per thing and language."""
 
 import csv
 import re
@@ -12,13 +12,13 @@ from rockfall.language import LANGUAGES, catalogue
 
 TERMS = [*csv.DictReader((ROOT / "docs/glossary.csv").read_text("utf-8").splitlines())]
 OTHERS = [language for language in LANGUAGES if language != "en"]
-#: One word in English and always the same in the others; some words, as slope, have several senses.
+#: English words with exactly one translation per language; 'slope' and others have several.
 SINGLE = {
     "barrier", "bedrock", "cliff", "crest", "dam", "deposit", "elevation", "fragment", "hazard",
     "intensity", "median", "net", "object", "obstacle", "part", "population", "quantile", "raster",
     "result", "speed", "terrain", "threshold", "trajectory", "variant", "volume", "wall", "zone",
 }  # fmt: skip
-#: Texts that leave a term to the context.
+#: Texts where the context replaces a term.
 EXCEPT = {"figures.passing_open", "figures.profile", "model.observed_set", "model.spheres_set",
           "validity.not_drawn", "page.sections", "qgis.relief", "risk.traffic",
           "uncertain.ground"}  # fmt: skip
@@ -30,11 +30,11 @@ def folded(text):
 
 
 def pattern(term, language):
-    """Pattern of a term in any form: endings differ, and German compounds begin before it."""
+    """Pattern of a term in any form: endings vary, and German compounds may precede it."""
     words = folded(re.sub(r" \(.*\)", "", term)).split()
     if language == "it":  # plurals change the last letter
         words = [re.sub("h?.$", "", word) if len(word) > 3 else word for word in words]
-    elif language == "de":  # endings of adjectives and of Szenario
+    elif language == "de":  # endings of adjectives, and of Szenario
         words = [re.sub("(e[rs]?|o)$", "", word) if len(word) > 3 else word for word in words]
     else:
         words = [word.replace("-", "s?-") for word in words]
@@ -71,7 +71,7 @@ def test_no_second_word_is_used_for_a_term(language):
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_texts_use_the_terms(language):
-    """The longest term counts: an impact table is no impact."""
+    """The longest term counts: an impact table is not an impact."""
     terms = sorted(TERMS, key=lambda term: -len(term["en"]))
     english, other, missing = texts("en"), texts(language), []
     for key in english.keys() - EXCEPT:

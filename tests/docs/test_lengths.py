@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages are short: what the program does not write, and what is not archived."""
+"""Limits for the length of pages, except generated and archived pages."""
 
 import pytest
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of the pages: drawn by tools/page_figures.py, small, and described in words."""
+"""Figures of pages: drawn by tools/page_figures.py, small, and described in words."""
 
 import re
 import sys
@@ -20,7 +20,7 @@ PAGES = [
     if ROOT / "docs/archive" not in path.parents
 ]
 PICTURE = re.compile(r"!\[([^\]]*)\]")
-SMALL = 100_000  # bytes
+SMALL = 100_000  # [bytes]
 
 
 def test_every_figure_is_drawn_small_and_stands_on_a_page(tmp_path, monkeypatch):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that pages name are there."""
+"""Files mentioned on pages exist."""
 
 import re
 import shutil
@@ -19,13 +19,13 @@ PAGES = [
     for path in sorted((ROOT / folder).rglob("*.md"))
     if "archive" not in path.parts
 ]
-WRITTEN = {"run.sh", "merge.sh", "submit.sh"}  # by `rockfall slurm`
+WRITTEN = {"run.sh", "merge.sh", "submit.sh"}  # written by `rockfall slurm`
 
 
 @pytest.mark.skipif(len(FILES) < 100, reason="no checkout of git")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_on_a_page_are_there(page):
-    """By their whole path, or by the end of it."""
+    """By their complete path, or by its end."""
     named = set(re.findall(r"`([\w./-]+\.(?:py|f90|ts|sh))`", page.read_text(encoding="utf-8")))
     gone = [
         name for name in named - WRITTEN if not any(file.endswith(f"/{name}") for file in FILES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The study on docs/start/python.md prints what the page says, and draws what it names."""
+"""The study on docs/start/python.md prints the output shown on the page, and draws its figures."""
 
 import re
 import shutil

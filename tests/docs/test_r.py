@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What docs/c_interface.md says of R runs there, and gives the bits of Python."""
+"""The R example in docs/c_interface.md runs, and is bit-identical to Python."""
 
 import os
 import re
@@ -16,14 +16,14 @@ from made import make_raster
 from programs import ROOT
 
 BLOCK = r"```{} title=\"(.+?)\"\n(.*?)^```$"
-#: Without what takes long and leaves the bits as they are.
+#: Options that save time and do not change results.
 QUICK = ["-Dpython=false", "-Dlibrary=true", "-Dnetcdf=disabled", "-Db_lto=false", "--libdir=lib"]
 
 
 @pytest.mark.all
 @pytest.mark.skipif(not shutil.which("Rscript"), reason="R is not installed")
 def test_r_runs_a_case(tmp_path, monkeypatch):
-    """The files of the page, and its commands, with a library of this tree."""
+    """Run the files and commands of the page with a library of this tree."""
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs/c_interface.md").read_text("utf-8")
     for kind in "c", "r":

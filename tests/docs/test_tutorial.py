@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The notebook of the tutorial runs. `./run docs` follows its pages to the letter, by
-tools/figures.py."""
+"""The notebook of the tutorial runs. `./run docs` follows its pages exactly, by tools/figures.py."""
 
 import json
 from pathlib import Path
@@ -11,7 +10,7 @@ from tools import tutorial
 
 pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 pytest.importorskip("jinja2", reason="the report extra is not installed")
-#: Boulders and precision that a cell asks for, and what is enough to show that it runs.
+#: Numbers of boulders and precisions in cells, and smaller values that suffice for a test.
 FEW = {"20_000": "2_000", "1360": "136", "road<5%": "road<20%"}
 
 

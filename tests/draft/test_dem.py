@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall dem`: elevations of points as the formula has them, edits that do what they say."""
+"""`rockfall dem`: elevations of points follow the formula, and edits have the described effect."""
 
 import heapq
 
@@ -24,7 +24,7 @@ def survey(n=150, seed=1):
 
 
 def by_hand(points, x, y, weights):
-    """Shepard's mean at one place."""
+    """Shepard's mean at one point."""
     apart = np.hypot(points[:, 0] - x, points[:, 1] - y)
     order = np.argsort(apart)[: weights.neighbours]
     order = order[apart[order] <= weights.within]
@@ -61,7 +61,7 @@ def test_each_point_is_foretold_by_the_others():
         for k in range(60)
     ]
     np.testing.assert_allclose(left_out(points, NEAR), wanted, rtol=1e-10)
-    twice = np.repeat(points[:2], 20, axis=0)  # more in one place than neighbours
+    twice = np.repeat(points[:2], 20, axis=0)  # more points at one place than neighbours
     np.testing.assert_array_equal(left_out(twice, NEAR), 0.0)
     assert np.isnan(left_out(points[:1], NEAR)).all()
 
@@ -86,7 +86,7 @@ def test_a_survey_becomes_a_dem(tmp_path, capsys):
 
 
 def flooded(z):
-    """Levels at which water runs over, cell by cell from the rim inwards (Barnes et al. 2014)."""
+    """Levels at which water overflows, cell by cell from the rim inwards (Barnes et al. 2014)."""
     level, heap = np.where(np.isnan(z), np.nan, np.inf), []
     padded = np.pad(z, 1, constant_values=np.nan)
     for r, c in np.argwhere(~np.isnan(z)).tolist():
@@ -127,7 +127,7 @@ def test_holes_are_filled_and_nothing_is_made_up_beyond_the_terrain():
     np.testing.assert_array_equal(done[known], z[known])
     assert np.isnan(done[:, 16:]).all()
     z[5:16, 3:14] = np.nan
-    assert np.isnan(without_holes(z, 2)[10, 8])  # too far from its edge
+    assert np.isnan(without_holes(z, 2)[10, 8])  # too far from the edge of the hole
 
 
 def test_smoothing_takes_noise_and_leaves_planes():

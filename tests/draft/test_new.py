@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall new`: layers are known for what they are, and the case runs as it was written."""
+"""`rockfall new`: layers are recognised, and the case runs as written."""
 
 import ntpath
 import os
@@ -33,7 +33,7 @@ TREES = [shapely.Point(W + 150, N - 150), shapely.Point(W + 160, N - 170)]
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """dem.tif in the current folder."""
+    """Write dem.tif in the current folder."""
     monkeypatch.chdir(tmp_path)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
@@ -80,7 +80,7 @@ def test_a_terrain_alone_has_steep_sources(capsys):
     off = re.findall(r"^    ! (\w+) = (\S+)", Path("case.nml").read_text(), re.MULTILINE)
     threshold = dict(off)["slope_threshold"]
     assert float(threshold) == pytest.approx(55 * 5**-0.075, abs=0.005)
-    # what is off and stands beside what is on may be turned on
+    # disabled lines next to enabled lines can be enabled
     text = Path("case.nml").read_text()
     for key in ("slope_threshold", "uniform_mean_radius", "question"):
         text = re.sub(f"^    ! {key} =", f"    {key} =", text, flags=re.MULTILINE)
@@ -107,7 +107,7 @@ def test_ids_of_polygons_are_kept_where_they_tell_them_apart():
     assert case.surface["method"] == "A" and case.surface["zones"] == "zones.shp"
     assert read_scene(case).x.tolist() == [W + 150, W + 190]
     assert case.release["points"] == "cliff.gpkg" and case.boulder["volume"] == "source"
-    # the same zone of two materials has to become two
+    # a zone with two materials must become two zones
     make_layer("other.gpkg", HALVES, zone=[7, 7], mean_radius=[0.1, 0.2])
     assert new("other.gpkg", "-o", "other.nml") == 0
     assert (
@@ -126,7 +126,7 @@ def test_the_table_of_zones_says_what_they_are_called():
     )
     assert read_scene(read_case("case.nml")).rasters.sizes[:, 0].tolist() == [0.3, 0.1]
     make_layer("one.gpkg", HALVES, mean_radius=[0.3, 0.3], name=["scree", "talus"])
-    assert new("one.gpkg", "-o", "one.nml") == 0  # one zone of two names
+    assert new("one.gpkg", "-o", "one.nml") == 0  # one zone with two names
     assert Path("one_zones.csv").read_text() == "zone,mean_radius,ground\n1,0.3,talus\n"
 
 
@@ -142,8 +142,8 @@ def test_the_command_for_objects_names_their_layer(capsys):
 
 
 def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
-    """As Windows has them, where no relative path leads from one to the other."""
-    relpath = ntpath.relpath  # which is that of os.path there
+    """As on Windows, where no relative path leads from one drive to another."""
+    relpath = ntpath.relpath  # os.path on Windows
     monkeypatch.setattr(os.path, "relpath", lambda *_: relpath("D:/dem.tif", "C:/out"))
     assert new("-o", "case.nml") == 0
     assert read_case("case.nml").terrain["dem"] == Path("dem.tif").absolute().as_posix()
@@ -177,7 +177,7 @@ def test_houses_are_for_the_commands_of_hazard(name, capsys):
 
 
 def shifted(shapes):
-    """Shapes in the neighbouring zone of UTM."""
+    """Shapes in the neighbouring UTM zone."""
     pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")
     way = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
     return [*shapely.transform(np.array(shapes), lambda xy: np.column_stack(way.transform(*xy.T)))]
@@ -207,7 +207,7 @@ def test_remarks_appear_once_and_name_the_files_that_were_given(tmp_path, capsys
 
 POINTS = [shapely.Point(W + 150, N - 42), shapely.Point(W + 190, N - 42)]
 SOURCE_LAYERS = {  # file name, shapes, attributes: the number of sources
-    "relAlr.shp": ([CLIFF], {"thickness": [1.0]}, 120),  # as AvaFrame names them
+    "relAlr.shp": ([CLIFF], {"thickness": [1.0]}, 120),  # as named in AvaFrame
     "REL_2.gpkg": ([CLIFF], {}, 120),
     "start.geojson": ([shapely.MultiPoint(POINTS)], {}, 2),
     "quelle.fgb": ([shapely.MultiPoint(POINTS[:1]), shapely.MultiPoint(POINTS[1:])], {}, 2),
@@ -324,7 +324,7 @@ def test_names_stay_in_their_comments_and_quotes():
     name = "it's\n&case boulders = 7 /"
     make_layer("site.gpkg", [CLIFF], layer="other", a=[1])
     make_layer("site.gpkg", [across(300)], layer=name, a=[1])
-    assert new("site.gpkg", "-o", "case.nml") == 2  # a namelist cannot hold it
+    assert new("site.gpkg", "-o", "case.nml") == 2  # a namelist cannot contain it
     assert not Path("case.nml").exists()
     make_layer("quoted.gpkg", [across(300)], layer="it's &case boulders = 7 /", a=[1])
     make_layer("quoted.gpkg", [CLIFF], layer="other", a=[1])
@@ -374,8 +374,8 @@ def test_what_cannot_be_is_refused_in_one_line(make, arguments, said, tmp_path, 
 
 
 def test_a_table_of_zones_is_not_overwritten():
-    """Somebody may have edited it."""
-    make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # the symbol of the mean radius
+    """The table may have been edited."""
+    make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # symbol of the mean radius
     assert new("zones.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv")
     assert table.read_text() == "zone,mean_radius,ground\n1,0.1,talus\n2,0.2,talus\n"

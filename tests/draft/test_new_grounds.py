@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall new`: each zone of a first case has a ground, in a term of the field."""
+"""`rockfall new`: each zone of a first case has a ground with a term of the field."""
 
 import io
 from pathlib import Path
@@ -23,7 +23,7 @@ THIRDS = [shapely.box(W, N - y - 133, W + 300, N - y) for y in (0, 133, 266)]
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """dem.tif in the current folder."""
+    """Write dem.tif in the current folder."""
     monkeypatch.chdir(tmp_path)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
@@ -136,7 +136,7 @@ def test_a_draft_without_a_ground_is_refused_with_the_choices(options, said, cap
 
 
 class Terminal(io.StringIO):
-    """Input of somebody at a terminal."""
+    """Input of a user at a terminal."""
 
     def isatty(self):
         return True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall new`: layers of blocks at rest and scars become observations of the case."""
+"""`rockfall new`: layers of deposited blocks and scars become observations of the case."""
 
 import io
 from pathlib import Path
@@ -29,7 +29,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """dem.tif in the current folder."""
+    """Write dem.tif in the current folder."""
     monkeypatch.chdir(tmp_path)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
@@ -108,7 +108,7 @@ def test_at_a_terminal_the_angle_is_asked_for_if_there_are_observations(monkeypa
         Path("case.nml").unlink()
     capsys.readouterr()
     monkeypatch.setattr("sys.stdin", Terminal("33\n"))
-    assert new() == 0 and ANSWER not in capsys.readouterr().err  # the short way stays short
+    assert new() == 0 and ANSWER not in capsys.readouterr().err  # the short form asks no questions
     assert not read_case("case.nml").observed
     assert "! &observed files = 'blocks.csv', energy_line_angle = 31.0 /" in (
         Path("case.nml").read_text()

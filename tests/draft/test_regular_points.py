@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall dem` of points that are the nodes of a grid: that grid, and nothing between; columns
-that slip are refused."""
+"""`rockfall dem` with points on a grid: gives exactly this grid, without interpolation; shifted
+columns are refused."""
 
 from pathlib import Path
 
@@ -14,12 +14,12 @@ from rockfall.draft.dem import dem_of_points
 from rockfall.io.rasters.dem import read_dem
 
 NX, NY = 30, 20
-W, N = PLACE.c, PLACE.f - NY  # UTM 32
+W, N = PLACE.c, PLACE.f - NY  # UTM zone 32
 Z = np.random.default_rng(5).uniform(1000, 1100, (NY, NX)).round(2)
 
 
 def nodes(step=1.0, first=0.5, z=Z):
-    """Nodes from the north-west, row by row; `first` [steps] from the corner (W, N)."""
+    """Nodes from the north-west by rows; `first` is the offset [steps] from the corner (W, N)."""
     rows, columns = np.indices(z.shape)
     x, y = W + (columns + first) * step, N - (rows + first) * step
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
@@ -48,7 +48,7 @@ HOLES = without(np.random.default_rng(3).random(Z.shape) < 0.25)
 POLYGON = without(np.add.outer(np.arange(NY), np.arange(NX)) > 30)
 STRIPES = without((slice(7, 12), slice(None)), (slice(None), 9))
 ISLANDS = without((slice(None), slice(4, 28)))
-#: Points, and their grid: elevations, spacing, and the first node in steps from the corner.
+#: Points and their grid: elevations, spacing, and the first node in steps from the corner.
 REGULAR = {
     "centres": (nodes(), Z, 1.0, 0.5),
     "corners": (nodes(first=0.0), Z, 1.0, 0.0),
@@ -138,7 +138,7 @@ def turned(points, degrees):
 
 
 def rounded_survey():
-    """Points on whole metres, of which one in twelve is surveyed."""
+    """Points on integer metres, of which one in twelve is surveyed."""
     rows = np.random.default_rng(7).choice(NX * NY, NX * NY // 12, replace=False)
     return nodes()[rows]
 

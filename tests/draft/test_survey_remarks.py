@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surveyed points that are likely mistakes give their one line, and sound surveys none."""
+"""Surveyed points that are probably mistakes give one line each, correct surveys none."""
 
 import re
 
@@ -12,11 +12,11 @@ from rockfall.draft.dem import dem_of_points, edited, read_source
 from rockfall.errors import RockfallError
 
 EAST, NORTH = 2_600_000.0, 1_200_000.0
-SIDE = 150.0  # [m]
+SIDE = 150.0  # side of the survey [m]
 
 
 def survey(seed=3, n=900):
-    """A slope of 37 degrees with a cliff of 40 m, a terrace and noise of 5 cm, in random points."""
+    """Random points on a slope of 37 degrees with a cliff of 40 m, a terrace and noise of 5 cm."""
     random = np.random.default_rng(seed)
     x, y = random.uniform(0, SIDE, (2, n))
     z = 800.0 + 0.75 * y + 40.0 * (y > 90) - 10.0 * (x > 70) * (y < 50) + random.normal(0, 0.05, n)
@@ -77,7 +77,7 @@ def test_a_mistake_gives_its_line_and_no_other(what, tmp_path):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("options", [{}, {"cell": 1.0}, {"cell": 15.0}, {"within": 50.0}])
 def test_sound_surveys_give_none(seed, options, tmp_path):
-    """The cliff is no spike; a point given twice, and errors of a survey, are none either."""
+    """A cliff is not a spike; neither are repeated points and survey errors."""
     points = survey(seed)
     points = np.concatenate([points, points[:9], points[9:12] + (0.0, 0.0, 0.3)])
     assert dem_of_points(write(tmp_path, points), **options)[1].remarks == ()
@@ -105,7 +105,7 @@ def test_a_grid_of_nodes_is_doubted_too(tmp_path):
 
 
 def quarry():
-    """A slope with a quarry 10 m deep, a pit of 1 m, and a hole of 40 cells."""
+    """Slope with a quarry 10 m deep, a pit of 1 m, and a hole of 40 cells."""
     z = 800.0 - 2.0 * np.arange(60.0)[:, None] + np.zeros(60)
     z[10:20, 10:20] = z[10:20, 10:20].min() - 12.0
     z[40, 40] -= 3.0

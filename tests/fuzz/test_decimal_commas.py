@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decimal commas in lists of numbers: refused with the number to write, by both programs."""
+"""Decimal commas in lists of numbers are refused by both programs, with the correct number."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ VOLUME = "volume = 'fixed', volume_mean = 0.8"
 LINE = "x = 600000.0, 600120.0, y = 4999930.0, 4999930.0"
 LIST = "volume = 'list', volumes ="
 BARRIER = "&barrier name = 'net', height = 3, class = 2,"
-#: What is written in a case in place of what, where, the pair and the number that was meant.
+#: Replacements in a case: new text, old text, location, the pair of numbers and the number meant.
 COMMAS = {
     "line": (LINE, "x = 600000,5 600120,5 y = 4999930,5 4999930,5", "line x", "600000,5"),
     "one": (LINE, "x = 600000,5 600120 y = 4999930 4999930", "line x", "600000,5"),
@@ -72,7 +72,7 @@ def test_a_decimal_comma_is_refused_with_the_point(what, batch, tmp_path, monkey
         f"case.nml: &{key}: {pair} is two numbers: write {point}, "
         "or blanks after the commas of a list"
     )
-    both = r"(\nrockfall: .* is two numbers: .*)?"  # y, too, where x and y have commas
+    both = r"(\nrockfall: .* is two numbers: .*)?"  # also for y, if x and y have commas
     refuses(["run", "case.nml", "-o", "r.nc"], words.replace(".", r"\.") + both, capsys)
     done = batch("case.nml", cwd=tmp_path)
     assert done.returncode == 2 and done.stderr.splitlines()[0] == f"rockfall-batch: {words}"
@@ -95,7 +95,7 @@ def test_lists_without_blanks_stay_lists(tmp_path, monkeypatch):
     ("far", "off"), [(600120.0, ""), (600500.0, ""), (601000.0, "0.88"), (650120.0, "50")]
 )
 def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
-    """The terrain is 120 m wide; a line may go on for three times its longer side, 150 m."""
+    """The terrain is 120 m wide; lines may extend three times its longer side, 150 m, beyond."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     Path("case.nml").write_text(CASE.replace("600120.0", str(far)))
@@ -105,7 +105,7 @@ def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
 
 
 def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, capsys):
-    """Where blanks hide the comma, or coordinates are of another system."""
+    """If blanks hide the comma, or coordinates are in another CRS."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     prepare(rockfall.read_case("case.nml"), tmp_path / "ready")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""File systems with faults: without locks, without renaming, full. What the last step needs is
-tried before the first boulder flies, and what is finished is never lost."""
+"""File systems with faults: no locks, no renaming, full disks. The operations of the last step are
+tried before the first boulder, and completed results are never lost."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ from rockfall.simulation.parts.part_file import boulders_in
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="LD_PRELOAD is of POSIX")
 PROGRAMS = ("rockfall", "rockfall-batch")
-#: Commands one after the other, without figures, which take long; then their status, on stderr.
+#: Runs several commands without figures, which take long, then prints their status to stderr.
 SEVERAL = """import sys
 from rockfall.cli import main
 from rockfall.html_report import page
@@ -31,14 +31,14 @@ print(*[main(words.split()) for words in sys.argv[1:]], file=sys.stderr)
 print(*[len(read_attributes("tables/rockfall.gpkg", "stops", name)) > 0 for name in
         layer_names("tables/rockfall.gpkg")], file=sys.stderr)
 """
-#: Errors of `flock`: ENOTSUPP of Linux, 524, has no name.
+#: Errors of `flock`; ENOTSUPP of Linux, 524, has no name.
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, 524, errno.ENOSYS, errno.EINVAL, errno.EIO)
 NO_RENAMES = (errno.EPERM, errno.EXDEV, errno.ENOSYS, errno.EOPNOTSUPP, errno.EACCES, errno.EIO)
 
 
 @pytest.fixture(scope="session")
 def disk(tmp_path_factory):
-    """An environment whose variables choose the faults of disk.c."""
+    """Environment with variables that choose the faults of disk.c."""
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if not compiler:
         pytest.skip("needs a C compiler")
@@ -71,7 +71,7 @@ OUTPUTS = {"rockfall": "a.nc", "rockfall-batch": "a"}
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", NO_LOCKS)
 def test_runs_go_on_without_locks(program, fault, ready, disk):
-    """With checkpoints, whose files HDF5 would lock too."""
+    """With checkpoints, whose files HDF5 would also lock."""
     output = OUTPUTS[program]
     status, said = run(program, output, ready, disk, "--checkpoint", "1e-9", NO_LOCK=fault)
     assert status == 0, said
@@ -148,8 +148,8 @@ def test_commands_that_work_for_long_try_to_rename_first(command, place, monkeyp
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", [errno.EPERM, errno.EIO])
 def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, fault, ready, disk):
-    """The trial before the flight is the first renaming, the result the second. Other faults are
-    refused before the flight alike."""
+    """The trial before the run is the first rename, the result the second. Other faults are refused
+    before the run in the same way."""
     how = {"NO_RENAME": fault, "LATE_RENAME": 1}
     status, said = run(program, OUTPUTS[program], ready, disk, "--checkpoint", "0", **how)
     assert status == 2
@@ -163,7 +163,7 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("reserves", [True, False], ids=["fallocate", "statvfs"])
 def test_a_result_larger_than_the_disk_is_refused_before_the_flight(program, reserves, ready, disk):
-    """200 boulders have rows of 20 kB."""
+    """Rows of 200 boulders take 20 kB."""
     before = everything(ready)
     how = {"DISK": 15_000} | ({} if reserves else {"NO_FALLOCATE": 1})
     status, said = run(program, OUTPUTS[program], ready, disk, **how)

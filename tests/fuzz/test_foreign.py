@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign files are refused, or read to the numbers they hold: a share of the benchmark's."""
+"""Foreign files are refused, or give the correct values: a part of the benchmark."""
 
 import subprocess
 import sys
@@ -11,12 +11,12 @@ from benchmarks.machine import ROOT
 
 @pytest.mark.all
 def test_foreign_files_are_refused_or_read_to_the_numbers_they_hold():
-    """In a process of its own: one that waits for a pipe is ended."""
+    """In a separate process, so that a process waiting for a pipe can be ended."""
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     command = [sys.executable, "-m", "benchmarks.stability.foreign", "--files=100", "--seed=7"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")][2:]
     assert len(rows) == 4
-    for _, accepted, refused, wrong in rows:  # the benchmark must make both
+    for _, accepted, refused, wrong in rows:  # the benchmark must produce both
         assert int(accepted) > 25 and int(refused) > 25 and int(wrong) == 0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Malformed inputs: done or refused in one line, by both programs; no file when refused.
+"""Malformed inputs: accepted or refused in one line, by both programs; refusals write no file.
 
-benchmarks/stability/hostile.py throws thousands; here are one of each class that was once not
+benchmarks/stability/hostile.py tests thousands; this file has one of each class that once was not
 refused, and thirty more.
 """
 
@@ -31,12 +31,12 @@ from rockfall.studies.runs import merge
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Valid inputs of every kind, in the folder `in`; beside it a result, also in three parts."""
+    """Valid inputs of every kind in the folder `in`, next to it a result, also in three parts."""
     folder = tmp_path_factory.mktemp("made")
     hostile.make_rasters(folder / "in")
     hostile.make_cases(folder / "in")
     with pytest.MonkeyPatch.context() as context:
-        context.chdir(folder)  # a case has the name by which it is read
+        context.chdir(folder)  # a case stores the name by which it is read
         case = rockfall.read_case("in/asc.nml")
         rockfall.write_result(rockfall.run(case), "whole.nc")
         for k in (1, 2, 3):
@@ -46,14 +46,14 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def files(made, tmp_path, monkeypatch):
-    """The folder `in`, to be altered; its parent is the current folder."""
+    """Folder `in` with files to alter; its parent is the current folder."""
     shutil.copytree(made / "in", tmp_path / "in")
     monkeypatch.chdir(tmp_path)
     return Path("in")
 
 
 def test_thirty_spoiled_inputs():
-    """In a process of its own: forks of one that has run OpenMP would wait for its threads."""
+    """In a separate process: forks of a process that has run OpenMP would wait for its threads."""
     command = [sys.executable, "-m", hostile.__name__, "--inputs", "30", "--seed", "11"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -61,7 +61,7 @@ def test_thirty_spoiled_inputs():
 
 
 def test_the_check_finds_what_it_is_to_find(tmp_path):
-    """A command that dies, says too much, writes elsewhere or leaves a file is not `done`."""
+    """A command that crashes, prints too much, writes elsewhere or leaves a file is not `done`."""
     (tmp_path / "out").mkdir()
     before = hostile.snapshot(tmp_path)
 
@@ -83,7 +83,7 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
 
 
 def test_a_pipe_is_refused_and_not_waited_for(files, batch):
-    """Nobody writes into it: to open it would never end."""
+    """Opening a pipe without a writer would never return."""
     said = {"case.nml": "not a regular file", "scene.nc": "cannot be read as netCDF-4"}
     prepare(rockfall.read_case("in/asc.nml"), "in/ready")
     for name, words in said.items():
@@ -205,7 +205,7 @@ def whole(made, files):
 
 @pytest.fixture
 def half(files):
-    """A run of 40 boulders that was stopped after 20: how to begin it, and its checkpoint."""
+    """Run of 40 boulders stopped after 20: the function that starts it, and its checkpoint."""
     scene = read_scene(rockfall.read_case("in/asc.nml"))
     tally = start(scene, 1)
     run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)

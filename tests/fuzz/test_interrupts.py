@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C and SIGTERM: what is done is kept, nothing is half-written, a second ends at once."""
+"""Ctrl-C and SIGTERM: results are kept, no file is half-written, a second ends at once."""
 
 import os
 import re
@@ -33,7 +33,7 @@ simulate.FIRST_CHUNK, simulate.MAX_SECONDS, call = 10**8, 1e9, simulate._run_ran
 simulate._run_range = lambda *of: print("begun", flush=True) or call(*of)
 """
 RUN = "import sys; from rockfall.cli import main; sys.exit(main(sys.argv[1:]))"
-#: However long the machine takes between two signals, both count as one.
+#: Two signals count as one, however long the time between them.
 TOGETHER = "from rockfall import interrupts; interrupts.TOGETHER = float('inf')\n"
 
 
@@ -52,7 +52,7 @@ def shim(tmp_path_factory):
 
 @sends_signals
 def test_a_run_that_slurm_ends_goes_on(place):
-    """`timeout` and others send a signal twice in a row: to the process, and to its group."""
+    """`timeout` and other programs send a signal twice: to the process, and to its group."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000"]
     child = start(words, place, TOGETHER + RUN, **SAYS_PROGRESS)
     wait_until_running(child)
@@ -66,13 +66,13 @@ def test_a_run_that_slurm_ends_goes_on(place):
     number = int(said[1].replace(",", ""))
     assert rockfall.read_result(place / "part.nc").sizes["boulder"] == number
     words = [*words, "--quiet", "--checkpoint", "0"]
-    assert main(words) == 2  # there is a checkpoint
+    assert main(words) == 2  # a checkpoint exists
     assert not list(place.glob(".*"))
 
 
 @sends_signals
 def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
-    """Pressed until it ends: on a busy machine a chunk begins slowly, and not to be stopped."""
+    """Repeated until it ends: on a busy machine a chunk starts late."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "1000000", "--threads", "1"]
     child = start(words, place, ONE_CHUNK + RUN)
     assert child.stdout.readline() == "begun\n"
@@ -87,7 +87,7 @@ def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
 
 
 def terminated(monkeypatch, module, name, when=lambda *_: True):
-    """SIGTERM comes once, when a function has done its work; the list tells that it came."""
+    """Send SIGTERM once after a function returns; the list shows that it was sent."""
     do, sent = getattr(module, name), []
 
     def done(*arguments):
@@ -124,7 +124,7 @@ def test_once_it_gives_files_their_names_it_gives_all(result, monkeypatch):
 
 @pytest.mark.parametrize("command", ["merge p1.nc p2.nc -o new.nc", "report out.nc -o new.html"])
 def test_no_command_leaves_a_half_file(command, result, monkeypatch):
-    """The signal comes when the file is written, but has not got its name."""
+    """The signal arrives after the file is written, before it is renamed."""
     case = rockfall.read_case("case.nml")
     for k in (1, 2):
         rockfall.write_result(rockfall.run(case, shard=(k, 2)), f"p{k}.nc")
@@ -151,7 +151,7 @@ def test_sigterm_is_what_it_was_after_a_command(place):
 
 @pytest.fixture
 def prepared(batch, tmp_path):
-    """A folder with a prepared case that lasts."""
+    """Folder with a prepared case that takes long."""
     prepare(make_full_case(tmp_path, case={"boulders": 50_000}), tmp_path / "ready")
     return tmp_path
 
@@ -192,13 +192,13 @@ def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
 
 @preloads
 def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(prepared, shim):
-    """It is within its second save when the first comes; what was saved before stays."""
+    """The first signal arrives during the second save; the first save is kept."""
     process = start_batch(prepared, shim | {"STALL_AT": "13"}, "--checkpoint", "1e-9")
     wait_for(process, prepared / "a.checkpoint")
     process.send_signal(signal.SIGINT)
     time.sleep(3 * interrupts.TOGETHER)
     assert process.poll() is None
-    while process.poll() is None:  # on a busy machine it may take two for one
+    while process.poll() is None:  # a busy machine may count two signals as one
         process.send_signal(signal.SIGINT)
         time.sleep(0.5)
     assert "interrupted" not in process.communicate()[1] and process.returncode == 130

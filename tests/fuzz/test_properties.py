@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What holds on any scene: random terrain, impact sets, boulders, releases, materials and options.
+"""Properties of any scene: random terrain, impact sets, boulders, releases, materials and options.
 
-ROCKFALL_EXAMPLES=1000 looks deeper (examples of each test), with other scenes in each run.
+ROCKFALL_EXAMPLES=1000 sets the number of examples per test, with other scenes in each run.
 """
 
 import os
@@ -26,16 +26,16 @@ from rockfall.scene.prepare import prepare
 from same import same_numbers
 
 DEEPER = int(os.environ.get("ROCKFALL_EXAMPLES", "0"))
-#: Squares of energies of 10,000 m3 that fall 16 km are refused: tests/simulation/test_bounds.py.
+#: Squares of energies of 10,000 m3 after 16 km overflow: tests/simulation/test_bounds.py.
 MAPS = [name for name in variables.MAP if name != "energy_std"]
 BY_SOURCE = ["sources", "reach_probability_by_source"]
 STOPPED, ABSORBED, LEFT, LIMIT, NODATA = 1, 2, 3, 4, 5
 SPIN = 0.4  # twice the rotational energy per mass is 2/5 W**2
-ROUNDING = 1e-12  # of the numbers that a flight is made of
+ROUNDING = 1e-12  # relative rounding error of values in a flight
 
 
 def looks(examples):
-    """So many scenes, the same in each run; or, where asked, more and others."""
+    """Number of scenes, the same in each run; on request more scenes, different in each run."""
     return settings(
         max_examples=DEEPER or examples, derandomize=not DEEPER, database=None, deadline=None,
         suppress_health_check=list(HealthCheck),
@@ -45,7 +45,7 @@ def looks(examples):
 
 @dataclass
 class Scene:
-    """A scene in memory; coordinates are from the south-western corner of the raster."""
+    """Scene in memory; coordinates are relative to the south-western corner of the raster."""
 
     z: np.ndarray
     cell: float
@@ -55,7 +55,7 @@ class Scene:
     rasters: dict[str, np.ndarray] = field(default_factory=dict)
 
     def _repr_pretty_(self, printer, _):
-        """As hypothesis shows it: without the long tables of the sets."""
+        """Representation for hypothesis, without the long tables of the sets."""
         groups = {**self.groups, "output": "..."}
         printer.text(f"Scene({self.z!r}, {self.cell}, {groups}, {self.line}, {self.rasters})")
 
@@ -86,8 +86,8 @@ NO_OUTPUT = {"maps": None, "rebounds": False, "trajectories": 0}
 
 @st.composite
 def terrains(draw, generic=False):
-    """Elevations (ny, nx), NaN = none, and the side of a cell [m]. Generic: nothing is level,
-    straight or missing, so that no place is special."""
+    """Elevations (ny, nx), NaN without data, and the cell size [m]. Generic terrain has no level,
+    straight or missing parts, so no place is special."""
     ny, nx = draw(st.integers(2, 12)), draw(st.integers(2, 12))
     cell = draw(st.sampled_from([5.0, 0.1, 1.0, 2.5, 100.0]))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
@@ -110,7 +110,7 @@ def terrains(draw, generic=False):
 
 
 def known_patches(z):
-    """South-western node (column, row from the south) of each patch that has four elevations."""
+    """South-western node (column, row from the south) of each patch with four elevations."""
     known = ~np.isnan(z[1:, :-1] + z[1:, 1:] + z[:-1, :-1] + z[:-1, 1:])
     row, column = np.nonzero(known)
     return np.stack([column, z.shape[0] - 2 - row], axis=1)
@@ -118,7 +118,7 @@ def known_patches(z):
 
 @st.composite
 def releases(draw, z, cell, generic=False):
-    """&release, and the raster of source cells if it has one."""
+    """Group &release, and the raster of source cells if it has one."""
     patches = known_patches(z)
     assume(len(patches))
     speeds = st.sampled_from([0.0, 3.0, -3.0, 1e-6, -1e-6, 100.0, -20.0])
@@ -146,7 +146,7 @@ def releases(draw, z, cell, generic=False):
 
 @st.composite
 def surfaces(draw, z):
-    """&surface, and the raster that it has."""
+    """Group &surface, and its raster."""
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     method = draw(st.sampled_from(["B", "A"]))
     kind = draw(st.sampled_from(["uniform", "zones", "values"]))
@@ -174,7 +174,7 @@ def impact_sets(draw):
     elif kind == "one variable":  # perfectly correlated: rank 1
         spread = random.normal(size=9)
         covariance = np.repeat(np.outer(spread, spread)[None], 5, axis=0)
-    elif kind == "wild":  # most draws are refused
+    elif kind == "wild":  # most draws are inadmissible
         mean = random.normal(size=(5, 9)) * draw(st.sampled_from([1.0, 1e-6, 100.0]))
     return mean, (covariance + covariance.swapaxes(1, 2)) / 2
 
@@ -227,7 +227,7 @@ def folder(tmp_path_factory):
 
 
 def started(scene, folder, **how):
-    """The result, where there is a source: of steep cells there may be none."""
+    """Result, if there is a source: there may be no steep cells."""
     try:
         return scene.run(folder, **how)
     except RockfallError as error:
@@ -236,19 +236,19 @@ def started(scene, folder, **how):
 
 
 def ways(result):
-    """The trajectory of each boulder: name of a column -> its values at the vertices."""
+    """Trajectory of each boulder: column name -> values at the vertices."""
     columns = {name: result[f"trajectory_{name}"].values for name in variables.VERTEX}
     for number in np.unique(columns["boulder"]):
         mine = columns["boulder"] == number
         yield int(number), {name: values[mine] for name, values in columns.items()}
 
 
-# ---- a flight does not pass through the ground
+# ---- flights do not pass through the ground
 
 
 def heights(z, p, q):
-    """Elevation at places (intervals, points) in cells from the south-western centre, each interval
-    within a patch; of no weight, a node may be missing."""
+    """Elevation at points (intervals, points) in cells from the south-western centre, each interval
+    within a patch; a missing node may have zero weight."""
     middle = (c.mean(axis=1, keepdims=True) for c in (p, q))
     sides = (np.where(np.abs(c - np.rint(c)) < 1e-12, np.rint(c), np.floor(c)) for c in middle)
     i, j = (np.clip(c.astype(int), 0, n - 2) for c, n in zip(sides, z.shape[::-1], strict=True))
@@ -262,8 +262,8 @@ def heights(z, p, q):
 
 
 def lowest(z, cell, gravity, start, velocity, time):
-    """The least height of a flight above the surface: above each patch it is a parabola in time,
-    known from three of its points."""
+    """Minimum height of a flight above the surface: above each patch it is a parabola in time,
+    determined by three points."""
     ends = np.array([start[:2], start[:2] + velocity[:2] * time]) / cell - 0.5
     cuts = [0.0, 1.0]
     for a, b in ends.T:
@@ -281,7 +281,7 @@ def lowest(z, cell, gravity, start, velocity, time):
 
 
 def size_of(scene, way):
-    """The size of the numbers that make the heights of a way, for what rounding may do."""
+    """Magnitude of the numbers behind the heights of a trajectory, which limits rounding errors."""
     z = scene.z[~np.isnan(scene.z)].astype("f8")
     speed = np.abs([way[f"velocity_{axis}"] for axis in "xyz"]).max()
     steps = np.ptp(z) / scene.cell * max(scene.z.shape) * scene.cell
@@ -320,8 +320,8 @@ def test_never_below_the_ground(folder, scene):
 @looks(25)
 @given(scenes_of())
 def test_no_rebound_and_no_flight_gains_energy(folder, scene):
-    """Contact by contact: V_t**2 + V_n**2 + 0.4 W**2 does not grow, up to the rounding of its
-    terms; a flight keeps the total head, and W; a rebound leaves the ground."""
+    """At each contact V_t**2 + V_n**2 + 0.4 W**2 does not increase, up to rounding; a flight
+    conserves total head and W; a rebound leaves the ground."""
     result = started(scene, folder, changes={"output": NO_OUTPUT | {"trajectories": 15}})
     gravity = scene.groups["flight"]["gravity"]
     for number, way in ways(result):
@@ -339,7 +339,7 @@ def test_no_rebound_and_no_flight_gains_energy(folder, scene):
         flies, rolling = ~np.append(rolled, False), np.append(False, rolled)
         assert flown[hit & flies] == pytest.approx(kept[flies[hit]], rel=1e-12)
         fallen = -np.diff(way["z"])
-        # a roll: no more than what it began with and what it fell, to rounding
+        # a roll has at most its initial energy and that of its fall, up to rounding
         before = energy_out[:-1] + 2 * gravity * fallen
         assert ((1 + SPIN) * flown[1:] <= before * (1 + 1e-9) + 1e-12)[rolled & hit[:-1]].all()
         head = flown[:-1] + 2 * gravity * fallen
@@ -351,7 +351,7 @@ def test_no_rebound_and_no_flight_gains_energy(folder, scene):
         assert (np.abs(way["in_w"][1:]) == np.abs(way["out_w"][:-1]))[flown_to].all(), number
 
 
-# ---- every boulder ends, and totals add up
+# ---- boulders end, and totals add up
 
 
 @looks(30)
@@ -367,7 +367,7 @@ def test_every_boulder_ends_for_a_reason(folder, scene):
         assert np.isfinite(result[name].values).all(), name
     for name in ("path_length", "plan_distance", "travel_time", "jump_height_max", "speed_max"):
         assert (result[name].values >= 0).all(), name
-    # the length of an arc is the difference of terms as large as v**2/g
+    # an arc length is a difference of terms as large as v**2/g
     off = 1e-14 * (1 + result.impacts) * result.speed_max**2 / scene.groups["flight"]["gravity"]
     assert (result.path_length >= result.plan_distance * (1 - 1e-9) - off - 1e-12).all()
     for number, way in ways(result):
@@ -382,7 +382,7 @@ def test_every_boulder_ends_for_a_reason(folder, scene):
 
 
 def at_the_edge(scene, x, y):
-    """Whether a place lies on the edge of the known patches."""
+    """Return whether a point is on the edge of the known patches."""
     known = {tuple(patch) for patch in known_patches(scene.z).tolist()}
     p, q = x / scene.cell - 0.5, y / scene.cell - 0.5
     near = 1e-6
@@ -419,13 +419,13 @@ def test_totals_add_up(folder, scene):
     low, high = result.reach_probability_low, result.reach_probability_high
     assert ((low <= result.reach_probability) & (result.reach_probability <= high)).all()
     assert result.speed_max_map.fillna(0).max() <= np.float32(result.speed_max.max())
-    highest = result.jump_height_max_map.fillna(0).max()  # 0 is blank
+    highest = result.jump_height_max_map.fillna(0).max()  # 0 is shown blank
     assert highest == np.float32(result.jump_height_max.max())
     lines_add_up(result)
 
 
 def rebounds_at_rest(way):
-    """Rebounds without energy are in no histogram: they have no angle and no shares."""
+    """Rebounds without energy have no angle and no fractions, and are in no histogram."""
     hit = way["ratio"] > 0
     return int((sum(way[f"in_{part}"] ** 2 for part in "tnw")[hit] == 0).sum())
 
@@ -448,7 +448,7 @@ def lines_add_up(result):
         assert (values <= size)[met].all(), name
 
 
-# ---- the same bits whatever the way to them
+# ---- bit-identical results by any path of execution
 
 
 @looks(10)
@@ -490,7 +490,7 @@ def test_windows_and_the_other_door_give_the_same_bits(folder, tmp_path_factory,
 
 
 def in_files(scene, folder):
-    """The same as rasters, in local coordinates as those in memory."""
+    """The same arrays as rasters, in local coordinates."""
     place = Affine(scene.cell, 0, 0, 0, -scene.cell, scene.z.shape[0] * scene.cell)
     for name, raster in {"dem": scene.z, **scene.rasters}.items():
         make_raster(folder / f"{name}.tif", raster, place, None)
@@ -501,11 +501,11 @@ def in_files(scene, folder):
     return scene.case(folder, **changes)
 
 
-# ---- symmetries that hold to the bit
+# ---- exact symmetries
 
 
-#: Maps of all the terrain: how far boulders may come is rounded up, another way at another scale.
-#: Thresholds [kJ] so low that they stay within their range however they are scaled.
+#: Maps of the complete terrain: the reach of boulders is rounded up differently at another scale.
+#: Thresholds [kJ] are so low that they stay in range at any scale.
 THRESHOLDS = [0.003, 0.03]
 WIDTH = 5.0
 WHOLE = {
@@ -517,7 +517,7 @@ WHOLE = {
 @looks(15)
 @given(scenes_of(), st.sampled_from([1 / 8, 1 / 2, 2, 64]))
 def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
-    """The model has no speed of its own, and powers of two change no digit."""
+    """The model has no characteristic speed, and powers of two change no digit."""
     here, f = started(scene, folder, changes=WHOLE), factor
     there = scene.run(folder, changes=WHOLE | speeds_times(scene, f, gravity=f**2))
     scaled(here, there, {"m s-1": f, "rad s-1": f, "s": 1 / f, "J": f**2})
@@ -526,9 +526,9 @@ def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
 @looks(15)
 @given(scenes_of(), st.sampled_from([1 / 4, 2, 16]))
 def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
-    """All lengths and gravity times a power of two: times are the same."""
+    """Lengths and gravity are multiplied by a power of two: times are unchanged."""
     assume("table" not in scene.groups["surface"])  # its sizes are in a file
-    # a roll is a radius long, and the cube root of a volume is right to an ulp only
+    # a roll is one radius long, and the cube root of a volume has rounding errors
     flying = WHOLE | {"impact": {"rest_angle": 90.0}}
     here, f = started(scene, folder, changes=flying), factor
     changes = WHOLE | speeds_times(scene, f, gravity=f)
@@ -548,13 +548,13 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
     try:
         there = larger.run(folder, changes=changes)
     except RockfallError as error:
-        assume("must be at most 9.00E+18" not in str(error))  # J, more than a tally holds
+        assume("must be at most 9.00E+18" not in str(error))  # more J than a tally can hold
         raise
     scaled(here, there, {"m": f, "m s-1": f, "m3": f**3, "J": f**5})
 
 
 def speeds_times(scene, factor, gravity):
-    """What makes all speeds larger by a factor where gravity is so many times as large."""
+    """Multiply all speeds by a factor, for gravity times its square."""
     groups = scene.groups
     return {
         "flight": {"gravity": groups["flight"]["gravity"] * gravity},
@@ -565,22 +565,22 @@ def speeds_times(scene, factor, gravity):
 
 
 def times(value, factor):
-    """A number, a list or an array of them, times a factor, in its own precision."""
+    """Multiply a number, list or array by a factor, in its own precision."""
     if isinstance(value, np.ndarray):
         return value * value.dtype.type(factor)
     return [factor * one for one in value] if isinstance(value, list) else factor * value
 
 
-#: The cube root of a volume is right to an ulp, in each octave another.
+#: Cube roots have rounding errors that differ between octaves.
 OF_RADIUS = "trajectory_ratio", "crossing_omega", "crossing_passing_height"
 
 
 def scaled(here, there, factors):
-    """Check each variable against its units' factor; maps of reals are rounded, and left out."""
+    """Check each variable against the factor of its units; real maps are rounded and skipped."""
     for name, found in here.data_vars.items():
         if {"x", "y"} & set(found.dims) and found.dtype.kind == "f" or found.dtype.kind in "OU":
             continue
-        if name == "rebounds_out_of_speed":  # of speeds that the set was fitted on, not the model
+        if name == "rebounds_out_of_speed":  # by the speeds in the set's fit, not by the model
             continue
         wanted = found.values * factors.get(found.attrs.get("units"), 1)
         if name in OF_RADIUS:
@@ -592,7 +592,7 @@ def scaled(here, there, factors):
 
 
 def in_fractions(scene):
-    """The scene with cells and places in 1/1024 m, which keep their digits under any offset."""
+    """The scene with cells and coordinates in 1/1024 m, which are exact with any offset."""
     cell = max(1 / 1024, np.round(scene.cell * 1024) / 1024)
     release = dict(scene.groups["release"])
     for axis in {"x", "y"} & set(release):
@@ -604,8 +604,8 @@ def in_fractions(scene):
 @looks(12)
 @given(scenes_of(), st.integers(0, 4), st.integers(0, 4))
 def test_no_data_to_the_north_and_east_change_nothing(folder, scene, rows, columns):
-    """The edge of the raster is like nodata, but for what an end there is called; places count
-    from the south-western cell."""
+    """The raster's edge is like nodata, except for the status of boulders; coordinates are relative
+    to the south-western cell."""
     scene, output = in_fractions(scene), {"map_extent": "terrain"}
     here = started(scene, folder, changes={"output": output})
     about = ((rows, 0), (0, columns))
@@ -644,17 +644,17 @@ def mirrored(x, y, width, height):
 
 
 def turned(x, y, width, height):
-    """A quarter anticlockwise."""
+    """The scene rotated by 90 degrees anticlockwise."""
     return height - y, x
 
 
 def shifted(x, y, width, height):
-    """By half the raster: with nodata to the west and south."""
+    """The scene shifted by half the raster, with nodata in the west and south."""
     return x + width, y + height
 
 
 def padded(raster):
-    """As many cells to the west and south."""
+    """The scene extended by its size to the west and south."""
     return np.pad(raster, ((0, raster.shape[0]), (raster.shape[1], 0)), mode="edge")
 
 
@@ -672,8 +672,8 @@ CHANGES = {
 @looks(25)
 @given(scenes_of(generic=True), st.sampled_from(list(CHANGES)))
 def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
-    """Contact by contact, as far as rounding has not grown. Where a heading lies exactly along the
-    descent, as on a plane, a turn has no side to be mirrored to, so the scenes are rough."""
+    """Contact by contact, until rounding errors have grown. If a heading is exactly along the
+    descent, as on a plane, a turn has no side to be mirrored to, so scenes are rough."""
     place, turn, turn_raster, matrix = CHANGES[change]
     ny, nx = scene.z.shape
     size = (nx * scene.cell, ny * scene.cell)
@@ -702,12 +702,12 @@ def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
             assert (np.abs(values - found[name][:n]) < allowed).all(), (number, name)
 
 
-# ---- what was found
+# ---- faults found
 
 
 @pytest.mark.parametrize("cell, ny, south", [(0.1, 3, 0.0), (1.1, 333, 123.4), (0.3, 31, 5.2e6)])
 def test_source_cells_may_lie_at_the_edge(folder, cell, ny, south):
-    """Their centres are on the edge of the terrain up to rounding of map coordinates."""
+    """Their centres are on the edge of the terrain, up to rounding of map coordinates."""
     z = np.arange(float(ny))[::-1, None] * np.full(4, cell)
     cells = np.zeros(z.shape, "i4")
     cells[[0, -1, 1, 1], [1, 2, 0, -1]] = 1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What surrounds a run: streams, names, locale, threads, stacks, memory, forks. What does not do is
-one line before anything flies."""
+"""Environment of a run: streams, names, locale, threads, stacks, memory, forks. Failures give one
+line before the first boulder."""
 
 import os
 import re
@@ -22,7 +22,7 @@ MEMORY += "use fewer threads or a smaller OMP_STACKSIZE"
 
 @pytest.fixture
 def programs(few_boulders, tmp_path, monkeypatch):
-    """The command line of each program, for a case that it can run, in the current folder."""
+    """Command line of each program, for a valid case in the current folder."""
     monkeypatch.chdir(tmp_path)
     rockfall.cli.main(["prepare", "case.nml", "ready"])
     return {
@@ -32,7 +32,7 @@ def programs(few_boulders, tmp_path, monkeypatch):
 
 
 def ran(command, prefix="", env=None, **options):
-    """A command under a shell that first does what `prefix` says."""
+    """Run a command in a shell that first executes `prefix`."""
     if sys.platform == "win32":
         pytest.skip("needs a POSIX shell")
     line = ["sh", "-c", f'{prefix} exec "$@"', "sh", *command]
@@ -78,7 +78,7 @@ LIMITS = [
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
 @pytest.mark.parametrize(("program", "kind", "size"), LIMITS)
 def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind, size):
-    """Batch systems limit the address space; the C library reserves 64 MB of it for a thread."""
+    """Batch systems limit the address space, and the C library reserves 64 MB of it per thread."""
     command = [*programs[program], "--quiet", "--threads", "16"]
     done = ran(command, f"ulimit -{kind} {size * 1000};", {"OPENBLAS_NUM_THREADS": "1"})
     said, output = done.stderr.decode(), programs[program][-1]
@@ -91,7 +91,7 @@ def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind,
 
 
 def test_a_generous_limit_is_enough(programs):
-    """16 threads need a stack each, 128 MB in all, and no arenas."""
+    """16 threads need stacks of 128 MB in total, and no arenas."""
     done = ran([*programs["rockfall-batch"], "--threads", "16"], "ulimit -v 400000;")
     assert done.returncode == 0, done.stderr.decode()
 
@@ -111,7 +111,7 @@ def test_the_smallest_stack_is_enough(programs, program):
     {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
 ], ids=["everything", "little", "table"])  # fmt: skip
 def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, changes):
-    """Boulders in lanes take most of the stack, one by one what is left of it."""
+    """Boulders in lanes use most of the stack, boulders one by one the rest."""
     make_prepared(tmp_path, **changes)
     done = ran([find_program(), str(tmp_path / "ready/case.nml"), "-o", "out"], *SMALLEST,
                cwd=tmp_path)  # fmt: skip
@@ -150,7 +150,7 @@ def test_names_that_are_no_text_are_one_line(programs):
     done = ran([sys.executable, "-m", "rockfall", "run", "case.nml"], cwd=bad)
     assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a name in UTF-8\n")
     command = [find_program(), f"{bad}/case.nml", "-o", "out", "--quiet"]
-    done = ran(command)  # to which a name is bytes
+    done = ran(command)  # names are bytes there
     assert (done.returncode, done.stderr) == (0, b"")
 
 
@@ -201,6 +201,6 @@ print("the same")
 
 
 def test_a_child_of_a_fork_runs_as_its_parent(few_boulders):
-    """libgomp's threads wait for the next run, and a child has none of them."""
+    """Threads of libgomp wait for the next run, and a child process has none of them."""
     done = ran([sys.executable, "-c", FORK, few_boulders])
     assert (done.returncode, done.stdout) == (0, b"the same\n"), done.stderr.decode()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CRS: CF parameters mean the same as the WKT, one system in two spellings is one system, scales
-are those on the ground."""
+"""CRS: CF parameters agree with the WKT, different spellings are recognised as the same system, and
+scales are those on the ground."""
 
 import json
 import math
@@ -32,7 +32,7 @@ from rockfall.tables.run import _checksums
 WKT = "crs_wkt", "spatial_ref"
 
 
-# EPSG codes, and systems without a number
+# EPSG codes, and systems without a code
 DESCRIBED = [
     32733, 2154, 31254, 3035, 5070, 3395, 3031, 32661, 31370, 3388, 3408, 3410,
     "+proj=utm +zone=32 +ellps=bessel +towgs84=577,90,464,5,1.5,5.3,2.4",
@@ -45,7 +45,7 @@ DESCRIBED = [
 
 @pytest.mark.parametrize("system", DESCRIBED)
 def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
-    """By the parameters alone, as a program reads them that knows no WKT."""
+    """From the parameters alone, as in a program that cannot read WKT."""
     attributes = grid_mapping(CRS.from_user_input(system))
     assert attributes["grid_mapping_name"]
     alone = {key: value for key, value in attributes.items() if key not in WKT}
@@ -66,7 +66,7 @@ def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
 
 @pytest.mark.parametrize("code", [27572, 2056, 3375, 3857, 28992, 2062, 5514, 2985, 4087])
 def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
-    """Grads and a scale on a cone, oblique axes, web maps, an oblique stereographic."""
+    """Grads and a scale on a cone, oblique axes, web maps, an oblique stereographic projection."""
     attributes = grid_mapping(CRS.from_epsg(code))
     assert "grid_mapping_name" not in attributes
     assert CRS.from_wkt(attributes["crs_wkt"]) == CRS.from_epsg(code)
@@ -74,7 +74,7 @@ def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
 
 @pytest.mark.parametrize("system", ["EPSG:25832+5783", "EPSG:25832+6360", "EPSG:2056+5728", 4979])
 def test_maps_have_no_system_of_heights(system):
-    """A reader would convert counts and energies to its unit."""
+    """A reader would convert counts and energies to the unit."""
     whole = CRS.from_user_input(system)
     attributes = grid_mapping(whole)
     for key in WKT:
@@ -113,7 +113,7 @@ ETRS_UTM = (
         (25832, "EPSG:25832+5783", True),
         (UTM32_BESSEL, "+proj=tmerc +lon_0=9 +k=0.9996 +x_0=500000 +ellps=bessel" + SHIFT, True),
         (2056, 21781, False),
-        (28404, 3333, False),  # one projection and ellipsoid, two known datums
+        (28404, 3333, False),  # same projection and ellipsoid, two known datums
         (2154, "+proj=lcc +lat_0=46.5 +lon_0=3 +lat_1=49 +lat_2=44 +x_0=700000 +y_0=6600000 "
          "+ellps=GRS80 +towgs84=0,0,0", True),
         (27572, "+proj=lcc +lat_1=46.8 +lat_0=46.8 +lon_0=0 +k_0=0.99987742 +x_0=600000 "
@@ -128,7 +128,7 @@ ETRS_UTM = (
     ],
 )  # fmt: skip
 def test_one_system_in_two_spellings_is_one_system(one, other, same):
-    """A shift to WGS 84 is no part of it: it never moves a layer or a raster."""
+    """A shift to WGS 84 is not part of it: it never moves a layer or a raster."""
     a, b = CRS.from_user_input(one), CRS.from_user_input(other)
     assert same_crs(a, b) is same_crs(b, a) is same
 
@@ -136,7 +136,7 @@ def test_one_system_in_two_spellings_is_one_system(one, other, same):
 @pytest.mark.parametrize("form", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019"])
 @pytest.mark.parametrize("code", [31254, 31467, 2056, 25832, 2154, 27700, 3003, 5514, 3035, 2193])
 def test_well_known_text_of_any_dialect_is_the_number(code, form):
-    """Dialects have other names of datums, and other orders of axes."""
+    """Dialects use other names of datums and other orders of axes."""
     text = pyproj.CRS.from_epsg(code).to_wkt(form)
     assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
 
@@ -188,8 +188,8 @@ def test_a_system_without_a_name_is_called_by_its_projection():
     [
         (32632, 500000, 5.0e6, 0.9996),
         (32632, 166021, 0, 0.9996 * (1 + 0.5 * (333979 / 0.9996) ** 2 / (6335439.3 * 6378137))),
-        (32661, 2000000, 2000000, 0.994),  # the pole
-        (3857, 0, 0, math.sqrt(6378137 / 6335439.3)),  # a sphere laid on an ellipsoid
+        (32661, 2000000, 2000000, 0.994),  # pole
+        (3857, 0, 0, math.sqrt(6378137 / 6335439.3)),  # sphere with coordinates of an ellipsoid
         (4326, 9, 47, 1.0),
         (32632, 1e12, 1e12, 1.0),
     ],
@@ -201,8 +201,8 @@ def test_lengths_of_a_crs_are_those_on_the_ground(code, x, y, scale):
 
 @pytest.mark.parametrize(("west", "is_rough"), [(9.0, False), (10.86, True)])
 def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
-    """Swiss coordinates end at 10.49 degrees east. The shift, 100 m and more, is three lengths (X,
-    Y, Z: 674.374, 15.056, 405.346 m), so it can be applied by hand anywhere."""
+    """Swiss coordinates end at 10.49 degrees east. The shift of 100 m and more is given by three
+    lengths (X, Y, Z: 674.374, 15.056, 405.346 m), so it can be computed by hand anywhere."""
     x, y = pyproj.Transformer.from_crs(4258, 25832, always_xy=True).transform(west, 47.2)
     grid = Grid(x - 50, y + 50, 1.0, 100, 100, CRS.from_epsg(25832))
     by_hand = pyproj.Transformer.from_pipeline(
@@ -217,7 +217,7 @@ def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
 
 
 def test_a_datum_that_is_not_known_is_said():
-    """A projection of a bare ellipsoid: its coordinates are taken as they are."""
+    """For a projection on a bare ellipsoid, coordinates are used unchanged."""
     bare = CRS.from_string("+proj=utm +zone=32 +ellps=GRS80 +type=crs")
     grid = Grid(2.6e6, 1.2e6, 1.0, 100, 100, CRS.from_epsg(2056))
     assert not transformation(bare, grid).is_best

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Columns of numbers as text: what Python and NumPy write, number by number."""
+"""Columns of numbers as text: equal to Python and NumPy, number by number."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def texts(column):
 def test_singles_have_the_fewest_digits_that_restore_them():
     values = np.append(CLOSE, random.normal(size=5000) * 10.0 ** random.uniform(-3, 4, 5000))
     values = values.astype("f4")
-    values = values[(values == 0) | (np.abs(values) > 1.1e-4)]  # NumPy: 1e-04
+    values = values[(values == 0) | (np.abs(values) > 1.1e-4)]  # NumPy writes 1e-04
     assert texts(real_column(values)) == [str(value) for value in values]
     few = values[np.abs(values) < 1000].astype("f8")
     assert texts(real_column(few)) == [str(value) for value in few.astype("f4")]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""DXF drawings as layers: what is drawn is what is read, what is left out is said."""
+"""DXF drawings as layers: drawn objects are read, and omitted objects are reported."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ NO_CRS = "the drawing has no CRS: its coordinates are read as in the CRS of the 
 
 @pytest.fixture
 def drawing():
-    """An empty drawing in metres, of which `place` is a file."""
+    """Empty drawing in metres, to be saved in `place`."""
     made = ezdxf.new("R2010")
     made.header["$INSUNITS"] = 6
     return made
@@ -68,7 +68,7 @@ def test_lines_of_every_kind_are_lines(drawing, tmp_path):
     space.add_arc((50, 50), 10, 0, 90)
     space.add_circle((50, 50), 20)
     space.add_ellipse((0, 0), major_axis=(10, 0), ratio=0.5)
-    space.add_lwpolyline([(0, 0, 1), (10, 0, 0)], format="xyb")  # half a circle
+    space.add_lwpolyline([(0, 0, 1), (10, 0, 0)], format="xyb")  # half circle
     lines, _ = lines_of(saved(drawing, tmp_path))
     lengths = [shapely.LineString(line).length for line in lines]
     wanted = [5.0, 20 + np.hypot(10, 10), 20.0, 5 * np.pi, 40 * np.pi, 48.442241, 5 * np.pi]
@@ -102,11 +102,11 @@ def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
     space = drawing.modelspace()
     corners = [(W + 50, N - 60), (W + 90, N - 60), (W + 90, N - 100)]
     space.add_lwpolyline(corners, close=True, dxfattribs=on("Quelle"))
-    space.add_lwpolyline([*corners, corners[0]], dxfattribs=on("Quelle"))  # closed by hand
+    space.add_lwpolyline([*corners, corners[0]], dxfattribs=on("Quelle"))  # closed explicitly
     space.add_text("Fels", dxfattribs=on("Quelle"))
     space.add_lwpolyline(corners, dxfattribs=on("Kante"))
     path, remarks = saved(drawing, tmp_path), []
-    shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores the case
+    shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores case
     assert [shape.area for shape in shapes] == [800.0, 800.0]
     assert remarks == [f"{path}, layer Quelle: left out, not polygons: 1 TEXT"]
     with refused(
@@ -127,7 +127,7 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     space.add_mtext("hier")
     space.add_polymesh((3, 3))
     space.add_hatch().paths.add_polyline_path([(0, 0), (1, 0), (1, 1)])
-    drawing.layout("Layout1").add_line((0, 0), (9, 9))  # paper
+    drawing.layout("Layout1").add_line((0, 0), (9, 9))  # paper space
     path = saved(drawing, tmp_path)
     grid = scenes.Grid(W, N, 5.0, 60, 80, crs=ezcrs())
     lines, remarks = lines_of(path, grid=grid)
@@ -155,7 +155,7 @@ RINGS = {
     "a hole at the side": [square(0, 0, 10), square(0, 3, 4)],
     "areas side by side": [square(0, 0, 10), square(10, 0, 10)],
 }
-AREAS = {  # m2, by style: islands in holes, one level of holes, no holes
+AREAS = {  # [m2] by style: islands in holes, one level of holes, no holes
     "a hole": (84, 84, 100), "an island in a hole": (68, 64, 100),
     "a hole in an island": (68, 36, 100), "two areas": (200, 200, 200),
     "two areas, a hole in the second": (184, 184, 200), "the hole first": (84, 84, 100),
@@ -164,7 +164,7 @@ AREAS = {  # m2, by style: islands in holes, one level of holes, no holes
 
 
 def hatched(space, rings, edges=False, style=0, layer="Fels"):
-    """Add a hatch with boundaries as CAD programs flag them: the first is external."""
+    """Add a hatch with boundaries flagged as in CAD programs: the first is external."""
     hatch = space.add_hatch(dxfattribs=on(layer, hatch_style=style))
     for k, ring in enumerate(rings):
         flags = (1, 16, 0)[min(k, 2)]
@@ -204,7 +204,7 @@ def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
     text = hatched(space, [square(0, 0, 10)], layer="Text")
     text.paths.add_polyline_path(square(4, 4, 2), flags=8)
     bulge = space.add_hatch(dxfattribs=on("Bogen")).paths
-    bulge.add_polyline_path([(0, 0, 1), (10, 0, 0)])  # half a disc
+    bulge.add_polyline_path([(0, 0, 1), (10, 0, 0)])  # half disc
     path = saved(drawing, tmp_path)
     for layer, area in ("Kreis", np.pi * 350), ("Block", 68 * 6), ("Text", 100), (
         "Bogen", np.pi * 12.5,
@@ -216,7 +216,7 @@ def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
 
 
 def test_a_closed_line_that_bounds_no_hatch_stays(drawing, tmp_path):
-    """A circle within a hatched square has its bounds, and is no outline of it."""
+    """A circle within a hatched square has its bounds, but is not its outline."""
     space = drawing.modelspace()
     hatched(space, [square(0, 0, 10)])
     space.add_circle((5, 5), 5, dxfattribs=on("Fels"))
@@ -311,7 +311,7 @@ def test_a_case_of_a_drawing_is_the_case_of_a_geopackage(drawing, tmp_path, monk
 
 
 def bomb(drawing):
-    """Ten blocks, each with ten of the one before: 10^10 lines."""
+    """Ten blocks, each with ten copies of the previous: 10^10 lines."""
     drawing.blocks.new("b0").add_line((0, 0), (1, 1))
     for k in range(1, 11):
         block = drawing.blocks.new(f"b{k}")

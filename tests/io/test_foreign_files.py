@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files as other programs write them: read with their right values, or refused as what they are."""
+"""Files as written by other programs: read with their correct values, or refused."""
 
 import gzip
 import io
@@ -62,7 +62,7 @@ def test_other_numbers_are_not_nodata(nodata, number):
 
 
 def marked(name):
-    """An ESRI ASCII grid that begins with a byte-order mark."""
+    """ESRI ASCII grid that begins with a byte-order mark."""
     path = Path(make_ascii(name, "1 2 3 4 5 6", HEAD))
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     return path
@@ -136,14 +136,14 @@ def test_layers_are_named():
 
 
 def converted(driver, name, z):
-    """A raster in a format of GDAL."""
+    """Raster in a format of GDAL."""
     about = {"width": z.shape[1], "height": z.shape[0], "count": 1, "dtype": "f4"}
     with MemoryFile() as memory:
         with memory.open(driver="GTiff", transform=PLACE, crs=UTM, nodata=-9999, **about) as file:
             file.write(z, 1)
         with memory.open() as file:
             rasterio.shutil.copy(file, name, driver=driver)
-    for companion in Path().glob("*.aux.xml"):  # what only GDAL writes
+    for companion in Path().glob("*.aux.xml"):  # written only by GDAL
         companion.unlink()
 
 
@@ -165,7 +165,7 @@ def test_the_command_that_converts_is_right(driver, name):
 
 
 def surfer_7(name, z):
-    """A Surfer 7 binary grid, by its description: GDAL 3.12 writes as many rows as columns."""
+    """Surfer 7 binary grid by its description: GDAL 3.12 requires as many rows as columns."""
     place = PLACE.c + PLACE.a / 2, PLACE.f + PLACE.e * (z.shape[0] - 0.5), PLACE.a, PLACE.a
     head = struct.pack("<ii8d", *z.shape, *place, z.min(), z.max(), 0.0, -9999.0)
     tags = (

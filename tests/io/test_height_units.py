@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A slope of 20 degrees has 20 degrees, or is refused, whatever the unit of its heights and however
-a file gives it; the commands that a refusal prints give 20 degrees."""
+"""A slope of 20 degrees is read as 20 degrees, or refused, for any unit of elevations and any way a
+file declares it. Commands printed in refusals give 20 degrees."""
 
 import math
 import re
@@ -39,20 +39,20 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def plane(unit=1.0, cell=CELL):
-    """Elevations in a unit of a slope of 20 degrees whose cells have a side [m]."""
+    """Elevations, in a given unit, of a slope of 20 degrees with a given cell size [m]."""
     fall = np.arange(N) * cell * math.tan(math.radians(20))
     return np.tile((1000 + fall) / unit, (N, 1))
 
 
 def slope(z, grid):
-    """Slope in degrees, the median."""
+    """Median slope in degrees."""
     return math.degrees(math.atan(np.nanmedian(np.hypot(*np.gradient(z, grid.cell)))))
 
 
 def tiff(z, crs=UTM, place=PLACE, unit=None, description=None, tags=None, packing=None, nodata=-1):
     profile = {"driver": "GTiff", "width": N, "height": N, "count": 1, "dtype": z.dtype}
     with rasterio.open("dem.tif", "w", **profile, crs=crs, transform=place, nodata=nodata) as file:
-        if packing:  # first: GDAL loses it afterwards where there is a system of heights
+        if packing:  # first, because GDAL loses it later if there is a vertical CRS
             file.scales, file.offsets = [packing[0]], [packing[1]]
         file.write(z, 1)
         if unit:
@@ -65,7 +65,7 @@ def tiff(z, crs=UTM, place=PLACE, unit=None, description=None, tags=None, packin
 
 
 def directory(keys, text):
-    """Numbers of a directory of GeoKeys {id: value}; that of 4097 is the text."""
+    """Numbers of a GeoKey directory {id: value}; key 4097 is text."""
     rows = []
     for key, value in sorted(keys.items()):
         rows += [key, 34737, len(text), 0] if key == 4097 else [key, 0, 1, value]
@@ -73,7 +73,7 @@ def directory(keys, text):
 
 
 def keyed(z, keys, text=b""):
-    """A GeoTIFF by hand, with these GeoKeys."""
+    """GeoTIFF written by hand, with given GeoKeys."""
     raw = z.astype("<f8").tobytes()
     scale, tie = struct.pack("<3d", CELL, CELL, 0), struct.pack("<6d", 0, 0, 0, 6e5, 5e6, 0)
     tags = [
@@ -143,7 +143,7 @@ ESRI_TWO = wkt(UTM, "WKT1_ESRI") + "\n" + wkt("EPSG:6360", "WKT1_ESRI")
 
 PLAN_KEYS = {1024: 1, 1025: 1, 3072: 32632}
 
-# Name: unit [m], and a writer of elevations in it.
+# Name -> (unit in metres, function that writes elevations in this unit).
 RASTERS = {
     "band unit ft": (FEET, lambda z: tiff(z, unit="ft")),
     "band unit in words": (SURVEY, lambda z: tiff(z, unit="US survey foot")),
@@ -207,7 +207,7 @@ RASTERS = {
 
 
 def run_offered(command):
-    """Run the commands of a message, one after the other."""
+    """Run the commands of a message in order."""
     for one in command.split(" && "):
         words = shlex.split(one)
         assert words[0] == "rio"
@@ -219,7 +219,7 @@ def run_offered(command):
 
 
 def made_file(command):
-    """File that the last of some commands makes."""
+    """File made by the last of several commands."""
     found = re.findall(r"dem_(?:utm|m)\.tif", command)
     return found[-1]
 
@@ -270,7 +270,7 @@ def test_plan_in_another_unit_and_the_command_that_mends_both(way, packing):
     command = str(caught.value).split(" with: ")[1]
     run_offered(command)
     z, grid = read_dem(made_file(command))
-    assert slope(z, grid) == pytest.approx(20.0, abs=0.15)  # lengths of UTM
+    assert slope(z, grid) == pytest.approx(20.0, abs=0.15)  # UTM lengths differ slightly
     assert (
         abs(np.nanmedian(z) - np.median(plane(1.0, 3.048 if place is STATE_PLANE else 11.132))) < 2
     )
@@ -495,7 +495,7 @@ def test_a_point_cloud_in_feet_is_refused(way):
 
 
 def has_20_degrees(command, made):
-    """A command that a refusal prints makes points of the right slope, with their classes."""
+    """A command printed in a refusal makes points with the correct slope and classes."""
     place = shlex.join([sys.executable, *shlex.split(command)[1:]])
     subprocess.run(place if command.startswith("python") else command, shell=True, check=True)
     classes = [2] if made.endswith(".las") else None

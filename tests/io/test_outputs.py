@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""No command writes over what it reads, nor over any other file unless told to; files that belong
-together come together or not at all."""
+"""No command overwrites its inputs, or other files unless requested; files that belong together are
+written together or not at all."""
 
 import os
 import shutil
@@ -34,7 +34,7 @@ STOPS = "x,y\n600060,4999900\n600061,4999905\n"
 
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory):
-    """A folder with a case, its parts and its result."""
+    """Folder with a case, its parts and its result."""
     folder = tmp_path_factory.mktemp("ready")
     with pytest.MonkeyPatch.context() as here:
         here.chdir(folder)
@@ -56,7 +56,7 @@ def small():
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """The same, made the current folder; what is drawn is another matter, and takes long."""
+    """The same folder, as the current folder; without drawing, which takes long."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, small) for name in ("passing", "profile", "stops")]
@@ -72,7 +72,7 @@ def contents(folder):
 
 FEW = ("--runs", "8", "--boulders", "2")
 PARTS, JOBS = ("case.part1of2", "case.part2of2"), ("slurm", "case.nml", "jobs")
-COMMANDS = {  # words, a file that is written, and what the command reads
+COMMANDS = {  # arguments, a written file, and the inputs of the command
     "run": (["run", "case.nml", "--quiet"], "case.nc", "dem.tif"),
     "merge": (["merge", *PARTS, "-o", "m.nc"], "m.nc", "case.part2of2"),
     "ensemble": (["ensemble", "case.nml", *FEW, "--quiet"], "case-ensemble.nc", "dem.tif"),
@@ -121,7 +121,7 @@ def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
         ("not a regular file", lambda _, target: os.mkfifo(target)),
     ):
         if sys.platform == "win32" and put not in (os.link, make_folder):
-            continue  # links need a privilege there, pipes have no place among files
+            continue  # links need a privilege on Windows, and pipes are not files there
         Path(target).rmdir() if Path(target).is_dir() else Path(target).unlink()
         put(read, target)
         before = contents(place)
@@ -133,7 +133,7 @@ def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
 
 
 def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
-    shutil.copy("dem.tif", "dem.nc")  # GDAL looks at the contents
+    shutil.copy("dem.tif", "dem.nc")  # GDAL examines the contents
     Path("dem.nml").write_text(CASE.replace("dem.tif", "dem.nc"))
     before = contents(place)
     for words in ([], ["-o", "dem.nc"], ["-o", "../x/../dem.nc"], ["-o", f"{place}/dem.nc"]):
@@ -147,7 +147,7 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
 
 
 def test_every_file_behind_a_case_is_known(place, capsys):
-    """A GeoTIFF with a mask and notes beside it, an ESRI ASCII grid, a shapefile."""
+    """GeoTIFF with a mask and notes next to it, ESRI ASCII grid, shapefile."""
     pyogrio = pytest.importorskip("pyogrio")
     shapely = pytest.importorskip("shapely")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
@@ -174,7 +174,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
         "sources.dbf", "sources.prj", "sources.cpg",
     ]  # fmt: skip
     files = [path for path in input_files(rockfall.read_case("all.nml")) if path.exists()]
-    known = {path.name.lower() for path in files}  # Windows has SOURCES.SHP where sources.shp is
+    known = {path.name.lower() for path in files}  # Windows has SOURCES.SHP for sources.shp
     assert known == set(names)
     for name in names:
         os.link(name, "out.nc")
@@ -188,7 +188,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="rights are not modes there")
 def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
-    """In a folder of its own, whose name cannot be predicted; it ends with the usual rights."""
+    """In a separate folder with an unpredictable name; the file has the usual permissions."""
     (tmp_path / "victim").write_text("mine")
     for name in (f".out.{os.getpid()}.csv", f".out.csv.{os.getpid()}"):
         (tmp_path / name).symlink_to("victim")
@@ -212,7 +212,7 @@ def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
 
 @pytest.mark.parametrize("free", [0, 2**30])
 def test_a_full_disk_is_named_where_a_library_does_not(few_boulders, tmp_path, monkeypatch, free):
-    """netCDF says that it may not, or that HDF5 has an error."""
+    """netCDF only reports missing permission, or an error in HDF5."""
 
     def failed(*_):
         raise PermissionError(13, "Permission denied")
@@ -231,7 +231,7 @@ NEW, OLD = "new\n", "old\n"
 
 
 def failing(call, error, alone=False):
-    """`replace`, which fails once, at this call for files of a folder, or for files `alone`."""
+    """Replacement for `replace` that fails once, at a given call for folders or files `alone`."""
     done = []
 
     def replace(source, target):
@@ -248,7 +248,7 @@ def failing(call, error, alone=False):
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 @pytest.mark.parametrize("call", range(1, 6))
 def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, call, error):
-    """Two that are replaced, and one that is new and comes last."""
+    """Two files are replaced, and one is new and comes last."""
     folder = tmp_path / "folder"
     folder.mkdir()
     for name in ("a.csv", "b.csv", "other.txt"):
@@ -282,7 +282,7 @@ def test_folders_that_were_not_there_are_not_left(tmp_path, monkeypatch):
         with atomic_folder(tmp_path / "some" / "where") as part:
             (part / "a").touch()
             (part / "b").touch()
-    (kept,) = tmp_path.glob(".rockfall-*/new")  # there is no folder beside which they could be
+    (kept,) = tmp_path.glob(".rockfall-*/new")  # no folder exists next to which they could be
     assert str(caught.value).endswith(f"broken. The new files are in {kept}")
     assert not (tmp_path / "some").exists()
     assert sorted(path.name for path in kept.iterdir()) == ["a", "b"]
@@ -300,7 +300,7 @@ with atomic_folder(pathlib.Path("new")) as part:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its name")
 def test_temporary_folders_of_killed_processes_go(tmp_path):
-    """At the next file of the folder; not those at work, nor with files that were replaced."""
+    """At the next file in the folder; not folders in use, nor folders with replaced files."""
     for replaced in ("a.csv", ""):
         subprocess.run([sys.executable, "-c", KILLED, *filter(None, [replaced])], cwd=tmp_path)
     assert len([*tmp_path.iterdir()]) == 2
@@ -317,7 +317,7 @@ HELD = PermissionError(13, "Access is denied", "a.csv")
 
 
 def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsys):
-    """Windows renames nothing over a file that another program has open."""
+    """Windows cannot rename a file over a file that another program has open."""
     before = Path("r.nc").read_bytes()
     for kept in ("r-2.nc", "r-3.nc"):
         monkeypatch.setattr("rockfall.io.atomic.replace", failing(1, HELD, alone=True))
@@ -350,7 +350,7 @@ def test_a_file_that_is_open_is_not_lost(tmp_path):
 
 
 def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
-    """Before the run; on Windows netCDF takes paths in the code page, which has few alphabets."""
+    """Before the run; on Windows, netCDF uses paths in the code page, which has few alphabets."""
     assert main(["run", "case.nml", "-o", "Blöcke.nc", "--quiet"]) == 0
     if sys.platform != "win32":
         monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")
@@ -371,10 +371,10 @@ WORDS = {
 @pytest.mark.parametrize("name", WORDS)
 def test_a_command_that_fails_half_way_changes_nothing(name, place, monkeypatch, capsys):
     words = [*WORDS[name], "--overwrite"]
-    for earlier in (False, True):  # nothing is there, then the files of another run
+    for earlier in (False, True):  # with nothing there, then with files of another run
         before = contents(place)
         broken = failing(4 if earlier else 2, OSError(28, "No space left on device"))
-        with monkeypatch.context() as once:  # figures stay blank afterwards
+        with monkeypatch.context() as once:  # figures are blank again afterwards
             once.setattr("rockfall.io.atomic.replace", broken)
             capsys.readouterr()
             assert main(words) == 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point clouds: the points that a file holds, no others, and none silently lost."""
+"""Point clouds: exactly the points of a file are read, and none is silently lost."""
 
 import struct
 import time
@@ -22,7 +22,7 @@ W, S = 2600000.0, 1200000.0
 
 
 def places(n=3000, seed=1):
-    """On a hundredth of a metre, as the files below hold them."""
+    """Rounded to a hundredth of a metre, as stored in the files below."""
     drawn = np.random.default_rng(seed).uniform((W, S, 500), (W + 60, S + 40, 520), (n, 3))
     return np.round(drawn, 2)
 
@@ -42,7 +42,7 @@ def cloud(path, points, classes=2, crs=2056, withheld=None, version="1.4", kind=
 
 
 def by_hand(points, classes):
-    """A LAS file of version 1.2, as its standard has it, without laspy."""
+    """LAS file of version 1.2 written from the standard, without laspy."""
     scale, offset = (0.01, 0.01, 0.01), (W, S, 0.0)
     head = struct.pack(
         "<4sHHIHH8sBB32s32sHHHIIBHI20x12d", b"LASF", 0, 0, 0, 0, 0, b"", 1, 2, b"", b"by hand", 1,
@@ -101,9 +101,9 @@ def test_a_file_that_is_cut_off_is_one_line(name, tmp_path):
 def test_a_header_that_claims_more_than_there_is_is_one_line(tmp_path):
     path = tmp_path / "a.las"
     for at, kind, value in (
-        (100, "<I", 2**32 - 1),  # records
-        (107, "<I", 10**9),  # points
-        (96, "<I", 2**31),  # where they begin
+        (100, "<I", 2**32 - 1),  # number of records
+        (107, "<I", 10**9),  # number of points
+        (96, "<I", 2**31),  # offset of points
     ):
         bad = bytearray(by_hand(places(50), [2] * 50))
         struct.pack_into(kind, bad, at, value)
@@ -153,7 +153,7 @@ def test_files_of_several_systems_are_refused(tmp_path):
     ("crs", "message"), [("EPSG:2056+5773", None), ("EPSG:2263+6360", "are in"), (4326, "degrees")]
 )
 def test_metres_are_needed(crs, message, tmp_path):
-    """Compound systems too: a vertical datum in feet is no elevation in metres."""
+    """Compound systems too: a vertical datum in feet gives no elevation in metres."""
     path = cloud(tmp_path / "a.laz", places(), crs=crs)
     if message is None:
         assert dem_of_points(path, cell=5.0)[0].grid.crs is not None

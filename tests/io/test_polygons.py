@@ -17,7 +17,7 @@ from rockfall.scene.rules.plausible import implausible
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
-#: Corners and sides whose centres have no exact numbers, and some that have.
+#: Corners and sizes for which centres are inexact numbers, and some for which they are exact.
 GRIDS = [
     Grid(600000.0, 5000000.0, 5.0, 24, 24),
     Grid(2600000.1, 1200000.3, 0.1, 24, 24),
@@ -27,7 +27,7 @@ GRIDS = [
 
 
 def on_centres(grid, *corners):
-    """A polygon with corners at cell centres, by column and row."""
+    """Polygon with corners at cell centres, by column and row."""
     return shapely.Polygon([(grid.x[column], grid.y[row]) for column, row in corners])
 
 
@@ -37,7 +37,7 @@ def block(grid, first, last):
 
 
 def held(shapes, grid):
-    """Number of polygons that hold each cell, each drawn alone."""
+    """Number of polygons that contain each cell, each drawn separately."""
     alone = (held_cells([(shape, 1)], grid, np.zeros(grid.shape, "u1")) for shape in shapes)
     return np.sum([*alone], axis=0)
 
@@ -58,12 +58,12 @@ def test_triangles_that_share_corners_at_centres_share_no_cell(grid, seed):
     points = shapely.multipoints([(grid.x[column], grid.y[row]) for column, row in corners])
     triangles = shapely.get_parts(shapely.delaunay_triangles(points))
     count = held(triangles, grid)
-    assert (count[:-1, 1:] == 1).all() and count.sum() == 23 * 23  # west and south is open
+    assert (count[:-1, 1:] == 1).all() and count.sum() == 23 * 23  # west and south edges are open
     x, y = (axis.ravel() for axis in np.meshgrid(grid.x, grid.y))
     marks = np.zeros(x.size, int)
     for _, inside in points_inside(triangles, x, y):
         marks[inside] += 1
-    assert np.array_equal(marks.reshape(grid.shape), count)  # trees as cells
+    assert np.array_equal(marks.reshape(grid.shape), count)  # trees behave like cells
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -90,7 +90,7 @@ def test_sources_and_zones_of_every_kind_of_layer_share_borders(tmp_path, name):
     ]
     make_layer(layer, shapes, zone=[1, 2, 3])
     cells, _, columns = numbered_polygons(layer, grid, [])
-    cells = np.append(0, columns["zone"])[cells]  # a FlatGeobuf has an order of its own
+    cells = np.append(0, columns["zone"])[cells]  # a FlatGeobuf changes the order
     assert np.bincount(cells.ravel())[1:].tolist() == [25, 25, 20]
     remarks = []
     zones = burn_polygons(layer, grid, "zone", remarks)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters come in as they are or are refused in one line, and go out whole."""
+"""Rasters are read exactly or refused in one line, and written completely."""
 
 import contextlib
 import os
@@ -32,24 +32,24 @@ pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreference
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Files have short names, as they have in messages."""
+    """Files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(params=["whole", "in blocks of a row"])
 def blocks(request, monkeypatch):
-    """What is read in blocks must not depend on their size."""
+    """Results of reading by blocks must not depend on block size."""
     if request.param != "whole":
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
 
 
 def shifted(east):
-    """`PLACE` so many metres to the east."""
+    """`PLACE` shifted to the east by some metres."""
     return Affine(PLACE.a, PLACE.b, PLACE.c + east, PLACE.d, PLACE.e, PLACE.f)
 
 
 def read_aligned(path, grid, what, dtype):
-    """A raster on the cells of a grid, whole."""
+    """Read a complete raster on the cells of a grid."""
     array = np.empty(grid.shape, dtype)
     for rows, block in aligned_blocks(path, grid, what, dtype):
         array[rows] = block
@@ -57,7 +57,7 @@ def read_aligned(path, grid, what, dtype):
 
 
 def run_offered(error, *, after="with: "):
-    """Run the command that a message offers."""
+    """Run the command offered by a message."""
     words = shlex.split(str(error.value).split(after)[1])
     assert words[0] == "rio"
     done = CliRunner().invoke(main_group, words[1:])
@@ -66,7 +66,7 @@ def run_offered(error, *, after="with: "):
 
 
 def georeferenced(z, nodata=None, dtype="float32"):
-    """A CF variable on the cells of PLACE."""
+    """CF variable on the cells of PLACE."""
     x = xr.Variable("x", 600002.5 + 5.0 * np.arange(z.shape[1]), {"axis": "X"})
     y = xr.Variable("y", 4999997.5 - 5.0 * np.arange(z.shape[0]), {"axis": "Y"})
     data = xr.DataArray(z.astype(dtype), dims=("y", "x"), coords={"x": x, "y": y}, name="z")
@@ -175,7 +175,7 @@ def test_a_variable_of_a_netcdf_file_can_be_named():
 
 
 def make_netcdf(stored, about, units=("m", "m", "m")):
-    """A grid of 2 x 3 in dem.nc whose variable has these attributes; y rises."""
+    """Write a grid of 2 x 3 to dem.nc, whose variable has given attributes; y ascends."""
     with netCDF4.Dataset("dem.nc", "w") as file:
         for name, centres, unit in (
             ("x", 600002.5 + 5.0 * np.arange(3), units[0]),
@@ -208,13 +208,13 @@ BYTES = np.array([[1, 2, 3], [4, 5, -6]], "i1")
     ],
 )  # fmt: skip
 def test_what_netcdf_says_of_its_numbers_is_honoured(about, values, blocks):
-    """y rises in the file, so its last row is the first."""
+    """y ascends in the file, so its last row is the first."""
     make_netcdf(BYTES, about)
     np.testing.assert_array_equal(read_dem("dem.nc")[0], values)
 
 
 def test_packed_floats_are_unpacked_in_double_precision():
-    """As rockfall-batch does; single precision would give other bits."""
+    """As in rockfall-batch; single precision would give other bits."""
     stored = np.array([[0.1, 0.2, 0.3], [1.7, 2.3, 9.9]], "f4")
     make_netcdf(stored, {"scale_factor": np.float32(0.1), "add_offset": 1000.0})
     z, _ = read_dem("dem.nc")
@@ -259,17 +259,17 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
 @pytest.mark.parametrize(
     "stale",
     [
-        "600000 5 0 5000000 0 -5",  # of the whole
+        "600000 5 0 5000000 0 -5",  # of the complete raster
         "600000 10 0 5000000 0 -10",  # before resampling
         "0 5 0 0 0 -5",
         "600005 5 1 4999990 1 -5",  # rotated
-        "600005 5 0 4999970 0 5",  # of rows from the south
-        "600005 5 0 4999990 0 -5",  # right
+        "600005 5 0 4999970 0 5",  # rows from the south
+        "600005 5 0 4999990 0 -5",  # correct
     ],
 )
 @pytest.mark.parametrize("rising", [False, True])
 def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
-    """It keeps the GeoTransform of the whole, and GDAL believes it or not, by its version."""
+    """It keeps the complete raster's GeoTransform; GDAL uses that or not, by version."""
     about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)
@@ -476,7 +476,7 @@ def test_degrees_and_the_command_that_mends_them():
     run_offered(caught)
     z, grid = read_dem("dem_utm.tif")
     assert grid.crs.to_epsg() == 32632
-    assert np.isnan(z).any()  # what lies outside is not ground at zero metres
+    assert np.isnan(z).any()  # areas outside must not become ground at zero metres
     assert np.nanmin(z) > 999.0
 
 
@@ -558,7 +558,7 @@ def test_zones_that_are_no_integers(dem, blocks):
     (4294967295.0, "u4"), (-2147483648.0, "i4"), (1.70141e38, "f8"),
 ])  # fmt: skip
 def test_undeclared_nodata_is_named_with_its_cure(dem, value, kind, blocks):
-    """The command printed declares it; the cells are then empty."""
+    """The printed command declares the value; the cells are then empty."""
     ids = np.ones((60, 40), kind)
     ids[50, 2] = value
     path = make_raster("my zones.tif", ids)
@@ -570,7 +570,7 @@ def test_undeclared_nodata_is_named_with_its_cure(dem, value, kind, blocks):
     assert words[:3] == ["rio", "edit-info", "--nodata"]
     if tuple(map(int, rasterio.__version__.split(".")[:3])) >= (1, 4, 4):
         assert CliRunner().invoke(main_group, words[1:]).exit_code == 0
-    else:  # whose edit-info fails by itself with the click of today
+    else:  # edit-info fails with the current click
         with rasterio.open(words[4], "r+") as file:
             file.nodata = float(words[3])
     got = read_aligned(path, dem, "zones", np.int32)
@@ -611,7 +611,7 @@ def test_other_cells_and_the_command_that_mends_them(crs, what, dtype, resamplin
     y = dem.y
     assert (got[(y > 4999835.0)] == 2).all()
     assert (got[(y < 4999825.0) & (y > 4999775.0)] == 3).all()
-    outside = got[y < 4999765.0]  # the zones end before the terrain does
+    outside = got[y < 4999765.0]  # the zones end before the terrain
     assert (outside == NO_ID if what == "zones" else np.isnan(outside)).all()
 
 
@@ -669,7 +669,7 @@ MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="6"><VRTRasterBand dataType=
 
 
 def test_a_mosaic_is_refused_with_the_command_that_converts_it():
-    """It may name files anywhere, servers, and code."""
+    """It may refer to any files, servers and code."""
     Path("dem.vrt").write_text(MOSAIC)
     command = "gdal_translate dem.vrt dem_vrt.tif"
     with refused(f"dem.vrt: is a VRT: make a GeoTIFF of it: {command}"):
@@ -678,7 +678,7 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF3_64BIT_DATA"])
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
-    """Its header may claim more memory than there is, which ends the process."""
+    """Its header may claim more memory than exists, which would end the process."""
     netCDF4.Dataset("dem.nc", "w", format=format).close()
     said = "dem.nc: is classic netCDF: convert it to netCDF-4 by nccopy -k nc4 dem.nc dem_nc4.nc"
     for read in read_dem, read_result:
@@ -688,7 +688,7 @@ def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
 
 @pytest.fixture
 def server():
-    """An address, and how many came to it."""
+    """An address, and the number of its requests."""
     with socket.create_server(("127.0.0.1", 0)) as waiting:
         waiting.setblocking(False)
 
@@ -767,7 +767,7 @@ def test_a_mark_that_is_no_number():
 
 
 def test_a_tile_far_larger_than_its_raster_is_refused():
-    """It would be unpacked whole."""
+    """It would be unpacked completely."""
     tiles = {"tiled": True, "blockxsize": 4112, "blockysize": 4112}
     make_raster("dem.tif", hill(dtype="uint8"), compress="deflate", **tiles)
     with refused("dem.tif: tiles of 4112 x 4112 cells, of a raster of 4 x 6: damaged"):
@@ -795,7 +795,7 @@ def test_numpy_arrays_of_other_kinds_are_converted():
     data = hill()
     masked = np.ma.masked_equal(data, 1001.0)
     assert np.argwhere(np.isnan(from_array(masked, PLACE)[0])).tolist() == [[1, 0]]
-    assert not np.isnan(data).any()  # the caller's array is the caller's
+    assert not np.isnan(data).any()  # the caller's array is not changed
 
 
 @pytest.mark.parametrize(
@@ -845,9 +845,9 @@ def test_a_dataarray_as_rioxarray_makes_it_is_like_its_file():
     )
     got, same = from_array(data)
     np.testing.assert_array_equal(got, z)
-    assert same == grid  # to the last bit
+    assert same == grid  # exactly
     assert data.values[1, 0] == -1.0
-    part = from_array(data[2:, 1:])[1]  # the GeoTransform is now that of another corner
+    part = from_array(data[2:, 1:])[1]  # the GeoTransform now belongs to another corner
     assert part.matches(Grid(600000.13, 4999999.87, 0.1, 3, 4))
 
 

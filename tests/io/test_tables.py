@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CSV of ours holds no formulas, and comes back as it was."""
+"""CSV files written by the program have no formulas, and can be read back unchanged."""
 
 import csv
 import math
@@ -28,7 +28,7 @@ def cells_of(path):
 
 
 def is_formula(cell):
-    """As a spreadsheet sees it: it begins like one, and is no number."""
+    """As in a spreadsheet: it begins like a formula, and is not a number."""
     try:
         float(cell)
     except ValueError:
@@ -44,7 +44,7 @@ def test_texts_are_no_formulas_and_come_back(text, tmp_path):
     )
     write_csv(table.assign(n=pd.array([1, -2, None, 4, 5, 6], "Int64")), path)
     _, *rows = cells_of(path)
-    assert [float(row[1]) for row in rows] == NUMBERS  # as they are
+    assert [float(row[1]) for row in rows] == NUMBERS  # unchanged
     assert [row[3] for row in rows] == ["1", "-2", "", "4", "5", "6"]
     assert rows[0][0] == rows[0][2] == (text if text in PLAIN else f"'{text}") and rows[1][2] == ""
     assert not any(cell[:1] in tuple("=+-@\t\r") for row in rows for cell in (row[0], row[2]))
@@ -62,7 +62,7 @@ def result(tmp_path_factory):
 
 
 def test_a_line_that_is_called_like_a_formula(result, tmp_path, monkeypatch, capsys):
-    """Its tables have none, and what was copied from them names the line again."""
+    """Its tables have no formulas, and names copied from them still match the line."""
     monkeypatch.chdir(tmp_path)
     rockfall.write_result(result, "out.nc")
     assert main(["lines", "out.nc", "-o", "lines.csv"]) == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones: every cell of the terrain has a row of the table, or one line says why not."""
+"""Zones: every cell of the terrain has a row in the table, or one line gives the reason."""
 
 import json
 import math
@@ -31,7 +31,7 @@ from rockfall.io.zone_table import index_blocks, read_zone_table
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Files have short names, as they have in messages."""
+    """Files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -39,7 +39,7 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def table(text, encoding="utf-8"):
-    """The sizes by zone."""
+    """Sizes by zone."""
     Path("zones.csv").write_bytes(text.encode(encoding))
     return {zone: row.sizes for zone, row in read_zone_table("zones.csv").items()}
 
@@ -120,7 +120,7 @@ def test_no_table():
 
 @pytest.fixture(params=["whole", "in blocks of a row"])
 def blocks(request, monkeypatch):
-    """What is done in blocks must not depend on their size."""
+    """Results of processing by blocks must not depend on block size."""
     if request.param != "whole":
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
 
@@ -188,7 +188,7 @@ GRID = Grid(600000.0, 5000000.0, 10.0, nx=6, ny=4)
 
 
 def box(west, south, east, north):
-    """A rectangle in the local coordinates of GRID's south-western corner."""
+    """Rectangle in local coordinates from GRID's south-western corner."""
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     return shapely.box(600000 + west, 4999960 + south, 600000 + east, 4999960 + north)
 
@@ -221,7 +221,7 @@ def test_attributes_keep_the_order_of_the_layer(monkeypatch):
 
     read = pyogrio.raw.read
 
-    def read_sorted(*args, **options):  # as pyogrio 0.11 does
+    def read_sorted(*args, **options):  # as in pyogrio 0.11
         about, ids, shapes, values = read(*args, **options)
         order = np.argsort(about["fields"])
         return about | {"fields": about["fields"][order]}, ids, shapes, [values[k] for k in order]
@@ -249,12 +249,12 @@ def test_the_later_polygon_wins_and_holes_are_holes():
 
 
 def inside(path, grid):
-    """The cells that a polygon holds."""
+    """Cells inside a polygon."""
     return numbered_polygons(path, grid, [])[0] > 0
 
 
 def plain_geojson(x0=600000, y0=4999960, size=20):
-    """GeoJSON that names no CRS, written by hand."""
+    """GeoJSON without a CRS, written by hand."""
     x, y = x0 + size, y0 + size
     ring = f"[[{x0},{y0}],[{x},{y0}],[{x},{y}],[{x0},{y}],[{x0},{y0}]]"
     Path("a.geojson").write_text(
@@ -266,7 +266,7 @@ def plain_geojson(x0=600000, y0=4999960, size=20):
 
 def test_a_geopackage_that_another_program_writes_to():
     make_layer("a.gpkg", [box(0, 0, 20, 20)], zone=[5])
-    Path("a.gpkg-wal").touch()  # as QGIS leaves it while it only reads
+    Path("a.gpkg-wal").touch()  # left by QGIS when it only reads
     burn_polygons("a.gpkg", utm_grid(), "zone")
     Path("a.gpkg-wal").write_bytes(b"x")
     with refused("a.gpkg: another program is writing to it (a.gpkg-wal): close it there"):
@@ -314,7 +314,7 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
 
 
 def test_multipoints_are_points_but_no_object():
-    """Exports of one point each are often multipoints; several points are one object nowhere."""
+    """Exports of single points are often multipoints; several points are never one object."""
     import shapely
 
     places = [(600005, 4999990), (600015, 4999990), (600025, 4999990)]
@@ -346,7 +346,7 @@ def test_geojson_of_one_feature_or_shape():
 
 
 def test_geojson_without_a_crs_is_in_degrees_or_refused():
-    """On a terrain without a CRS nothing is asked."""
+    """If the terrain has no CRS, nothing is checked."""
     with pytest.raises(RockfallError) as caught:
         inside(plain_geojson(), utm_grid())
     assert str(caught.value) == (
@@ -361,7 +361,7 @@ def test_geojson_without_a_crs_is_in_degrees_or_refused():
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:25833", "EPSG:3857", "EPSG:32632+5773"])
 def test_reprojected_polygons_are_those_of_the_terrain(crs):
-    """And a remark says so, once; heights do not matter."""
+    """A remark reports it once; elevations do not matter."""
     import pyproj
     import shapely
 
@@ -457,7 +457,7 @@ def test_a_missing_attribute():
 
 def test_several_layers():
     make_layer("a.gpkg", [box(0, 0, 9, 9)], layer="zones", zone=[1])
-    with closing(sqlite3.connect("a.gpkg")) as file, file:  # as QGIS keeps its styles
+    with closing(sqlite3.connect("a.gpkg")) as file, file:  # QGIS stores its styles here
         file.execute("CREATE TABLE layer_styles (id INTEGER PRIMARY KEY, qml TEXT)")
         columns = "gpkg_contents (table_name, data_type)"
         file.execute(f"INSERT INTO {columns} VALUES ('layer_styles', 'attributes')")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps on paper: what may be read off them, and that nothing lies on anything else."""
+"""Maps on paper: correct scales and labels, and no overlapping elements."""
 
 import re
 from itertools import combinations
@@ -29,7 +29,7 @@ NET = {"name": "net", "x": [100.0, 200.0], "y": [250.0, 252.0], "height": 3.0, "
 
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
-    """Lines that are too near each other for all of their names."""
+    """Lines too close to each other for all of their names."""
     groups = {"line": CROWDED, "release": {"x": 150.0, "y": 380.0}}
     output = {"maps": ["passages", "energy_max", "jump_height_max_map"]}
     folder = tmp_path_factory.mktemp("crowded")
@@ -39,7 +39,7 @@ def crowded(tmp_path_factory):
 
 
 def texts_of(figure):
-    """Every text that is seen, and its box [dots]."""
+    """Every visible text, and its box [dots]."""
     from matplotlib.text import Text
 
     figure.draw_without_rendering()
@@ -52,7 +52,7 @@ def texts_of(figure):
 )
 def test_no_text_lies_on_another_or_beyond_the_sheet(crowded, name, shape):
     terrain, result = TERRAIN, crowded
-    if shape == "broad":  # other sheet, other places
+    if shape == "broad":  # other sheets have other places
         result = crowded.assign(stop_x=crowded["stop_x"] + 900 * (crowded["stop_x"] > 150))
         terrain = (np.tile(Z, (1, 5)), Grid(-100.0, TERRAIN[1].north, 5.0, 5 * Z.shape[1], len(Z)))
     draw = stops_figure if name == "stops" else map_figure
@@ -61,7 +61,7 @@ def test_no_text_lies_on_another_or_beyond_the_sheet(crowded, name, shape):
     said = [text for text, _ in texts]
     assert {"N", "0", "release", "barrier", "evaluation line"} <= {*said}
     assert any(text.startswith("contours every") for text in said)
-    assert sum(text.startswith("line ") for text in said) >= 3  # some give way, not all
+    assert sum(text.startswith("line ") for text in said) >= 3  # some are omitted, not all
     for (one, box), (other, beside) in combinations(texts, 2):
         apart = box.x1 <= beside.x0 or beside.x1 <= box.x0
         assert apart or box.y1 <= beside.y0 or beside.y1 <= box.y0, (one, other)
@@ -84,7 +84,7 @@ def test_the_scale_bar_is_as_long_as_it_says(crowded):
 
 
 def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
-    """And the coordinate system is named, on every kind of map."""
+    """The coordinate system is given on every kind of map."""
     place = {
         "projected_crs_name": "ETRS89 / UTM zone 32N",
         "crs_wkt": 'X[AUTHORITY["EPSG","25832"]]',
@@ -110,7 +110,7 @@ def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
 
 def test_classes_and_colours_are_the_same_for_every_result(crowded):
     energy = crowded["energy_max"]
-    half = crowded.assign(energy_max=energy.copy(data=energy / 2))  # with its attributes
+    half = crowded.assign(energy_max=energy.copy(data=energy / 2))  # keeps its attributes
     for name, unit in (("energy_max", "kJ"), ("jump_height_max_map", "m")):
         bars = [map_figure(one, name).axes[1] for one in (crowded, half)]
         ticks = [[one.get_text() for one in bar.get_xticklabels()] for bar in bars]
@@ -134,16 +134,16 @@ def test_limits_that_are_none_are_refused(text):
 
 @pytest.mark.parametrize("side", [3, 60])
 def test_many_sources_are_outlined_and_hide_nothing(crowded, side):
-    """3,600 source cells, and as few as 9."""
+    """3,600 source cells, or only 9."""
     x, y = np.meshgrid(*[102.5 + 5.0 * np.arange(side)] * 2)
     inside, cells = marks.outlined(np.column_stack([x.ravel(), y.ravel()]), 1.0)
     sides = rasters.edges(inside, cells)
     assert inside.all() and cells.cell == 5.0
     length = np.abs(np.diff(sides, axis=1)).sum()
-    assert length == pytest.approx(4 * side * 5.0)  # the perimeter, nothing inside
+    assert length == pytest.approx(4 * side * 5.0)  # the perimeter, without inner edges
     assert sides.min() == 100.0 and sides.max() == pytest.approx(100 + 5 * side)
     few = marks.outlined(np.column_stack([x.ravel(), y.ravel()]), 20.0)[1]
-    assert few.cell == 20.0  # cells too small to be seen are merged
+    assert few.cell == 20.0  # cells too small to be visible are merged
 
 
 def test_relief_is_lit_from_the_north_west_and_nodata_is_white():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Catalogues of texts: all languages have the same ids and placeholders, and each is used."""
+"""Catalogues of texts: all languages have the same ids and placeholders, and each id is used."""
 
 import json
 import re
@@ -32,11 +32,11 @@ from rockfall.result.variables import MAP, OUTCOME, STATUS  # noqa: E402
 from rockfall.studies.ensemble.uncertain_inputs import INPUTS  # noqa: E402
 
 PACKAGE = Path(__file__).parents[2] / "python/rockfall"
-PAGE = Path(__file__).parents[2] / "web/src"  # of `rockfall app`; says "app...." only
+PAGE = Path(__file__).parents[2] / "web/src"  # page of `rockfall app`; uses only "app...." ids
 
 
 def messages(language):
-    """Forms of each message by its id: one, or singular and plural."""
+    """Forms of each message by id: one form, or singular and plural."""
     with (PACKAGE / f"locale/{language}.po").open("rb") as source:
         found = read_po(source, locale=language, abort_invalid=True)
     several = {one.id: one.string for one in found if one.id}
@@ -78,7 +78,7 @@ def test_every_id_is_used_and_exists():
     files = [*PACKAGE.rglob("*.py"), *PACKAGE.rglob("*.j2")]
     texts = "\n".join(path.read_text(encoding="utf-8") for path in files)
     page = "\n".join(path.read_text(encoding="utf-8") for path in PAGE.rglob("*.ts"))
-    families = [  # f"word.{name}", and `app.key.${name}` in the page
+    families = [  # f"word.{name}", and `app.key.${name}` on the page
         *re.findall(r"""f["']([a-z_]+\.[^"'\s]*\{[^"'\s]+)["']""", texts),
         *(one.replace("${", "{") for one in re.findall(r"`(app\.[^`\s]*\$\{[^`\s]+)`", page)),
     ]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First crossings of lines: the table, the dense view, selections of boulders, and the file."""
+"""First crossings of lines: table, dense view, selections of boulders, and file."""
 
 import netCDF4
 import numpy as np
@@ -32,7 +32,7 @@ def result(tmp_path_factory):
 
 def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
     table = rockfall.crossings(result)
-    assert table["line"].unique().tolist() == ["Straße Süd", "road 2"]  # none reach the last
+    assert table["line"].unique().tolist() == ["Straße Süd", "road 2"]  # none reaches the last
     for name, rows in table.groupby("line", sort=False):
         assert rows["boulder"].is_monotonic_increasing and rows["boulder"].is_unique
         assert rows.reset_index(drop=True).equals(rockfall.crossings(result, name))
@@ -49,7 +49,7 @@ def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
 
 
 def test_places_are_on_the_line_at_the_distance(result):
-    """Beyond a bend, too."""
+    """Also beyond a bend."""
     x, y = (np.array(LINES[0][axis]) for axis in "xy")
     first = np.hypot(x[1] - x[0], y[1] - y[0])
     table = rockfall.crossings(result, 0)
@@ -100,7 +100,7 @@ def test_of_selected_boulders_there_are_their_crossings(result, chosen, tmp_path
 
 
 def test_the_file_is_one_that_other_programs_read(result, tmp_path):
-    """Words in ASCII for lines, whose names no `coordinates` names; pieces of a few lines."""
+    """Line names as ASCII words, which no `coordinates` attribute lists; pieces of a few lines."""
     rockfall.write_result(result, tmp_path / "out.nc")
     with netCDF4.Dataset(tmp_path / "out.nc") as file:
         line, names, sizes = (file[name] for name in ("line", "line_name", "row_size"))
@@ -118,7 +118,7 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
 
 @pytest.mark.parametrize("size", [1.0, 1e9])
 def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypatch):
-    """Whether the lines fit or not; a selection of the boulders is another result."""
+    """Whether the lines fit in memory or not; a selection of boulders is another result."""
     monkeypatch.setattr(module, "MAX_SHARED", size)
     half = result.isel(boulder=slice(0, 150))
     alone = [rockfall.line_statistics(result), rockfall.return_levels(result, [10])]
@@ -137,7 +137,7 @@ def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypat
 
 @pytest.fixture
 def in_file(result, tmp_path, monkeypatch):
-    """The result read from a file in which its crossings stay."""
+    """Result read from a file in which its crossings stay."""
     monkeypatch.setattr(stored_crossings, "MOST", 100)
     rockfall.write_result(result, tmp_path / "a.nc")
     return rockfall.read_result(tmp_path / "a.nc")
@@ -177,7 +177,8 @@ def test_a_damaged_crossing_in_the_file_is_refused_where_it_is_read(
     with netCDF4.Dataset(tmp_path / "a.nc", "a") as file:
         file[name][at] = value
     with pytest.raises(rockfall.RockfallError, match=rf"a.nc: {name}(:| =)"):
-        with rockfall.read_result(tmp_path / "a.nc") as damaged:  # closed here: netCDF is for one
-            rockfall.line_statistics(damaged, quantities=["speed"])  # thread, garbage for any
+        # Close here: netCDF is not thread-safe, and garbage collection may run in any thread.
+        with rockfall.read_result(tmp_path / "a.nc") as damaged:
+            rockfall.line_statistics(damaged, quantities=["speed"])
         with rockfall.read_result(tmp_path / "a.nc") as damaged:
             damaged.load()

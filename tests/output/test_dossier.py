@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The dossier: each number of page 1 is in its tables and comes from Python, one place has one
-frequency in all products, and the pages are few and full in every language."""
+"""Dossier: each value on page 1 is in its tables and comes from Python, a place has the same
+frequency in all products, and pages are few and full in every language."""
 
 import re
 import shutil
@@ -75,7 +75,7 @@ def case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(case):
-    """The folder of the dossier, and the text of its pages."""
+    """Folder of the dossier, and the text of its pages."""
     folder = case.path("houses.gpkg").parent / "dossier"
     pages = []
     with pytest.MonkeyPatch.context() as patch:
@@ -192,8 +192,8 @@ def test_what_remains_is_a_table_of_what_is_known(made):
 @pytest.mark.all
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_pages_are_few_and_full(made, monkeypatch, language):
-    """At most eight pages, with the signature on the first; what follows page 1 fills more than
-    half of each page but the last of the texts."""
+    """At most eight pages, with the signature on the first. Text after page 1 fills more than half
+    of each page except the last text page."""
     from weasyprint import HTML
 
     folder, _ = made
@@ -221,7 +221,7 @@ def test_the_pages_are_few_and_full(made, monkeypatch, language):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_second_model_is_run_and_what_governs_is_said(case, made):
-    """Impact sets of the case, and the table `talus` in their place."""
+    """Impact sets of the case, and the table `talus` instead of them."""
     folder, page = made
     other = read_hazard(folder / "hazard_by_second_model.nc")
     today = variants(case)["today"]
@@ -242,7 +242,7 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
-    """Also those by the second model, which a killed dossier finds in its checkpoints."""
+    """Also runs by the second model, whose checkpoints a killed dossier finds."""
     inputs = read_dossier(case.replace(variant=[]), **PLACE)
     saved = {
         run: Checkpoint(tmp_path / f"run{k}", 1e-9, keep=True) for k, run in enumerate(inputs.runs)
@@ -257,7 +257,7 @@ def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
 
 
 def test_a_single_model_is_said(case):
-    """Rocks without a size leave `talus` alone: before the run, and on page 1."""
+    """Rocks without a size allow only `talus`: reported before the run, and on page 1."""
     alone = case.replace(surface={"ground": "talus", "uniform_mean_radius": None},
                          impact={"sets": None}, variant=[])  # fmt: skip
     inputs = read_dossier(alone, **PLACE)
@@ -282,7 +282,7 @@ def test_many_houses_take_no_more_pages(case, tmp_path, monkeypatch):
     document = HTML(string=pages[0]).render()
     assert len(document.pages) <= 8 and "signature" in document.pages[0].anchors
     book = openpyxl.load_workbook(tmp_path / "out/dossier.xlsx")
-    assert book.worksheets[1].max_row == 1 + 1 + 18  # head, road, houses
+    assert book.worksheets[1].max_row == 1 + 1 + 18  # heading, road, houses
 
 
 def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypatch, capsys):

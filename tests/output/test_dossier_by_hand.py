@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A project from four layers to the dossier, by the commands that a user types: each of its tables
-is what a hand calculation over the boulders of the runs gives, and what its result files hold."""
+"""A project from four layers to the dossier, with the commands that a user types: each table equals
+a hand calculation over the boulders of the runs and the values in the result files."""
 
 import csv
 import hashlib
@@ -29,12 +29,12 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 NX, NY, CELL, WEST, NORTH = 50, 80, 5.0, PLACE.c, PLACE.f
-PERIODS = (10, 30, 100, 300, 1000)  # [year]
-SCENARIOS = {"stones": (0.1, 0.02, 0.2), "blocks": (0.02, 0.2, 1.0)}  # a year, from and to [m3]
+PERIODS = (10, 30, 100, 300, 1000)  # [years]
+SCENARIOS = {"stones": (0.1, 0.02, 0.2), "blocks": (0.02, 0.2, 1.0)}  # per year, from and to [m3]
 BOULDERS, DENSITY = 300, 2700.0
 NET = {"height": 3.0, "capacity": 250.0}  # [m], [kJ]
 CLASSES = (100, 250, 500, 1000, 1500, 2000, 3000, 4500)  # EAD 340059 [kJ]
-CLOSE = 1e-7  # of limits: digits of the 97.5 % quantile
+CLOSE = 1e-7  # relative digits of the 97.5 % quantile in limits
 LAMBDA = 0.2, 0.8, 0.5  # lethality, presence, vulnerability of the houses
 HOUSES = {"house A": (4.0, 300e3), "house B": (2.0, 500e3)}  # persons, value
 OTHER = ("residual", "low", "moderate", "high")
@@ -42,12 +42,12 @@ MATRIX = (("moderate", "low", "low"), ("high", "moderate", "moderate"), ("high",
 
 
 def below(y):
-    """Northing [m] at a distance south of the northern border."""
+    """Northing [m] at a distance south of the northern edge."""
     return NORTH - y
 
 
 def site(folder):
-    """The layers: a cliff of 60 degrees above a slope of 38 and a flat, grounds, road, houses."""
+    """Layers: a cliff of 60 degrees above a slope of 38 and a flat, grounds, road, houses."""
     south = (np.arange(NY) + 0.5) * CELL
     z = np.interp(south, [0, 40, 80, 320, 400], [1270, 1260, 1190, 1003, 1000])
     waves = 0.4 * np.sin(np.arange(NX) / 3)[None, :] * np.cos(np.arange(NY) / 4)[:, None]
@@ -84,7 +84,7 @@ def site(folder):
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    """Folder of the project after `new`, the user's editor, `check` and `dossier`."""
+    """Project folder after `new`, manual edits, `check` and `dossier`."""
     folder = tmp_path_factory.mktemp("project")
     shapes = site(folder)
     names = {name: str(folder / name) for name in ("dem.tif", "site.gpkg", "case.nml")}
@@ -110,14 +110,14 @@ def project(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sheets(project):
-    """Rows of each sheet of the workbook, by number; its first column is the key of a row."""
+    """Rows of each sheet of the workbook, by number; the first column is the key of a row."""
     book = openpyxl.load_workbook(project[0] / "dossier/dossier.xlsx")
     return [[*sheet.iter_rows(values_only=True)] for sheet in book.worksheets]
 
 
 @pytest.fixture(scope="module")
 def boulders(project):
-    """By variant and scenario, for each boulder: what it did at each place."""
+    """Results at each place for each boulder, by variant and scenario."""
     folder, shapes = project
     cases = rockfall.variants(rockfall.read_case(folder / "case.nml"))
     return {name: {own: run(case, own, shapes) for own in SCENARIOS}
@@ -125,8 +125,8 @@ def boulders(project):
 
 
 def run(case, scenario, shapes):
-    """Energies [kJ] and heights [m] of the crossings of each boulder, by place, and which houses
-    its path touches in plan."""
+    """Energies [kJ] and heights [m] of the crossings of each boulder, by place, and the houses
+    touched by its path in plan."""
     _, low, high = SCENARIOS[scenario]
     lines = [
         {"name": name, "x": list(x), "y": list(y), "object_width": 0.0}
@@ -154,7 +154,7 @@ def run(case, scenario, shapes):
 
 
 def touched(result, shapes, radius):
-    """Number of boulders whose path, a polyline through its contacts in plan, comes within their
+    """Number of boulders whose path (a polyline through the contacts in plan) comes within their
     radius of each shape."""
     owner = result["trajectory_boulder"].values
     x, y = result["trajectory_x"].values, result["trajectory_y"].values
@@ -166,36 +166,36 @@ def touched(result, shapes, radius):
 
 
 def wilson(k, n, z=1.959963984540054):
-    """Limits of a fraction, by Wilson 1927."""
+    """Wilson limits of a fraction (1927)."""
     middle, wide = k + z * z / 2, z * math.sqrt(k * (n - k) / n + z * z / 4)
     return (middle - wide) / (n + z * z), (middle + wide) / (n + z * z)
 
 
 def rates(counts):
-    """Boulders a year with their limits, summed over the scenarios."""
+    """Boulders per year with limits, summed over the scenarios."""
     three = [(k / BOULDERS, *wilson(k, BOULDERS)) for k in counts]
     yearly = [rate for rate, _, _ in SCENARIOS.values()]
     return [sum(rate * ends[i] for rate, ends in zip(yearly, three, strict=True)) for i in range(3)]
 
 
 def count(at, place, test):
-    """Boulders of each scenario, any of whose crossings of a place passes a test."""
+    """Number of boulders in each scenario with a crossing of a place that passes a test."""
     return [sum(bool(np.any(test(*own))) for own in at[name][place]) for name in SCENARIOS]
 
 
 def reached(boulders, place, index, least):
-    """Boulders of each scenario with an energy (index 0) or height (1) above a level, today."""
+    """Boulders in each scenario with an energy (index 0) or height (1) above a level, today."""
     return count(boulders["today"], place, lambda *own: own[index] > least)
 
 
 def table(sheets, words):
-    """Rows of the table whose caption has these words, by their first cell."""
+    """Rows, by their first cell, of the table with given words in its caption."""
     (number,) = [int(row[0]) for row in sheets[0] if row[0] and words in row[1]]
     return {row[0]: row[1:] for row in sheets[number][1:]}
 
 
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
-    """And of each variant, and above each threshold, and a house as in plan."""
+    """Also for each variant, above each threshold, and for a house in plan."""
     rows, by_variant = table(sheets, "at each place"), table(sheets, "by variant")
     objects = table(sheets, "Objects")
     for place in ("road", *HOUSES):
@@ -216,8 +216,8 @@ def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
 
 
 def test_levels_by_return_period(sheets, boulders, project):
-    """Boulders that reach a level come as often as its return period says, within a step of the
-    levels that a result counts."""
+    """The frequency of boulders above a level agrees with its return period, within a step of the
+    levels counted in a result."""
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for words, (name, unit, index) in {
         "Energy [kJ]": ("energy", 1e-3, 0), "Height [m]": ("height", 1.0, 1),
@@ -248,7 +248,7 @@ def test_levels_by_return_period(sheets, boulders, project):
 
 
 def test_barriers(sheets, boulders):
-    """A boulder passes a barrier above its top, or with more energy than it takes."""
+    """A boulder passes a barrier above its top, or with more energy than its capacity."""
 
     def behind(height, capacity):
         return rates(count(boulders["today"], "road", lambda e, h: (h > height) | (e > capacity)))
@@ -274,7 +274,7 @@ def test_barriers(sheets, boulders):
 
 
 def test_barriers_of_the_case(sheets, project):
-    """What comes to the net of the case, and what passes it, by its own run."""
+    """Boulders that reach the net of the case, and that pass it, from a separate run."""
     case = rockfall.variants(rockfall.read_case(project[0] / "case.nml"))["with net"]
     come, passed = [], []
     for _, low, high in SCENARIOS.values():
@@ -295,7 +295,7 @@ def test_barriers_of_the_case(sheets, project):
 
 
 def class_of(f):
-    """Class of hazard of frequencies of hits, above 30 and above 300 kJ, by the default matrix."""
+    """Hazard class from frequencies of hits, above 30 and above 300 kJ, by the default matrix."""
     found = ["residual"]
     for k, period in enumerate((30, 100, 300)):
         intensity = max((i for i in range(3) if f[i] >= 1 / period), default=None)
@@ -327,7 +327,7 @@ def test_classes_and_risks_of_houses(sheets):
 
 
 def test_what_no_object_has_is_not_zero(project):
-    """Without values or vulnerabilities the damage is unknown, without persons the deaths are."""
+    """Damage is unknown without values or vulnerabilities, deaths are unknown without persons."""
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for what, column in {"damage": 2, "collective_risk": 3}.items():
         without = hazard.assign({f"object_{what}": hazard[f"object_{what}"] * np.nan})

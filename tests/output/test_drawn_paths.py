@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every view draws of a boulder that slides and waits: on the ground, and in the air no higher
-than it jumped."""
+"""Views of boulders that slide and wait: on the ground, in the air no higher than they jumped."""
 
 import json
 import sqlite3
@@ -26,7 +25,7 @@ ezdxf = pytest.importorskip("ezdxf", reason="the cad extra is not installed")
 
 KML = "{http://www.opengis.net/kml/2.2}"
 W, N, DROP, G = 600000.0, 5000000.0, 2.0, 9.81
-Z = rough(gradient=0.3, relief=1.5)  # gentle: boulders slide and wait
+Z = rough(gradient=0.3, relief=1.5)  # gentle, so that boulders slide and wait
 TERRAIN = Z, Grid(W, N, 5.0, 60, 80)
 NET = {"name": "net", "x": [W, W + 300], "y": [N - 60.0] * 2, "height": 4.0, "capacity": 50.0}
 #: Table or rest angle, volume [m3], gravity [m/s2], barriers, and boulders.
@@ -42,7 +41,7 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=RUNS)
 def drawn(request, tmp_path_factory):
-    """A result, and the folder of its exports."""
+    """Result, and the folder of its exports."""
     by, volume, gravity, nets, number = RUNS[request.param]
     place = tmp_path_factory.mktemp("drawn")
     make_raster(place / "dem.tif", Z, crs="EPSG:32632")
@@ -63,14 +62,14 @@ def of_curves(result, _):
 
 
 class Shown:
-    """The ground of a window with an origin of its own."""
+    """Ground of a window with a separate origin."""
 
     def relative(self, x, y):
         return np.column_stack([x, y]) - (W, N)
 
 
 def of_window(result, _):
-    """Both ends of each leg, and the middle by the gravity that the page is told of."""
+    """Both ends of each leg, and its middle with the gravity sent to the page."""
     paths = rockfall.trajectories(result)
     message = trajectory_message(paths, np.ones(len(paths)), Shown(), revision=0, append=False)
     size = int.from_bytes(message[:4], "little")
@@ -80,7 +79,7 @@ def of_window(result, _):
     points = np.frombuffer(message, "<f4", count, 4 + size).reshape(-1, 6).astype(float)
     assert {*points[:, 5].tolist()} <= {0.0, float(np.float32(gravity_of(result)))}
     start, end = points[:-1], points[1:]
-    same = end[:, 3] >= start[:, 3]  # of one boulder
+    same = end[:, 3] >= start[:, 3]  # legs of the same boulder
     middle = (start + end)[same, :3] / 2
     middle[:, 2] += (start[:, 5] * (end - start)[:, 3] ** 2)[same] / 8
     return np.concatenate([points[:, :3], middle]) + (W, N, 0.0)
@@ -124,7 +123,7 @@ def of_drawing(_, folder):
     return np.array([vertex.xyz for path in paths for vertex in path.points()])
 
 
-#: Each with how far its points may be from the motion [m]: tolerances of chords, and roundings.
+#: Views, with the maximum distance between points and motion [m]: chords and rounding.
 VIEWS = {
     "rockfall.trajectories": (of_curves, 0.01),
     "window": (of_window, 0.01),
@@ -138,19 +137,19 @@ VIEWS = {
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
-    """Drawn heights are within the range of the kernel, and never below the ground."""
+    """Drawn heights are within the kernel's range, and never below the ground."""
     result, folder = drawn
     draw, near = VIEWS[view]
     x, y, z = draw(result, folder).T
     assert x.size > 200
     above = z - height(*TERRAIN, x, y)
-    above = above[np.isfinite(above)]  # where boulders leave the terrain
+    above = above[np.isfinite(above)]  # except where boulders leave the terrain
     jumped = max(result["jump_height_max"].values.max(), DROP)
     assert above.min() >= -near and above.max() <= jumped + near
 
 
 def test_arcs_over_slides_and_waits_would_be_needles(drawn):
-    """By free fall between contacts, as the window drew all legs, some rise more than views err."""
+    """With free fall between all vertices, some legs would be higher than the views' error."""
     result, _ = drawn
     motion = motion_of(result).straightened()
     lasts = (motion.end - motion.start)[3, motion.gravity == 0].max()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectories in time, KML and DXF: what other readers find there is what was simulated."""
+"""Trajectories in time, KML and DXF: other readers find the simulated values."""
 
 import sqlite3
 import struct
@@ -45,7 +45,7 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def exported(result, tmp_path_factory):
-    """A folder with every format, drawn to 1 cm."""
+    """Folder with every format, drawn to 1 cm."""
     folder = tmp_path_factory.mktemp("out")
     rockfall.export(result, folder, formats=["gpkg", "kml", "dxf"], tolerance=0.01)
     return folder
@@ -60,15 +60,15 @@ def contacts(result):
 
 
 def met(result):
-    """The contacts alone."""
+    """Only the contacts."""
     known = contacts(result)
     between = {k: (one[1:-1, 7] > 1) & (one[:-2, 7] > 1) for k, one in known.items()}
     return {k: one[~np.r_[False, between[k], False]] for k, one in known.items()}
 
 
 def place_at(rows, time):
-    """Where a boulder is at a time since its release, by the law of free fall; on the ground it
-    goes straight to the next point."""
+    """Position of a boulder at a time since its release: free fall in flight, straight lines
+    between points on the ground."""
     k = np.searchsorted(rows[:-1, 3], time, side="right") - 1
     t = time - rows[k, 3]
     if rows[k, 7] > 1:
@@ -77,7 +77,7 @@ def place_at(rows, time):
 
 
 def rows_of(path, layer, columns):
-    """Rows of a GeoPackage, by SQLite alone, and their strings (n, 4) as its standard has them."""
+    """Rows of a GeoPackage, read by SQLite, and their lines (n, 4) decoded by the standard."""
     with closing(sqlite3.connect(path)) as database:
         rows = database.execute(f"SELECT geom, {', '.join(columns)} FROM {layer}").fetchall()
     for blob, *values in rows:
@@ -89,7 +89,7 @@ def rows_of(path, layer, columns):
 
 
 def test_trajectories_are_parabolas_in_space_and_time(exported, result):
-    """At every vertex, and halfway between two, a boulder is where free fall has it, to 1 cm."""
+    """At every vertex and halfway between, boulders are where free fall puts them, to 1 cm."""
     found = dict(
         (number, path)
         for path, (number,) in rows_of(exported / "rockfall.gpkg", "trajectories", ["boulder"])
@@ -123,7 +123,7 @@ def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
 
 
 def seconds_of(stamp):
-    """Time since release of a time stamp, read by the standard library."""
+    """Time since release from a time stamp, read by the standard library."""
     return (datetime.fromisoformat(stamp.rstrip("Z")) - datetime(2000, 1, 1)).total_seconds()
 
 
@@ -139,7 +139,7 @@ def test_flights_have_begin_and_end_for_the_temporal_controller(exported, result
         assert (begin_s, duration) == (own[3], following[3] - own[3]) and duration > 0
         since = [seconds_of(stamp) for stamp in (begin, end)]
         assert since == pytest.approx([own[3], following[3]], abs=1.001e-3)
-        assert since[0] < since[1]  # the format has no more than milliseconds
+        assert since[0] < since[1]  # the format only has milliseconds
         assert speed == pytest.approx(np.linalg.norm(own[4:7]), abs=1e-12)
         fallen = own[4:7] - (0, 0, G * (own[7] == 1) * (following[3] - own[3]))
         assert speed_end == pytest.approx(np.linalg.norm(fallen), abs=1e-6)

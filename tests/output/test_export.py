@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `rockfall export` promises: every number of a result, where a GIS looks for it."""
+"""`rockfall export`: every value of a result, where a GIS expects it."""
 
 import csv
 import subprocess
@@ -51,7 +51,7 @@ def lines_of(names):
 
 
 def made():
-    """A small result with everything that can be exported."""
+    """Small result with everything that can be exported."""
     rolls = np.array([1.0, 1 / 1.5, 0.0, 0.0, 1 / 3.25, 0.0])  # [m/s]
     vertices = {
         "trajectory_boulder": ("trajectory_vertex", np.array([1, 1, 1, 2, 3, 3], "i4")),
@@ -102,7 +102,7 @@ def result():
 
 @pytest.mark.parametrize("system", ["EPSG:32632+6360", "EPSG:32632+5783"])
 def test_maps_of_a_result_with_a_system_of_heights_have_none(result, system, tmp_path):
-    """GDAL would convert counts and energies from feet. Older results have it in their CRS."""
+    """GDAL would convert counts and energies from feet. Older results have such a CRS."""
     result["crs"].attrs["crs_wkt"] = rasterio.crs.CRS.from_user_input(system).to_wkt()
     maps = [path for path in export(result, tmp_path / "out") if path.suffix == ".tif"]
     assert maps
@@ -126,7 +126,7 @@ def layer(folder, name):
 
 @pytest.fixture(scope="module", params=["dataset", "decoded file"])
 def exported(request, tmp_path_factory):
-    """The folder, whichever way the result comes."""
+    """Export folder, whichever way the result is passed."""
     place, given = tmp_path_factory.mktemp("place"), made()
     if request.param != "dataset":
         given.to_netcdf(place / "out.nc")
@@ -147,13 +147,13 @@ def test_all_files_are_there_and_no_others(exported):
 def test_maps_keep_values_place_and_crs(exported, result):
     with rasterio.open(exported / "passages.tif") as file:
         values = result.passages.values
-        assert (file.read(1) == np.where(values, values, -1)).all()  # none passed: no data
+        assert (file.read(1) == np.where(values, values, -1)).all()  # none passed: nodata
         assert file.dtypes == ("int64",) and file.nodata == -1
         assert file.transform == GRID.transform
         assert file.crs.to_epsg() == 32632
         assert file.descriptions == ("boulders that passed",)
         assert file.tags()["long_name"] == "boulders that passed"
-        assert file.tags()["seed"] == "7" and file.tags()["case"] == CASE  # where it comes from
+        assert file.tags()["seed"] == "7" and file.tags()["case"] == CASE  # provenance
         assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
     with rasterio.open(exported / "energy_max_kJ.tif") as file:
         in_kj = result.energy_max.values * np.float32(1e-3)
@@ -174,7 +174,7 @@ def test_a_style_has_a_colour_for_every_value(exported, name):
     assert unit == "1" or {30.0, 300.0} < set(ends)
     assert len({item.get("color") for item in items}) == len(ends) > 3
     found = classes_of("boulders" if unit == "1" else unit)
-    held = np.searchsorted(ends, values)  # QGIS: up to and with the end
+    held = np.searchsorted(ends, values)  # QGIS includes the upper limit
     assert (held == found.numbers(values.astype(float))).all()
     assert [item.get("color") for item in items] == list(found.colours)
 
@@ -250,7 +250,7 @@ def test_lines_and_trajectories_are_line_strings(exported):
 
     _, shapes, columns = layer(exported, "trajectories")
     assert columns["boulder"].tolist() == [1, 2, 3]
-    assert columns["vertices"].tolist() == [2, 1, 2]  # the contacts and ends
+    assert columns["vertices"].tolist() == [2, 1, 2]  # contacts and ends
     assert columns["travel_time"].tolist() == [2.5, 0.0, 3.25]
     assert shapes[0].coords[2] == (600002.0, 4999992.0, 98.0)
     assert list(shapes[1].coords) == [(600003.0, 4999993.0, 97.0)] * 2  # it never moved

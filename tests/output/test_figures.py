@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of any result: which there are, that they show its numbers, and what is refused."""
+"""Figures of any result: available kinds, agreement with the result, and refusals."""
 
 import base64
 import re
@@ -61,19 +61,19 @@ DRAWN_ALIKE = {*AT_LINES[2:-1], *MAPS} - {"map_deposits", "map_energy_q95"}
 def run(folder, line=(), **groups):
     case = make_case(folder, *sets(), line=line, terrain={}, **groups)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that boulders stop where they start
+        warnings.simplefilter("ignore", UserWarning)  # boulders that stop where they start
         return rockfall.run(case, dem=Z, transform=TERRAIN[1])
 
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A result with everything: 50 boulders."""
+    """Result with everything and 50 boulders."""
     return run(tmp_path_factory.mktemp("full"), LINE, release=POINT, output=ALL)
 
 
 @pytest.fixture
 def observed():
-    """As `rockfall.analysis.observed.observations.read_observed` gives it."""
+    """Observations as given by `rockfall.analysis.observed.observations.read_observed`."""
     names = ["line", "method", "quantity", "mean", "std", "max"]
     rows = [("L", "observed", "energy_total", 2e5, 1e5, 9e5), ("L", "A", "speed", 9.0, 2.0, 20.0)]
     rows += [("L", "B", "speed", np.nan, np.nan, 21.0)]
@@ -91,12 +91,12 @@ def draw(result, name, *arguments):
 
 
 def curve(axes, label):
-    """x and y of the curve with this label."""
+    """x and y of the curve with a given label."""
     (line,) = [line for line in axes.lines if str(line.get_label()).startswith(label)]
     return np.array(line.get_xdata()), np.array(line.get_ydata())
 
 
-# ---- which figures there are, and that each can be drawn
+# ---- available figures, each of which can be drawn
 
 
 @pytest.mark.all
@@ -128,7 +128,7 @@ def test_a_result_has_the_figures_that_it_can_feed(tmp_path, line, groups, names
         if one.name in DRAWN_ALIKE:
             continue
         drawn = one.draw()
-        drawn.draw_without_rendering()  # as who saves it outside the style
+        drawn.draw_without_rendering()  # as for users who save it outside the style
         assert 25.4 * drawn.get_figwidth() in (pytest.approx(90), pytest.approx(180))
         texts = [text for text in drawn.findobj(Text) if text.get_text().strip()]
         sizes = {text.get_fontsize() for text in texts}
@@ -157,7 +157,7 @@ def test_no_terrain_no_ground(full):
     assert len(draw(full, "profile", coarse).axes) == 2  # heights above it would be wrong
 
 
-# ---- what is drawn are the numbers of the result
+# ---- drawn values are those of the result
 
 
 def test_trajectories_touch_the_ground_at_contacts_and_fly_above_it(full):
@@ -165,14 +165,14 @@ def test_trajectories_touch_the_ground_at_contacts_and_fly_above_it(full):
         above = one.z - height(*TERRAIN, one.x, one.y)
         contacts = above[trajectories.POINTS - 1 :: trajectories.POINTS][
             :-1
-        ]  # it may leave in flight
+        ]  # it may leave while in flight
         assert contacts == pytest.approx(0, abs=1e-6)
         assert above.min() > -1e-6 and above.max() > 1
 
 
 def test_passing_is_the_survival_of_the_stopping_distances(full, observed):
     full = full.copy()
-    full["status"] = full["status"].copy(data=np.ones(50, "i1"))  # none left the terrain
+    full["status"] = full["status"].copy(data=np.ones(50, "i1"))  # no boulder left the terrain
     axes = draw(full, "passing", None, observed).axes[0]
     x, y = curve(axes, "this run")
     distance = full["plan_distance"].values
@@ -214,7 +214,7 @@ def test_distributions_hold_the_boulders_that_pass(full, observed):
 
 
 def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
-    """Of more than a page has figures for, those that most boulders pass; it says so."""
+    """If a page has too few figures, the lines passed by most boulders are drawn, with a note."""
     y = [375.0 - 4 * k for k in range(19)]
     several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
     result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
@@ -268,7 +268,7 @@ def test_a_map_shows_the_cells_where_they_are(full, name):
 
 
 def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
-    """It is above 0 everywhere, but a map shows where boulders came."""
+    """The limit is above 0 everywhere, but a map only shows cells with boulders."""
     groups = {"release": POINT, "case": {"boulders": 9}}
     result = run(tmp_path, output={"maps": ["passages", "reach_probability_high"]}, **groups)
     alone = result.drop_vars("passages")
@@ -375,7 +375,7 @@ def test_stops_are_told_apart_by_marker(full):
 
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory):
-    """A folder with a case that has been run: out.nc."""
+    """Folder with a completed case: out.nc."""
     with pytest.MonkeyPatch.context() as here:
         here.chdir(tmp_path_factory.mktemp("ready"))
         make_raster("dem.tif", Z.astype("f4"), TERRAIN[1].transform, crs=None)
@@ -390,7 +390,7 @@ def ready(tmp_path_factory):
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """The same, made the current folder."""
+    """The same folder, as the current folder."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -429,7 +429,7 @@ def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
 
 
 def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatch):
-    """Found next to the result, if it is the DEM of the run; else the places are named."""
+    """Found next to the result if it is the run's DEM; otherwise searched places are listed."""
     moved = place / "moved"
     moved.mkdir()
     Path("out.nc").rename(moved / "out.nc")
@@ -437,7 +437,7 @@ def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatc
     result = rockfall.read_result(moved / "out.nc")
     assert terrain_of(result, None, moved) is not None
     other = make_raster("dem.tif", Z.astype("f4") + 1, TERRAIN[1].transform, crs=None)
-    assert terrain_of(result, None, moved) is not None  # another of that name is passed over
+    assert terrain_of(result, None, moved) is not None  # another DEM with that name is skipped
     Path(other).unlink()
     (moved / "dem.tif").unlink()
     with pytest.warns(UserWarning, match=r"dem.tif, .*moved.dem.tif: cannot be read: No such file"):
@@ -464,7 +464,7 @@ def test_the_impact_set_is_drawn_where_it_is_still_the_same(place):
     assert "impact_set" not in [one.name for one in figures(result)]
 
 
-# ---- the command, and what is refused
+# ---- command and refusals
 
 
 def test_the_command_writes_every_figure_and_says_so(place, capsys, monkeypatch):
@@ -518,7 +518,7 @@ def test_a_result_without_boulders_is_refused(full):
 
 
 def test_a_small_fraction_is_not_rounded_to_nothing(full):
-    """Neither in the figure nor in its caption, nor are the ends of its interval."""
+    """Neither in the figure nor in its caption; this also applies to the ends of its interval."""
     values, number = np.full(20_000, np.nan), np.arange(1, 20_001)
     values[:6] = 150.0
     rare = full.drop_dims(["boulder", "line", "crossing"]).assign(
@@ -533,7 +533,7 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
 def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
-    """To the byte, of panels with a common axis, too."""
+    """Byte for byte, also for panels with a common axis."""
     style.save(draw(full, name), tmp_path / "kept.svg")
     monkeypatch.setattr(style, "_keep_ticks", lambda figure: None)
     style.save(draw(full, name), tmp_path / "made.svg")
@@ -553,7 +553,7 @@ def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
 
 
 def test_contours_are_two_curves_of_all_their_levels(full):
-    """One bold, one thin, with gaps between pieces; and no other limits of the map."""
+    """One bold, one thin, with gaps between pieces; the limits of the map are unchanged."""
     contours = relief.contours_of(TERRAIN, extent.reached(full))
     drawn = draw(full, "stops", TERRAIN)
     brown = [line for line in drawn.axes[0].lines if line.get_color() == relief.BROWN]

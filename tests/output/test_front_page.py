@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page 1 of a report can be signed: all of it, with the line to sign on, stands on one sheet."""
+"""Page 1 of a report can be signed: it fits on one sheet, including the line for the signature."""
 
 import re
 import shutil
@@ -25,7 +25,7 @@ LINES = [
     {"name": name, "x": [0.0, 300.0], "y": [370.0 - 6 * k, 370.0 - 6 * k]}
     for k, name in enumerate(NAMES)
 ]
-WARNINGS = [  # of three kinds that a run has, and more of them than a page has room for
+WARNINGS = [  # three kinds of run warnings, more than fit on one page
     f"{1000 + k:,} of 661,645 rebounds (61.9 %) had R_b/R_m outside 0.5 to 5.5, where the set is "
     "not calibrated: the nearest ratio was used."
     for k in range(12)
@@ -35,7 +35,7 @@ PEOPLE = Parties("2026-117", "Service of natural hazards", "A. Muster", "2024", 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """A run with many lines and maps, in one of the commonest systems."""
+    """Run with many lines and maps, in a common CRS."""
     groups = {"case": {"boulders": 200, "title": "Upper valley, road and railway below the face"}}
     groups |= {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": ["passages"]}}
     case = make_case(tmp_path_factory.mktemp("case"), *sets(), line=LINES, terrain={}, **groups)
@@ -45,13 +45,13 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def levels(result):
-    """Return levels, which follow page 1, once for all pages."""
+    """Return levels, which follow page 1, computed once for all pages."""
     return return_levels(result)
 
 
 @pytest.fixture
 def bare(monkeypatch, levels):
-    """A page without the figures that follow page 1."""
+    """Page without the figures that follow page 1."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
@@ -73,8 +73,8 @@ def page_1(result, language="en", **about):
 
 @pytest.fixture(scope="module")
 def pages(result, levels, tmp_path_factory):
-    """The page in each language, of a report with more warnings than page 1 has room for; and one
-    without any, as for paper."""
+    """Pages in each language, of a report with more warnings than page 1 can hold; and one without
+    warnings, as for paper."""
     folder = tmp_path_factory.mktemp("pages")
     with pytest.MonkeyPatch.context() as here:
         leave_pictures_blank(here)
@@ -95,7 +95,7 @@ def pages(result, levels, tmp_path_factory):
     ["de", "without", *(pytest.param(one, marks=pytest.mark.all) for one in ("en", "fr", "it"))],
 )
 def test_the_signature_is_on_page_1_in_every_language(pages, name):
-    """Of a report of many lines, with and without more warnings than page 1 has room for."""
+    """For a report of many lines, with and without more warnings than page 1 can hold."""
     weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
     page = (pages / f"{name}.html").read_text(encoding="utf-8").split('<section id="results">')[0]
     first, *others = weasyprint.HTML(string=page).render().pages
@@ -125,7 +125,7 @@ def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):
     rest = unescape(second).replace("\u00a0", " ")
     assert all(one in rest for one in WARNINGS[len(shown) :])
     assert f"and {len(WARNINGS) - len(shown)} more on page 2" in first
-    for name in NAMES:  # the sentences and the rows of all lines
+    for name in NAMES:  # sentences and rows of all lines
         assert f"{name}: " in first and f">{name}<" in page
     warned(monkeypatch, WARNINGS[:1])
     assert "more on page 2" not in page_1(result).split("answers")[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""GeoDataFrames of results are the layers of their exports, and what they hand out is taken."""
+"""GeoDataFrames of results equal the layers of exports, and can be used as inputs."""
 
 import numpy as np
 import pytest
@@ -58,7 +58,7 @@ def test_layers_of_a_result_are_those_of_its_export(case, tmp_path):
         assert shapely.equals_exact(own.geometry.values, written.geometry.values).all()
         for column in own.columns.drop("geometry"):
             one, other = own[column], written[column]
-            if one.dtype.kind == "M":  # a GeoPackage holds milliseconds
+            if one.dtype.kind == "M":  # a GeoPackage stores milliseconds
                 assert ((one - other).abs() < np.timedelta64(1, "ms")).all()
             else:
                 assert (one == other)[one.notna()].all()
@@ -68,7 +68,7 @@ def test_layers_of_a_result_are_those_of_its_export(case, tmp_path):
 
 
 def test_sources_that_are_handed_out_release_the_same_boulders(case, tmp_path):
-    """Shapes, frequencies and volumes of a layer come back, and are taken again."""
+    """Shapes, frequencies and volumes of a layer are returned, and can be used again."""
     make_layer(tmp_path / "points.gpkg", POINTS, crs=None, **SOURCES)
     by_layer = case.replace(release={"x": None, "y": None, "points": str(tmp_path / "points.gpkg")})
     with rockfall.open(by_layer, **PLACE) as session:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of a hazard: zones, what is not certain, intensities, objects."""
+"""Figures of a hazard: zones, uncertain classes, intensities, objects."""
 
 import re
 from itertools import pairwise
@@ -43,7 +43,7 @@ def found(tmp_path_factory):
 
 
 def images(figure):
-    """The pictures of a map, without its relief."""
+    """Pictures of a map, without its relief."""
     return [image for image in figure.axes[0].images if image.get_cmap().name != "gray"]
 
 
@@ -63,7 +63,7 @@ def test_there_is_one_of_zones_and_one_for_each_period(found):
 
 
 def test_zones_are_drawn_as_they_are(found):
-    """A patch for each class, and one hatched where it is not certain."""
+    """A patch for each class, and a hatched patch where the class is uncertain."""
     zones = zones_of(found)
     *classes, doubtful = hazard_figures(found)[0].draw().axes[0].patches
     assert len(classes) == len(np.unique(zones.number)) and doubtful.get_hatch()
@@ -84,7 +84,7 @@ def test_intensities_are_drawn_as_they_are(found):
         assert np.array_equal(np.nan_to_num(np.ma.filled(image.get_array(), np.nan)), period)
 
 
-# ---- the sheet
+# ---- sheet
 
 
 @pytest.mark.parametrize("language", ["en", "de", "fr", "it"])
@@ -102,7 +102,7 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
     for part in ("No. 12", "the canton", "A. Engineer", "300", "a: 0", "warning 0", "(A3)"):
         assert any(part in text for text in texts), part
     shown = "\n".join(texts)
-    assert shown.count("warning ") == shown.count("end ") < 9  # none is cut
+    assert shown.count("warning ") == shown.count("end ") < 9  # no warning is cut
     with speaking(language):
         assert say("sheet.warnings", n=9) in texts
     within = figure.bbox.padded(-0.9 * MARGIN * figure.dpi)
@@ -116,7 +116,7 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
 
 @pytest.mark.parametrize("n", [2, 40])
 def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
-    """Each scenario by its name, whatever the number and the length of its warnings."""
+    """Each scenario with its name, for any number and length of warnings."""
     groups = [
         (
             names,
@@ -129,12 +129,12 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
     read = []
     for number, page in enumerate(pages, start=2):
         page.draw_without_rendering()
-        ends = {}  # of columns, by their left edges
+        ends = {}  # columns, by their left edges
         for k, text in enumerate(page.texts):
             box = text.get_window_extent()
             assert box.x0 >= 0 and box.y0 >= 0.9 * MARGIN * page.dpi
             assert box.x1 <= page.bbox.x1 and box.y1 <= page.bbox.y1
-            if k >= 3:  # below the titles
+            if k >= 3:  # below the headings
                 left = round(box.x0 / page.dpi)
                 ends[left] = max(ends.get(left, 0), box.x1 / page.dpi)
         assert all(ends[left] < right for left, right in pairwise(sorted(ends)))
@@ -148,7 +148,7 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
 
 
 def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
-    """Not the sets that a case names by default, but the grounds that rebounds followed."""
+    """Not the default sets of a case, but the grounds used by rebounds."""
     shown = [text.get_text() for text in hazard_sheet(found).texts]
     whole = re.sub(r"\s+", " ", " ".join(shown))
     assert "frequencies refer to the boulders of these scenarios, not to &boulder" in whole
