@@ -59,7 +59,7 @@ def by_hand(result, apex, source):
     away = np.hypot(x - source[0], y - source[1])
     away -= np.hypot(apex[0] - source[0], apex[1] - source[1])
     fall = apex[2] - z
-    return np.where((fall > 0) & (away > 0), np.degrees(np.arctan2(fall, away)), 90.0)
+    return np.where((fall > 0) & (away >= 20.0), np.degrees(np.arctan2(fall, away)), 90.0)
 
 
 @pytest.mark.parametrize("cell", [2.0, 5.0])
@@ -88,6 +88,56 @@ def test_a_node_at_the_break_is_the_apex(tmp_path):
     apex = (*place(foot), profile(FOOT, CLIFF, TALUS, 0.0))
     np.testing.assert_allclose(result["shadow_angle"], by_hand(result, apex, source), rtol=1e-9)
     assert result["shadow_angle"].min() < TALUS
+
+
+def descent(z, cell, source, length=400.0):
+    """Points (n, 3) of the steepest descent from a source, one per metre; gradients over 20 m."""
+    at, points = np.array(source), []
+
+    def height(x, y):
+        column, row = x / cell - 0.5, len(z) - 0.5 - y / cell
+        i, j = int(column), int(row)
+        u, v = column - i, row - j
+        rows = (1 - u) * z[j : j + 2, i] + u * z[j : j + 2, i + 1]
+        return (1 - v) * rows[0] + v * rows[1]
+
+    while len(points) < length:
+        points.append((*at, height(*at)))
+        west, east, south, north = (height(*(at + step)) for step in
+                                    ((-10, 0), (10, 0), (0, -10), (0, 10)))  # fmt: skip
+        down = np.array([west - east, south - north])
+        at = at + down / np.hypot(*down)
+    return np.array(points)
+
+
+@pytest.mark.parametrize("cell", [1.0, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize(
+    ("s", "slopes", "foot"),
+    [
+        ((60, 90, 130, 190, 330), (60, 25, 65, 35), 190),  # a ledge in the face
+        ((60, 120, 270, 276, 330), (60, 35, 70, 20), 120),  # a road cut in the talus
+        ((60, 80, 140, 190, 330), (65, 42, 65, 36), 190),  # steep ground between two bands of rock
+    ],
+)
+def test_the_apex_is_the_foot_of_the_whole_face_on_any_cells(tmp_path, cell, s, slopes, foot):
+    """On cells from 1 to 10 m, with blocks of half a metre on the ground."""
+    falls = np.diff(s) * np.tan(np.radians(slopes))
+
+    def elevation(along):
+        return np.interp(along, [-SIDE, *s, 2 * SIDE], 900 - np.cumsum([0, 0, *falls, 0]))
+
+    centres = np.arange(SIDE) + 0.5
+    x, y = np.meshgrid(centres, centres[::-1])
+    z = elevation(along(x, y, 190.0)) + np.random.default_rng(59).normal(0, 0.5, x.shape)
+    n, m = int(SIDE / cell), int(cell)
+    z = z.reshape(n, m, n, m).mean(axis=(1, 3))
+    source = place(s[0] + 10.0, 190.0)
+    result = run(tmp_path, z, source, cell)
+    path = descent(z, cell, source)
+    apex = path[np.argmin(path[:, 2] + np.arange(len(path)))]
+    assert along(*apex[:2], 190.0) == pytest.approx(foot, abs=5.0 + cell / 2)
+    close = np.isclose(result["shadow_angle"], by_hand(result, apex, source), atol=0.5 + cell / 5)
+    assert (result["shadow_angle"] < 90).sum() > 30 and close.mean() > 0.9
 
 
 def test_a_source_below_the_cliff_is_its_own_apex(tmp_path):

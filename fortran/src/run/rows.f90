@@ -3,6 +3,7 @@
 module rockfall_rows
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, i8
+   use rockfall_apex, only: baseline
    use rockfall_math, only: arcsine, degree
    use rockfall_terrain, only: terrain_t
    use rockfall_line, only: line_t
@@ -55,7 +56,7 @@ contains
 
    !> Angle below the horizontal [degree] of the line from the apex of the talus to the end of a boulder; NaN without an
    !> apex. The plan distance is the difference of radii from the source, so that a boulder lateral to the apex does not
-   !> count as far away. The angle is 90 unless the end is beyond and below the apex.
+   !> count as far away. The angle is 90 unless the end is below the apex and at least `baseline` beyond it.
    pure real(wp) function shadow_angle(outcome)
       type(boulder_result_t), intent(in) :: outcome
       real(wp) :: fall, distance
@@ -66,7 +67,7 @@ contains
       distance = sqrt(sum((outcome%stop(:2) - outcome%start(:2))**2)) &
                  - sqrt(sum((outcome%apex(:2) - outcome%start(:2))**2))
       shadow_angle = 90
-      if (min(fall, distance) > 0) shadow_angle = arcsine(fall/sqrt(fall**2 + distance**2))/degree
+      if (fall > 0 .and. distance >= baseline) shadow_angle = arcsine(fall/sqrt(fall**2 + distance**2))/degree
    end function shadow_angle
 
    !> Values of `row_integers`.

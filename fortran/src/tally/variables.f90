@@ -101,7 +101,7 @@ module rockfall_variables
       variable_t("shape", "block_shape", "integer", "1", "shape of the block", stored="i4"), &
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("shadow", "shadow_angle", "real", "degree", "angle of the line from the talus apex to the end", &
-                 "below the horizontal; 90: the end is not beyond the apex; missing: no apex found"), &
+                 "below the horizontal; 90: the end is not 20 m beyond the apex; missing: no apex found"), &
       variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each hit counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume of pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy lost in breaking, including fines"), &

@@ -3,65 +3,72 @@
 !> 620): the first point of the descent from the source that is no longer a cliff.
 module rockfall_apex
    use rockfall_kinds, only: wp
-   use rockfall_math, only: tangent
    use rockfall_terrain, only: terrain_t, patch_t, locate, height, on_terrain, in_window
-   use rockfall_steep_cells, only: usual_threshold
    implicit none
    private
-   public :: find_apex, found, not_loaded
+   public :: find_apex, found, not_loaded, baseline
 
-   !> Ends of the descent: at the apex, in a pit, at unknown terrain, or at the edge of the loaded window.
+   !> Apex found; or end of the descent: in a pit, at unknown terrain, or at the edge of the loaded window.
    integer, parameter :: found = 0, pit = 1, unknown = 2, not_loaded = 3
 
-   real(wp), parameter :: beyond = 20.0_wp  !! distance below the apex that must not be a cliff either [m]
+   real(wp), parameter :: cliff = 1.0_wp      !! tangent of 45 degrees: talus is flatter
+   real(wp), parameter :: flat = 0.364_wp     !! tangent of 20 degrees: boulders at rest are seen at steeper angles
+   real(wp), parameter :: baseline = 20.0_wp  !! shortest distance that counts as a slope [m]
    integer, parameter :: sides(2, 4) = reshape([-1, 0, 1, 0, 0, -1, 0, 1], [2, 4])
 
 contains
 
-   !> Follow the steepest descent in steps of one cell, to the first point from which neither the next step nor the next
-   !> `beyond` metres exceed the usual slope threshold of sources. The descent ends in a pit where it turns back or does
-   !> not get lower.
+   !> Follow the steepest descent in steps of one cell. The apex is the point that a straight line as steep as a cliff
+   !> touches from below: the mean slope from any point above it is steeper, to any point below it flatter. The descent
+   !> ends in a pit, at unknown terrain, or where the line from the apex is flat; an apex within `baseline` of the end
+   !> does not count.
    pure subroutine find_apex(dem, start, apex, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(2)  !! source, local coordinates [m]
-      real(wp), intent(out) :: apex(3)  !! apex, or point where the descent leaves the terrain [m]
+      real(wp), intent(out) :: apex(3)  !! apex, or point where the descent leaves the loaded window [m]
       integer, intent(out) :: status    !! one of the constants above
-      real(wp) :: way(3, 0:ceiling(beyond/dem%cell)), at(3), heading(2), fall
-      integer :: k, n
+      real(wp) :: above(0:ceiling(baseline/dem%cell)), at(3), heading(2)
+      integer :: k, n, since
 
-      n = ubound(way, 2)
-      fall = dem%cell*tangent(usual_threshold(dem%cell))
+      n = ubound(above, 1)
       heading = 0
       at = [start, 0.0_wp]
       call find_height(dem, at, status)
-      way(:, 0) = at
-      do k = 1, 4*(dem%nx + dem%ny)
-         if (status == found) call step_down(dem, heading, at, status)
-         apex = at
-         if (status /= found) return
-         way(:, mod(k, n + 1)) = at
-         if (k < n) cycle
-         apex = way(:, mod(k + 1, n + 1))
-         if (apex(3) - way(3, mod(k + 2, n + 1)) >= fall .or. apex(3) - at(3) >= n*fall) cycle
-         if (at(3) > apex(3)) exit
-         return
+      apex = at
+      since = 0  ! steps from the apex
+      do k = 0, 4*(dem%nx + dem%ny)
+         if (status == not_loaded) apex = at
+         if (status == not_loaded) return
+         if (status /= found) exit
+         if (at(3) + cliff*since*dem%cell <= apex(3)) then
+            apex = at
+            since = 0
+         end if
+         if (k >= n) then
+            if (at(3) >= above(mod(k - n, n + 1))) exit  ! a pit
+         end if
+         above(mod(k, n + 1)) = at(3)
+         if (since >= n .and. apex(3) - at(3) < flat*since*dem%cell) exit
+         call step_down(dem, heading, at, status)
+         since = since + 1
       end do
-      status = pit
+      status = merge(found, pit, since >= n)
    end subroutine find_apex
 
-   !> Go down by one cell along the mean gradient over `beyond`, so that hollows do not stop the descent; straight on if
-   !> the ground is level.
+   !> Go down by one cell along the mean gradient over `baseline`, so that hollows do not stop the descent; straight on
+   !> if the ground is level; halfway between old and new direction if these are opposite, as in gullies.
    pure subroutine step_down(dem, heading, at, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: heading(2)  !! unit vector; 0 at the source
       real(wp), intent(inout) :: at(3)       !! [m]
       integer, intent(out) :: status         !! one of the constants above
-      real(wp) :: probe(3), descent(2)
+      real(wp) :: probe(3), descent(2), before
+      logical :: turns_back
       integer :: k
 
       descent = 0
       do k = 1, 4
-         probe(:2) = at(:2) + 0.5_wp*beyond*sides(:, k)
+         probe(:2) = at(:2) + 0.5_wp*baseline*sides(:, k)
          call find_height(dem, probe, status)
          if (status /= found) then
             at = probe
@@ -69,11 +76,24 @@ contains
          end if
          descent = descent - sides(:, k)*probe(3)
       end do
-      if (dot_product(descent, heading) < 0) status = pit
-      if (any(abs(descent) > 0)) heading = descent/sqrt(sum(descent**2))
+      descent = unit(descent)
+      turns_back = dot_product(descent, heading) < 0
+      if (turns_back) descent = unit(descent + heading)
+      if (any(abs(descent) > 0)) heading = descent
+      before = at(3)
       at(:2) = at(:2) + dem%cell*heading
-      if (status == found) call find_height(dem, at, status)
+      call find_height(dem, at, status)
+      if (status == found .and. turns_back .and. at(3) >= before) status = pit
    end subroutine step_down
+
+   !> Unit vector in the direction of a vector; 0 for 0.
+   pure function unit(v)
+      real(wp), intent(in) :: v(2)
+      real(wp) :: unit(2)
+
+      unit = v
+      if (any(abs(v) > 0)) unit = v/sqrt(sum(v**2))
+   end function unit
 
    !> Elevation at a point.
    pure subroutine find_height(dem, at, status)
