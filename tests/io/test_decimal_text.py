@@ -49,6 +49,13 @@ def test_integers(most):
     assert texts(whole_column(values)) == [str(value) for value in values.tolist()]
 
 
+@pytest.mark.parametrize("kind", ["i1", "i2", "i4", "i8", "u1", "u4", "u8"])
+def test_the_ends_of_each_kind_of_integers(kind):
+    limits = np.iinfo(kind)
+    values = np.array([limits.min, limits.max, 0], kind)
+    assert texts(whole_column(values)) == [str(value) for value in values.tolist()]
+
+
 def test_missing_values_are_empty_and_words_stay_whole():
     columns = [
         word_column(["rest", "gebüsch"], np.array([1, 0, 1])),

@@ -36,8 +36,9 @@ def word_column(words: Sequence[str], which: np.ndarray) -> np.ndarray:
 
 def whole_column(numbers: np.ndarray, missing: np.ndarray | bool = False) -> np.ndarray:
     """Column (n, width) of integers; blank where `missing`."""
-    numbers = np.where(missing, 0, numbers).astype("i8")
-    column = np.hstack([_sign(numbers < 0), _whole(np.abs(numbers))])
+    wide = "u8" if numbers.dtype.kind == "u" else "i8"
+    numbers = np.where(missing, 0, numbers).astype(wide)
+    column = np.hstack([_sign(numbers < 0), _whole(np.abs(numbers).astype("u8"))])
     column[np.broadcast_to(missing, numbers.shape)] = 0
     return column
 
