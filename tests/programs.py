@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The standalone program, and a small case with everything in it that it can run."""
+"""The standalone program, and a small case with everything that it can run."""
 
 import os
 import re
@@ -22,8 +22,8 @@ from rockfall.simulation import simulate
 from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
-BOULDERS = 50  # from each of four sources
-MANY = 1500  # the same of a run that is to be stopped
+BOULDERS = 50  # boulders from each of four sources
+MANY = 1500  # same for a run that will be stopped
 OWN = (
     "case",
     "case_file",
@@ -33,13 +33,13 @@ OWN = (
     "wall_seconds",
     "cpu_seconds",
     "model_warnings",
-)  # attributes that are a run's own, or of functions in Python
+)  # attributes specific to a run, or to functions in Python
 
-#: For tests that send a running program a signal.
+#: For tests that send a signal to a running program.
 sends_signals = pytest.mark.skipif(
     sys.platform == "win32", reason="a process gets signals of its console alone there"
 )
-#: For tests that put a library of their own before a program's (crash.c).
+#: For tests that preload a library into a program (crash.c).
 preloads = pytest.mark.skipif(sys.platform == "win32", reason="LD_PRELOAD is of POSIX")
 #: For tests that run a shell.
 runs_shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
@@ -50,14 +50,14 @@ makes_links = pytest.mark.skipif(
 
 
 def find_program():
-    """The program of this build, or of this installation."""
+    """Program of this build or installation."""
     places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
     beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
     return shutil.which("rockfall-batch") or (str(beside[0]) if beside else None)
 
 
 def run_program(*words, cwd, limit=None, env=None):
-    """Run it in a folder; `limit` is the longest file that it may write [bytes]."""
+    """Run the program in a folder; `limit` is the maximum size of its files [bytes]."""
     first = limited("RLIMIT_FSIZE", limit) if limit else None
     return subprocess.run(
         [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=600,
@@ -66,14 +66,14 @@ def run_program(*words, cwd, limit=None, env=None):
 
 
 def limited(name, size):
-    """What a child does first, so that it takes at most `size` bytes of this kind; a file that
-    would become longer cannot be written, as on a full disk."""
+    """Function that limits a resource of a child process to `size` bytes; larger files cannot be
+    written, as on a full disk."""
     resource = pytest.importorskip("resource", reason="this system has no limits of a process")
     return lambda: resource.setrlimit(getattr(resource, name), (size, size))
 
 
 def make_full_case(folder, **groups):
-    """A case in a folder with zones, four sources and every output, as `folder/case.nml`."""
+    """Write a case with zones, four sources and every output to `folder/case.nml`."""
     make_raster(folder / "dem.tif", rough(), crs="EPSG:32632")
     zones = np.where(np.arange(60) < 25, 4, -2) + np.zeros((80, 1), "i2")
     make_raster(folder / "zones.tif", zones.astype("i2"), crs="EPSG:32632")
@@ -104,14 +104,14 @@ def make_full_case(folder, **groups):
 
 
 def make_prepared(folder, **groups):
-    """The same, and `folder/ready/case.nml` for the program."""
+    """Write the same case, and `folder/ready/case.nml` for the program."""
     case = make_full_case(folder, **groups)
     prepare(case, folder / "ready")
     return case
 
 
 def same_results(one, other):
-    """The same variables, bits and attributes, but for what is a run's own."""
+    """Check that variables, bits and attributes are equal, except those specific to a run."""
     assert {*one.variables} == {*other.variables}
     for name, variable in other.variables.items():
         mine = one.variables[name]
@@ -129,14 +129,14 @@ def same_results(one, other):
 
 
 def refused_in_one_line(done, words):
-    """Exit status 2, and one line that says so."""
+    """Check for exit status 2 and one line that contains a text."""
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"rockfall-batch: {words}\n"
 
 
 def refuses(words, message, capture):
-    """`rockfall` must end with status 2 and one line that matches, and write nothing. Paths in the
-    line are matched with `/` on every system."""
+    """Check that `rockfall` ends with status 2 and one matching line, and writes nothing. Paths in
+    the line are matched with `/` on every system."""
     assert Path.cwd() != ROOT
     before = everything(Path())
     capture.readouterr()
@@ -148,14 +148,14 @@ def refuses(words, message, capture):
 
 
 def everything(folder):
-    """What is in a folder, with every byte."""
+    """All bytes of all files in a folder."""
     return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
 def wait_until_busy(pid, seconds=1.5):
-    """Return when a process has spent so much CPU: it has read its case and runs."""
+    """Return when a process has used some CPU time: it has read its case and is running."""
     process = psutil.Process(pid)
-    for _ in range(6000):  # five minutes, where others use the machine
+    for _ in range(6000):  # five minutes, because others use the machine
         spent = process.cpu_times()
         if spent.user + spent.system > seconds:
             return
@@ -163,13 +163,13 @@ def wait_until_busy(pid, seconds=1.5):
     raise TimeoutError("the program does not run")
 
 
-#: With which `rockfall` says how many boulders are done, in lines of this kind on stderr.
+#: Makes `rockfall` report the number of completed boulders in lines on stderr.
 SAYS_PROGRESS = {"ROCKFALL_PROGRESS": "lines"}
 PROGRESS = r"rockfall: \d+ of \d+ \w+\n"
 
 
 def wait_until_running(child):
-    """Return when a child with `SAYS_PROGRESS` has done its first boulders."""
+    """Return when a child with `SAYS_PROGRESS` has completed its first boulders."""
     while (line := child.stderr.readline()).startswith("rockfall: 0 of "):
         pass
     assert re.fullmatch(PROGRESS, line), line
@@ -180,7 +180,7 @@ class Killed(BaseException):
 
 
 def killed_after(monkeypatch, chunks):
-    """A run ends like one that is killed, after so many chunks."""
+    """Let a run end like a killed run after some chunks."""
     calls = iter(range(chunks))
     fly = simulate._run_range
 
@@ -190,4 +190,4 @@ def killed_after(monkeypatch, chunks):
         return fly(*arguments)
 
     monkeypatch.setattr(simulate, "_run_range", until)
-    monkeypatch.setattr(simulate, "MAX_SECONDS", 1e6)  # whole chunks, on a slow machine too
+    monkeypatch.setattr(simulate, "MAX_SECONDS", 1e6)  # complete chunks, also on a slow machine

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Projects of other programs, as those write and read them: a slope of 39 degrees above a flat."""
+"""Projects of other programs, as read and written by them: a slope of 39 degrees above a flat."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ BOX = {"west": (1050, 2250, 1100, 2280), "east": (1150, 2250, 1200, 2280)}  # re
 
 
 def elevations():
-    """Rises by 0.8 to the north, from y = 2100."""
+    """Elevations that rise by 0.8 to the north, from y = 2100."""
     y = GRID.north - (np.arange(GRID.ny) + 0.5) * GRID.cell
     return np.repeat(np.interp(y, [2000, 2100, 2300], [100, 100, 260])[:, None], GRID.nx, 1)
 
@@ -25,7 +25,7 @@ def box(west, south, east, north):
 
 
 def collection(*features):
-    """GeoJSON text of (properties, geometry)."""
+    """GeoJSON text from (properties, geometry)."""
     return json.dumps({
         "type": "FeatureCollection",
         "features": [
@@ -46,8 +46,8 @@ SOILS = (
 
 
 def platrock(folder, **files):
-    """A PlatRock simulation: two release polygons, two soils that overlap from y = 2100 to 2150, a
-    checkpoint, trees; `files` are texts in place of some, by their stem, None to leave one out."""
+    """Write a PlatRock simulation: two release polygons, two soils that overlap from y = 2100 to
+    2150, a checkpoint, trees. `files` replaces texts by their stem, or omits them with None."""
     texts = {
         "rocks.geojson": collection(*zip(ROCKS, (box(*BOX[name]) for name in BOX), strict=True)),
         "soil.geojson": collection(
@@ -69,8 +69,8 @@ def platrock(folder, **files):
 
 
 def avaframe(folder, release="raster"):
-    """An AvaFrame folder with two release areas as shapefiles or one as a raster, infrastructure of
-    two areas, an index of forest structure, and empty folders."""
+    """Write an AvaFrame folder with two release areas as shapefiles or one as a raster,
+    infrastructure of two areas, a forest structure index, and empty folders."""
     import shapely
 
     inputs = Path(folder) / "Inputs"

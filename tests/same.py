@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whether two results are the same."""
+"""Comparison of two results."""
 
 import numpy as np
 import xarray as xr
 
-#: Attributes of a run, or of functions in Python, and not of its numbers.
+#: Attributes specific to a run or to functions in Python.
 OWN = ("date_created", "wall_seconds", "cpu_seconds", "threads", "model_warnings")
 
 
 def same_bits(a, b):
-    """The same type, shape and bits, -0 apart from 0; of NaN there is but one."""
+    """Return whether type, shape and bits are equal; -0 differs from 0, all NaN are equal."""
     a, b = np.asarray(a), np.asarray(b)
     if a.dtype.kind == "f":
         a, b = (np.where(np.isnan(x), x.dtype.type(np.nan), x) for x in (a, b))
@@ -17,7 +17,7 @@ def same_bits(a, b):
 
 
 def same_numbers(a, b, names=None):
-    """Check that two results agree in every bit of what both hold."""
+    """Check that two results are bit-identical in all common variables."""
     names = names or sorted(set(a.variables) & set(b.variables))
     assert {"status", "stop_z", "path_length", "rebounds"} <= set(names)
     for name in names:
@@ -30,7 +30,7 @@ def same_numbers(a, b, names=None):
 
 
 def same(one, other):
-    """The same variables, bits and attributes, but for times and threads."""
+    """Check that variables, bits and attributes are equal, except times and threads."""
     xr.testing.assert_identical(
         one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain, impact sets and cases that tests make."""
+"""Terrain, impact sets and cases for tests."""
 
 from pathlib import Path
 
@@ -9,12 +9,12 @@ import rockfall
 from rockfall.io.rasters.grid import Grid
 from rockfall.result import variables
 
-#: Factors of standards, which are not shipped: numbers for tests alone.
+#: Factors of standards, which are not shipped: only numbers for tests.
 FACTORS = Path(__file__).with_name("factors.csv")
 
 
 def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
-    """A southward slope with bumps of every size, the smallest a cell wide."""
+    """Southward slope with bumps of all sizes down to one cell."""
     random = np.random.default_rng(seed)
     y, x = np.mgrid[ny - 1 : -1 : -1, 0:nx] * cell
     z = gradient * y + 1000.0
@@ -26,13 +26,13 @@ def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
     return (z + random.normal(0, 0.1 * relief, z.shape)).astype(dtype)
 
 
-#: A lively slope: boulders bounce back, spin both ways, and have draws refused.
+#: Lively slope: boulders bounce back, spin both ways, and some draws are rejected.
 LIVELY_MEAN = np.array([0.62, 0.02, 0.13, 0.19, -0.45, -0.19, 0.24, 0.05, 0.34])
 LIVELY_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
 LIVELY_COVARIANCE = np.outer(LIVELY_SPREAD, LIVELY_SPREAD) * (0.8 * np.eye(9) + 0.2)
 
 
-#: A set that throws no boulder back, so that headings are known: mean, and lower triangle by rows.
+#: Set without backward throws, so that headings are known: mean, lower triangle by rows.
 CALM_MEAN = "0.6209, 0.0000, 0.1313, 0.1899, -0.4122, -0.1923, 0.2351, 0.0000, 0.3376"
 CALM_ROWS = """    0.002672,
     0.000000, 0.002672,
@@ -44,7 +44,7 @@ CALM_ROWS = """    0.002672,
     0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.022968,
     0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.000000, 0.022968
 """
-#: The same for all ratios, as a file.
+#: File with this set for all ratios.
 CALM_SETS = "".join(
     f"&impact_set ratio = {k}\n  mean = {CALM_MEAN}\n  covariance =\n{CALM_ROWS}/\n"
     for k in range(1, 6)
@@ -52,46 +52,46 @@ CALM_SETS = "".join(
 
 
 def sets(scatter=1.0):
-    """Mean (5, 9) and covariance (5, 9, 9): a lively set, a little harder for each ratio."""
+    """Mean (5, 9) and covariance (5, 9, 9) of a lively set, slightly harder for each ratio."""
     harder = 1 + 0.02 * np.arange(5)
     return np.outer(harder, LIVELY_MEAN), np.repeat(scatter * LIVELY_COVARIANCE[None], 5, axis=0)
 
 
-#: Quantiles of a lateral deviation, over its deviation.
+#: Quantiles of a lateral deviation, over its standard deviation.
 SPREAD = np.array([0, 0.13, 0.25, 0.39, 0.52, 0.67, 0.84, 1.04, 1.28, 1.64, 1.96, 2.58, 3.5])
 
 
 def lateral(ratio):
-    """Lateral deviations of a set: wider where the impact is steeper and the boulder small."""
+    """Lateral deviations of a set: larger for steeper impacts and smaller boulders."""
     bounds = 15.0 + ratio, 40.0 + ratio
     classes = [spread / (1 + 0.2 * ratio) * SPREAD for spread in (7.0, 14.0, 25.0)]
     values = ", ".join(repr(float(one)) for one in np.concatenate(classes))
     return f" incidence = {bounds[0]}, {bounds[1]}\n lateral = {values}\n"
 
 
-#: Of the noise within an impact, of V_t, V_n, W over |V_in|: (5, 3, 3), weaker for each ratio.
+#: Covariances (5, 3, 3) of the noise in an impact: V_t, V_n, W over |V_in|, less per ratio.
 NOISE = np.array([[0.004, 0.001, -0.0015], [0.001, 0.0025, 0.0005], [-0.0015, 0.0005, 0.006]])
 NOISE = NOISE / np.arange(1, 6)[:, None, None]
 
 
 def fitted(ratio):
-    """What a set was fitted on: some rebounds of most scenes lie outside."""
+    """Ranges of the fit of a set: some rebounds of most scenes are outside."""
     return f" speed_range = {0.5 * ratio}, {10 + ratio}\n angle_range = {3 + ratio}, {50 + ratio}\n"
 
 
 def usual(ratio):
-    """What each set holds besides its mean and covariance."""
+    """Usual optional keys of each set."""
     return lateral(ratio) + fitted(ratio)
 
 
 def noise(ratio):
-    """The noise of a set besides."""
+    """Noise as an optional key of a set."""
     lower = ", ".join(repr(float(one)) for one in NOISE[ratio - 1][np.tril_indices(3)])
     return f"{usual(ratio)} noise = {lower}\n"
 
 
 def sets_text(mean, covariance, more=lambda ratio: ""):
-    """A file of impact sets, with every digit, and `more` in each."""
+    """File of impact sets with all digits, and `more` in each set."""
     groups = []
     for k in range(5):
         lower = ", ".join(repr(float(c)) for i in range(9) for c in covariance[k, i, : i + 1])
@@ -102,13 +102,13 @@ def sets_text(mean, covariance, more=lambda ratio: ""):
 
 
 def write_sets(path, *sets):
-    """The same, written."""
+    """Write a file of impact sets."""
     path.write_text(sets_text(*sets))
     return path
 
 
 def make_case(folder, mean, covariance, line=(), more=usual, **groups):
-    """A case for an array of elevations; `folder` gets its impact sets."""
+    """Case for an array of elevations; its impact sets are written to `folder`."""
     write_sets(folder / "sets.nml", mean, covariance, more)
     case = {
         "case": {"boulders": 50, "seed": 20090601, "threads": 1},
@@ -122,23 +122,23 @@ def make_case(folder, mean, covariance, line=(), more=usual, **groups):
 
 
 def grid(z, cell=5.0, west=0.0, south=0.0):
-    """The grid of an array of elevations."""
+    """Grid of an array of elevations."""
     ny, nx = z.shape
     return Grid(west, south + ny * cell, cell, nx, ny)
 
 
 def status(result):
-    """The status of each boulder as its name."""
+    """Status of each boulder as text."""
     names = result.status.attrs["flag_meanings"].split()
     return [names[k - 1] for k in result.status.values]
 
 
-#: Of `case_in`, from each source.
+#: Boulders of `case_in` per source.
 BOULDERS = 403
 
 
 def case_in(folder, **groups):
-    """A case on `rough` with every map, a line, histograms and some trajectories."""
+    """Case on `rough` with every map, a line, histograms and some trajectories."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
     output = {"maps": list(variables.MAP), "rebounds": True, "trajectories": 90}
     groups = {"case": {"boulders": BOULDERS}, "output": output, **groups}
@@ -146,5 +146,5 @@ def case_in(folder, **groups):
 
 
 def place(x=150.0, y=380.0):
-    """A release of `case_in` at one point."""
+    """Release of `case_in` at one point."""
     return {"release": {"x": [x], "y": [y], "drop_height": 5.0}}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small slope as files that a user has: rasters, a table, sets and a case with a line."""
+"""Small slope as files of a user: rasters, a table, sets and a case with a line."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 
 
 def slope():
-    """Steep, then flat."""
+    """Elevations: steep, then flat."""
     south = np.arange(NY)[:, None] * 5.0
     return (1100 - 0.7 * np.minimum(south, 100) + 0 * np.arange(NX)).astype("f4")
 
@@ -32,7 +32,7 @@ def zones():
 
 
 def write_slope(folder="."):
-    """The files of the case, in a folder."""
+    """Write the files of the case to a folder."""
     make_raster(f"{folder}/dem.tif", slope(), nodata=-9999)
     make_raster(f"{folder}/zones.tif", zones(), nodata=-9999)
     for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):

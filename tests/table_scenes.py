@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes of runs by a table of impacts."""
+"""Scenes of runs by an impact table."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def terrain():
 
 
 def on_plane(folder, slope, boulders=200, **groups):
-    """A run down a plane, towards the south, with all trajectories."""
+    """Run down a plane to the south, with all trajectories."""
     y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
     z = 500 + np.tan(np.radians(slope)) * y
     case = {

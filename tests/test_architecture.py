@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rooms of the house and who may call whom: see docs/architecture.md."""
+"""Modules and the imports allowed between them: see docs/architecture.md."""
 
 import ast
 import functools
@@ -10,7 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "python/rockfall"
 LAB = ROOT / "lab/rockfall_lab"
-#: Each imports from its own level and those before it.
+#: Each level imports only from itself and earlier levels.
 LEVELS = [
     ["accessor", "errors", "interrupts", "kernel_rules", "language", "limits", "system", "version"],
     ["io"],
@@ -38,7 +38,7 @@ LEVELS = [
     ["rockfall_lab"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(LEVELS) for room in rooms}
-#: Compiled modules, and where they may be called.
+#: Compiled modules, and the modules that may call them.
 DOORS = {
     "_core": re.compile(
         r"case\.(case|keys|text)|errors|grounds\.grounds|kernel_rules|limits|scene\..*|simulation\..*"
@@ -66,7 +66,7 @@ FORTRAN = [
     "f2py",
     "c",
 ]
-MOST_FILES = 14  # of a folder of the kernel
+MOST_FILES = 14  # maximum number of files in a folder of the kernel
 
 
 def room(module):
@@ -83,12 +83,12 @@ def import_statements(node, within=False):
     for child in ast.iter_child_nodes(node):
         if isinstance(child, (ast.Import, ast.ImportFrom)):
             yield child, within
-        elif not isinstance(child, ast.expr):  # which holds no statements
+        elif not isinstance(child, ast.expr):  # expressions contain no statements
             yield from import_statements(child, within or isinstance(child, ast.FunctionDef))
 
 
 def imports(path):
-    """Of our own modules: (line, module, name or "", within a function) for each."""
+    """Imports of own modules: (line, module, name or "", within a function)."""
     for node, within in import_statements(parse(path)):
         if isinstance(node, ast.Import):
             found = [(alias.name, "") for alias in node.names]
@@ -106,12 +106,12 @@ def imports(path):
 
 @functools.cache
 def all_imports():
-    """The imports of each module of the package, after its name; not while tests are collected."""
+    """Imports of each module of the package, by name; not while tests are collected."""
     return [(module, *found) for module, path in MODULES.items() for found in imports(path)]
 
 
 def report(broken):
-    """Fail with all that is broken, one a line."""
+    """Fail with all violations, one per line."""
     broken = list(dict.fromkeys(broken))
     assert not broken, f"{len(broken)} broken:\n" + "\n".join(broken)
 
@@ -171,8 +171,8 @@ def test_the_kernel_is_called_by_few():
 
 
 def test_studies_have_one_engine():
-    """A bar is drawn by all studies in one place, and by what makes a single run: in chunks, in
-    parts on a cluster, until it is precise."""
+    """All studies draw a progress bar in one place; single runs draw theirs in chunks, in cluster
+    parts, and in runs until a precision."""
     drawing = {module for module, _, _, name, _ in all_imports() if name == "progress_bar"}
     assert {module for module in drawing if room(module) != "rockfall_lab"} == {
         "simulation.simulate", "simulation.dask", "studies.run_until", "studies.study"
@@ -202,7 +202,7 @@ def test_no_test_imports_another():
 
 
 def statements(path):
-    """The lines of a Fortran file in lower case, without texts and comments."""
+    """Lines of a Fortran file in lower case, without texts and comments."""
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         yield number, re.sub(r"'[^']*'|\"[^\"]*\"|!.*", "", line).lower()
 
@@ -215,7 +215,7 @@ def fortran_files():
 
 @functools.cache
 def fortran_modules():
-    """The level of each module of the kernel."""
+    """Level of each module of the kernel."""
     return {
         found[1]: level
         for level, path in fortran_files()
@@ -245,7 +245,7 @@ def test_fortran_uses_only_what_lies_below():
 
 
 def test_the_laboratory_uses_of_the_kernel_what_its_tests_watch():
-    """.ci/run tests it when these folders change."""
+    """.ci/run tests the laboratory when these folders change."""
     watched = "base", "boulder", "rebound", "case"
     report(
         f"{path.relative_to(ROOT)}:{number} uses {found[1]}"
@@ -268,7 +268,7 @@ def test_physics_sees_no_file_and_never_stops():
 
 
 def test_no_code_in_init():
-    """A docstring and re-exports at most; those of `rockfall` itself are lazy."""
+    """At most a docstring and re-exports; those of `rockfall` itself are lazy."""
     allowed = ast.Import, ast.ImportFrom
     report(
         f"{path.relative_to(ROOT)}:{node.lineno} holds code"

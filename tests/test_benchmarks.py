@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scripts that nobody runs for weeks still find what they import."""
+"""Rarely used scripts still find their imports."""
 
 import ast
 import importlib
@@ -17,7 +17,7 @@ SCRIPTS = sorted(
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
 def test_what_a_script_imports_of_the_package_is_there(script):
-    """Without running it: it may need what is not installed, or do its work when imported."""
+    """Without running them: they may need packages that are not installed, or run at import."""
     for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
         package = (node.module or "").split(".")[0] if isinstance(node, ast.ImportFrom) else ""
         if package in ("rockfall", "rockfall_lab"):
@@ -29,7 +29,7 @@ def test_what_a_script_imports_of_the_package_is_there(script):
 
 
 def test_tables_of_sites_are_made_once(tmp_path, monkeypatch, capsys):
-    """One that is there by the same command is not made again; one that failed leaves nothing."""
+    """Existing tables from the same command are not made again; failures leave nothing."""
     sites = importlib.import_module("benchmarks.physics.sites")
     runaway = importlib.import_module("benchmarks.physics.runaway")
     calls = []

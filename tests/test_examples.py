@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `help()` shows of the Python interface runs as it stands."""
+"""Examples in `help()` of the Python interface run unchanged."""
 
 import doctest
 import inspect
@@ -20,7 +20,7 @@ from scenes import FACTORS
 from slope_case import CASE, NX, NY, slope, write_slope
 
 OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
-#: All that the package promises, as `tests/interface.txt` lists it: `rockfall.run`, and so on.
+#: Promised names as listed in `tests/interface.txt`: `rockfall.run`, and so on.
 PROMISED = (Path(__file__).parent / "interface.txt").read_text(encoding="utf-8")
 NAMES = {*re.findall(r"^rockfall\.([\w.]+)", PROMISED, re.MULTILINE)} - {"__version__"}
 
@@ -31,7 +31,7 @@ def test_all_that_is_public_is_promised():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with every file that an example reads."""
+    """Folder with every file read by an example."""
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     folder = tmp_path_factory.mktemp("site")
     with pytest.MonkeyPatch.context() as here:

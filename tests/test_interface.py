@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What docs/stability_policy.md promises stays as it is, until someone means to change it."""
+"""The interface promised in docs/stability_policy.md only changes deliberately."""
 
 import difflib
 from importlib.util import find_spec

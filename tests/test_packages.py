@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is locked, and what recipes ask for, is what pyproject.toml asks for."""
+"""Locked versions and recipes agree with pyproject.toml."""
 
 import re
 import tomllib
@@ -17,7 +17,7 @@ RECIPE = (ROOT / "packaging/conda/recipe.yaml").read_text("utf-8")
 
 
 def required(name):
-    """Requirements of an extra; "" is none."""
+    """Requirements of an extra; "" for none."""
     extras = PROJECT["optional-dependencies"]
     for one in map(Requirement, extras[name] if name else PROJECT["dependencies"]):
         if one.name != PROJECT["name"]:
@@ -27,7 +27,7 @@ def required(name):
 
 
 def locked(name):
-    """Versions of each package in a lock file: one for each range of Pythons."""
+    """Versions of each package in a lock file, one per range of Python versions."""
     text = (ROOT / "requirements" / f"{name}.txt").read_text()
     entries = re.findall(r"^([\w.-]+)==(\S+)(.*(?:\n +--hash=.*)+)", text, re.MULTILINE)
     assert len(entries) == len(re.findall(r"^[^ #]", text, re.MULTILINE)), (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One version everywhere, and front pages that say what is so."""
+"""One version everywhere, and correct statements on front pages."""
 
 import ast
 import re

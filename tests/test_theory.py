@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The theory manual: its equations are numbered, have a source, and name code that exists."""
+"""Theory manual: equations are numbered, have a source, and refer to existing code."""
 
 import ast
 import re
@@ -26,13 +26,13 @@ def text_of(path):
 
 
 def equations(path):
-    """Anchor, formula, and the paragraph after it."""
+    """Anchor, formula, and the following paragraph."""
     return EQUATION.findall(text_of(path))
 
 
 @cache
 def defined(path):
-    """Names of the procedures in a file; of Python also classes and Class.method."""
+    """Names of the procedures in a file; for Python also classes and Class.method."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".f90":
         return {*re.findall(r"^[^!'\"\n]*\b(?:function|subroutine)\s+(\w+)", text, re.MULTILINE)}
@@ -84,7 +84,7 @@ def test_links_lead_somewhere(path):
             continue
         page = (path.parent / file).resolve() if file else path
         if page.is_relative_to(ROOT / "docs/figures/generated"):
-            continue  # made with the site, which has its own eye on links
+            continue  # made with the site, which checks links separately
         assert page.exists(), f"[{label}]({target})"
         if page in REFERENCES or anchor.startswith("eq-"):
             assert not anchor or anchor in ANCHOR.findall(text_of(page)), f"[{label}]({target})"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Vector mathematics of the C library is in nothing that computes results: it is up to 2.5 units in
-the last place off, and differs for equal numbers of an array. gfortran -O3 links it by itself."""
+"""No computing code uses vector mathematics of the C library, which has errors of up to 2.5 units
+in the last place and differs for equal numbers in an array. gfortran -O3 links it by default."""
 
 import re
 import shutil
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import rockfall._core
 
-VECTOR_SYMBOL = re.compile(rb"_ZGV[a-z][NM]\w+|libmvec\.so")  # also in a stripped file
+VECTOR_SYMBOL = re.compile(rb"_ZGV[a-z][NM]\w+|libmvec\.so")  # present even in a stripped file
 
 
 def vector_symbols(path):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion between recorded contacts: free fall in the air, straight and steady along the ground, and
-where a boulder stands, time goes on."""
+"""Motion between recorded contacts: free fall in the air, straight and uniform motion along the
+ground, and waiting, during which time continues."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ Z = rough()
 LINES = [{"name": f"{y}", "x": [0.0, 300.0], "y": [float(y)] * 2} for y in range(370, 20, -10)]
 TABLE = {"impact": {"form": "table", "table": "talus"}}
 FOREST = {"uniform_stems": 300.0, "uniform_dbh_mean": 20.0, "uniform_dbh_std": 3.0}
-#: Matrices and tables, both with boulders that roll; trees cut flights and slides.
+#: Matrices and tables, both with rolling boulders; trees interrupt flights and slides.
 RUNS = {
     "matrix": {"impact": {"rest_angle": 20.0}},
     "table": TABLE,
@@ -41,7 +41,7 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=RUNS)
 def moved(request, tmp_path_factory):
-    """The name of a run, and its result."""
+    """Name of a run, and its result."""
     case = make_case(
         tmp_path_factory.mktemp("motion"), *sets(), terrain={}, line=LINES,
         case={"boulders": 30}, output={"trajectories": 30},
@@ -51,7 +51,7 @@ def moved(request, tmp_path_factory):
 
 
 def vertices(result):
-    """x, y, z and time (4, n) of the vertices of each recorded boulder."""
+    """Coordinates x, y, z and time (4, n) of the vertices of each recorded boulder."""
     owner = result["trajectory_boulder"].values
     columns = np.stack([result[f"trajectory_{name}"].values for name in ("x", "y", "z", "time")])
     return [columns[:, owner == number] for number in np.unique(owner)]
@@ -80,8 +80,8 @@ def test_a_curve_goes_from_vertex_to_vertex_as_time_goes_on(moved):
 
 
 def test_speed_is_the_rate_at_which_the_place_changes(moved):
-    """Between two points in the air it changes by gravity at most, on the ground it is steady in
-    plan; a boulder that leaves a table's contact rises at once by what its centre rose in it."""
+    """Between two points in the air, speed changes at most by gravity; on the ground it is uniform
+    in plan. A boulder that leaves a table's contact rises at once by its centre's rise."""
     name, result = moved
     stood = 0.0
     for one in rockfall.trajectories(result):
@@ -95,7 +95,7 @@ def test_speed_is_the_rate_at_which_the_place_changes(moved):
         fastest = result["speed_max"].sel(boulder=one.boulder).item()
         air = one.gravity > 0
         assert one.speed[air].max() <= fastest * (1 + 1e-9)
-        assert one.speed.max() <= fastest * 1.15  # on steeper ground than it came to
+        assert one.speed.max() <= fastest * 1.15  # on steeper ground than before
         stands = (length == 0) & (time > 0)
         assert not one.speed[:-1][stands].any() and not one.speed[1:][stands].any()
         stood += time[stands].sum()
@@ -107,8 +107,8 @@ def test_speed_is_the_rate_at_which_the_place_changes(moved):
 
 
 def test_a_leg_on_the_ground_follows_the_terrain(moved):
-    """No point of it is farther from the ground than 2 % of the smallest boulder's radius; without
-    the points between it leaves the ground by decimetres."""
+    """No point is farther from the ground than 2 % of the smallest boulder radius; without the
+    intermediate points, legs would be decimetres off."""
     name, result = moved
     radius = (3 * result["volume"].values.min() / (4 * np.pi)) ** (1 / 3)
 
@@ -123,8 +123,8 @@ def test_a_leg_on_the_ground_follows_the_terrain(moved):
 
 
 def test_no_point_is_higher_than_its_leg_allows(moved):
-    """Nothing is drawn above the higher end of its leg but the apex of its own flight, nor below
-    the lower end: in the air by free fall, else not at all."""
+    """Nothing is drawn above the higher end of its leg except the apex of its own flight, nor below
+    the lower end: in the air only by free fall."""
     motion = motion_of(moved[1])
     (_, _, z, _), _ = motion.take(None).at(np.linspace(0, 1, 41))
     ends = np.array([motion.start[2], motion.end[2]])
@@ -137,7 +137,7 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
 
 @pytest.mark.parametrize("moved", ["table"], indirect=True, scope="module")
 def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
-    """As older versions wrote them; and a line says so, once."""
+    """Trajectories as written by older versions; one line reports it."""
     result, line = moved[1].drop_vars("trajectory_leg"), "show slides and waits as flights"
     with pytest.warns(UserWarning, match=line):
         motion = motion_of(result)
@@ -151,8 +151,8 @@ def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys)
 
 @pytest.mark.parametrize("moved", ["matrix", "table", "trees"], indirect=True, scope="module")
 def test_a_curve_has_the_kernels_speed_where_it_passes_a_line(moved):
-    """Its square, quadratic in time, is interpolated with an error of at most g^2 h^2/4. (With
-    breakage, a line has its most energetic fragment, which may not be the one recorded.)"""
+    """Squared speed, quadratic in time, is interpolated with an error of at most g^2 h^2/4. (With
+    breakage, a line has its most energetic fragment, which may not be the recorded one.)"""
     compared, (_, result) = 0, moved
     crossed = at_lines(result)
     for one in rockfall.trajectories(result):
@@ -181,7 +181,7 @@ def test_chords_stay_within_the_tolerance_at_any_time(moved, tolerance):
     for one, path, known in zip(curves(motion), paths, vertices(result), strict=True):
         assert {*zip(*known.tolist(), strict=True)} <= {*map(tuple, path.tolist())}
         assert (np.diff(path[:, 3]) >= 0).all() and np.diff(path, axis=0).any(axis=1).all()
-        clear = np.abs(one.time[:, None] - known[3]).min(axis=1) > 1e-9  # there it may rise at once
+        clear = np.abs(one.time[:, None] - known[3]).min(axis=1) > 1e-9  # it may rise at once there
         chords = [np.interp(one.time[clear], path[:, 3], path[:, k]) for k in range(3)]
         off = np.linalg.norm(chords - np.stack([one.x, one.y, one.z])[:, clear], axis=0)
         farthest = max(farthest, off.max())
@@ -189,7 +189,7 @@ def test_chords_stay_within_the_tolerance_at_any_time(moved, tolerance):
 
 
 def recorded(**columns):
-    """Motion of boulders between vertices by hand."""
+    """Motion of boulders between vertices given by hand."""
     zeros = np.zeros_like(columns["z"])
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
     columns = (
@@ -202,7 +202,7 @@ def recorded(**columns):
 
 
 def test_flights_are_those_of_a_falling_stone():
-    """From 100 m at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
+    """From 100 m: at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
     t, ground = np.linspace(0, 1, POINTS), 100 - G / 2
     vertical = (90.0 - ground + G / 8) / 0.5
     (flight,) = curves(recorded(
@@ -216,8 +216,8 @@ def test_flights_are_those_of_a_falling_stone():
 
 
 def test_a_slide_waits_at_its_end_and_leaves_above_it():
-    """A slide of 1 m at 2 m/s over a bump; the contact takes 0.8 s; then a level throw from 0.2 m
-    above its end."""
+    """A slide of 1 m at 2 m/s over a bump; the contact takes 0.8 s; then a horizontal throw from
+    0.2 m above its end."""
     fall = np.sqrt(2 * 0.2 / G)
     motion = recorded(
         x=[0.0, 0.0, 0.4, 1.0, 1.0, 1.0 + 3 * fall], z=[0.2, 0.0, 0.1, 0.0, 0.0, 0.0],

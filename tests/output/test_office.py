@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What tables as a workbook and as a document promise: the numbers of the CSV, with units, and
-what they came from."""
+"""Tables as a workbook and as a document: values as in the CSV, with units and provenance."""
 
 import math
 import os
@@ -29,13 +28,13 @@ openpyxl = pytest.importorskip("openpyxl", reason="the office extra is not insta
 docx = pytest.importorskip("docx", reason="the office extra is not installed")
 
 NET = "&barrier name = 'net', x = 600030.0, 600090.0, y = 4999940.0, 4999940.0, height = 3.0, "
-#: Columns of numbers without a unit.
+#: Numeric columns without a unit.
 PURE = {"n", "value", "cost", "ead_class", "shape", "exceedances", "over", "through"}
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with a result whose line has the name of a formula, made the current one."""
+    """Folder with a result whose line name looks like a formula, as the current folder."""
     before = Path.cwd()
     os.chdir(folder := tmp_path_factory.mktemp("site"))
     slope_case.write_slope()
@@ -60,7 +59,7 @@ def cells(path, sheet):
 
 
 def same(cell, value):
-    """Is a cell the value of a table, to the last bit?"""
+    """Return True if a cell is exactly the value in a table."""
     if isinstance(value, str):
         return (cell or "") == value
     return cell is None if pd.isna(value) else cell == value
@@ -91,14 +90,14 @@ def test_a_workbook_of_a_design_has_the_numbers_of_the_csv(site):
     assert names == ["design_loads", "design_demand", "design_checks", "design_choices",
                      "design_factors", "provenance"]  # fmt: skip
     for name in names[:-1]:
-        # to the last bit, which the usual way has not on every system
+        # exact, unlike the default on some systems
         table = pd.read_csv(f"sheet/{name}.csv", float_precision="round_trip")
         texts = {one: table[one].map(restored) for one in table if table[one].dtype.kind == "O"}
         check_table("sheet/design.xlsx", name, table.assign(**texts))
 
 
 def restored(value):
-    """A text of a CSV as it was before it was made safe for spreadsheets."""
+    """Original text of a CSV cell that was made safe for spreadsheets."""
     return value.removeprefix("'") if isinstance(value, str) else value
 
 
@@ -122,7 +121,7 @@ def test_every_column_of_numbers_has_a_unit(site, path):
     ],
 )  # fmt: skip
 def test_a_number_is_shown_with_its_digits_that_count(value, shown):
-    """As Excel shows it by the format: thousands, and decimals of small numbers only."""
+    """As formatted by Excel: thousands separators, and decimals only for small numbers."""
     form = number_format(value)
     assert re.fullmatch(r"#,##0(\.0+)?|0\.00E\+00", form)
     _, _, decimals = form.partition(".")
@@ -139,7 +138,7 @@ def test_a_workbook_is_printed_one_page_wide(site, path):
         assert page.page_setup.orientation == ("landscape" if is_table else "portrait")
         assert page.print_title_rows == ("$1:$1" if is_table else None)
         wide = sum(one.width for one in page.column_dimensions.values())
-        assert wide < 460  # letters of 4 pt on A4
+        assert wide < 460  # 4 pt letters on A4
         for cell in (cell for row in page.iter_rows(min_row=2) for cell in row):
             if cell.data_type == "n" and cell.value is not None:
                 assert cell.number_format != "General", (page.title, cell.coordinate)
@@ -193,7 +192,7 @@ def test_a_document_has_the_tables_of_the_report(site):
     assert facts["file of the result, SHA-256"] == file_checksum(Path("out.nc"))
 
 
-#: Of the proofing of Word.
+#: Proofing languages of Word.
 SPELLING = {"en": "en-GB", "de": "de-CH", "fr": "fr-FR", "it": "it-IT", "de-AT": "de-AT"}
 
 
@@ -217,7 +216,7 @@ def test_a_document_is_of_its_language_and_splits_no_row(site, language):
     [("en", "12,345"), *((language, "12\u202f345") for language in ("de", "fr", "it"))],
 )
 def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
-    """In all kinds of files: a page, a document, a sheet."""
+    """In all kinds of files: page, document, sheet."""
     result = rockfall.read_result("out.nc")
     case = case_of(result)
     case = case.replace(case={"boulders": 12345})
@@ -234,7 +233,7 @@ def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
 
 
 def table_html(table):
-    """A table as on a page."""
+    """Table as on a page."""
     template = '{% from "parts.html.j2" import table with context %}{{ table(one) }}'
     return _environment().from_string(template).render(one=table, on_paper=True)
 
@@ -282,7 +281,7 @@ def test_a_missing_package_is_named(site, capsys, monkeypatch):
 
 
 def test_units_are_those_of_results(site):
-    """Of the numbers that checks and loads share."""
+    """Units of the values shared by checks and loads."""
     result = rockfall.read_result("out.nc")
     assert UNITS["capacity"] == result["barrier_capacity"].attrs["units"]
     assert UNITS["height"] == result["barrier_height"].attrs["units"]
@@ -291,7 +290,7 @@ def test_units_are_those_of_results(site):
 
 
 def test_rows_are_as_high_as_their_texts(tmp_path):
-    """LibreOffice shows texts of several lines above each other in rows without a height."""
+    """LibreOffice overlays texts of several lines in rows without a height."""
     rows = [("short", "1"), ("a word " * 40, "2"), ("three\nshort\nlines", "3"), ("", "4")]
     table = Table.of("", ("text", "number"), rows)
     path = write_workbook([Sheet("texts", table)], tmp_path / "texts.xlsx")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages on paper: every text lies within its sheet and its cell, in each locale, as WeasyPrint lays
-it out. Text extracted from a PDF would lack columns that are wholly off the sheet."""
+"""Pages on paper: every text is within its sheet and its cell, in each locale, as laid out by
+WeasyPrint. Text extracted from a PDF would lack columns completely off the sheet."""
 
 import os
 import subprocess
@@ -23,7 +23,7 @@ from rockfall.html_report.page import ReportInputs, report  # noqa: E402
 from rockfall.html_report.render import _without_styles  # noqa: E402
 from rockfall.language import LANGUAGES, speaking  # noqa: E402
 
-#: Languages of pages, and one whose words are hyphenated by rules of their own.
+#: Languages of pages, and a locale with its own hyphenation rules.
 LOCALES = (*LANGUAGES, "de-CH")
 LINES = [
     {"name": name, "x": [0.0, 300.0], "y": [y, y]}
@@ -37,7 +37,7 @@ PROJECT = (
     "Hazard assessment of the cantonal road from Oberdorf to Unterdorf, km 12.3 to 14.9, phase 2"
 )
 TITLE = "Rockfall above the cantonal road between the upper and the lower village, second survey"
-HUGE = 2e4  # times the energies: seven digits each
+HUGE = 2e4  # factor on energies: seven digits each
 
 
 def run(folder, boulders=400):
@@ -58,7 +58,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def documents(results):
-    """Layout of the page of a result in a locale, made once."""
+    """Layout of a result's page in a locale, made once."""
 
     @cache
     def page(kind, language):
@@ -85,7 +85,7 @@ def page_of(result, language):
 
 
 def texts(document) -> Iterator[tuple[int, str, bool]]:
-    """Each text with the number of its page, and whether it is within sheet and cell [CSS px]."""
+    """Texts with their page number, and whether they are within sheet and cell [CSS px]."""
     for number, page in enumerate(document.pages, start=1):
         sheet = page._page_box
         left, top = sheet.content_box_x(), sheet.content_box_y()
@@ -118,7 +118,7 @@ def within(limits, start, size):
 
 
 def laid_out(*locales):
-    """Locales that are laid out always; others with --all, for each takes some seconds."""
+    """Locales that are always laid out; others with --all, because each takes some seconds."""
     extra = [pytest.param(one, marks=pytest.mark.all) for one in LOCALES if one not in locales]
     return pytest.mark.parametrize("locale", [*locales, *extra])
 
@@ -141,8 +141,8 @@ def all_within(document):
 @pytest.mark.all
 @laid_out("en", "de-CH")
 def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
-    """Page 1 has the whole project and title; the map has at least 60 mm between its title and its
-    scale, a third of the sheet's width."""
+    """Page 1 has the complete project and title. The map has at least 60 mm between its title and
+    its scale, a third of the sheet's width."""
     document = documents("usual", locale)
     all_within(document)
     intervals = [text for _, text, _ in texts(document) if text.startswith("(")]
@@ -174,7 +174,7 @@ def test_the_walk_finds_text_beyond_the_margin_and_beyond_its_cell():
 @pytest.mark.all
 @pytest.mark.parametrize("command", ["report out.nc --pdf", "report out.nc -o page.pdf"])
 def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
-    """Pango would end the process by a signal."""
+    """Otherwise Pango would end the process by a signal."""
     rockfall.write_result(results["usual"], tmp_path / "out.nc")
     (tmp_path / "fonts.conf").write_text("<fontconfig><cachedir>cache</cachedir></fontconfig>")
     done = subprocess.run(
@@ -189,7 +189,7 @@ def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
 
 
 def test_svg_on_paper_has_attributes_in_place_of_styles():
-    """Texts keep their fonts; the rule of all elements is that of the root, which they inherit."""
+    """Texts keep their fonts; the rule for all elements is on the root and is inherited."""
     svg = (
         "<?xml version='1.0'?><svg width='9'><defs>"
         '<style type="text/css">*{stroke-linejoin: round; stroke-linecap: butt}</style></defs>'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `rockfall check` foresees, beside what comes."""
+"""Predictions of `rockfall check` compared with results."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each,
     assert run.tally.done == few
     reached = int((run_scene(scene)["passages"] > 0).sum())
     early = np.count_nonzero(run.tally.array("tally_counts")[0])
-    assert early < 0.85 * reached  # there is something to foresee
+    assert early < 0.85 * reached  # there is something to predict
     assert run.cells == pytest.approx(reached, rel=0.25)
 
 
@@ -50,15 +50,15 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     need = pilot.memory(scene, run)
     assert need["rasters"] == 8 * Z.size
     box = np.prod(run.tally.box.shape)
-    assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of counts
-    assert need["made"] - pilot.PACKAGES <= 4 * Z.size  # the quantile
-    assert need["classes"] == 1000 * 440  # bytes of the counts of energy in a cell
+    assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of bin counts
+    assert need["made"] - pilot.PACKAGES <= 4 * Z.size  # the quantile map
+    assert need["classes"] == 1000 * 440  # bytes of the energy bin counts per cell
     assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
 
 
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(pilot, "PILOT_BOULDERS", 500)
-    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 400)  # rows take time
+    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 400)  # writing takes time
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
     words = "MB: &output kept = 'none' keeps sums and counts"
     for lines, is_said in ((many, True), (many[:1], False)):
@@ -87,7 +87,7 @@ def test_what_is_not_asked_for_takes_nothing(tmp_path):
 
 
 def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
-    """But for the time that a run takes; also where the machine is slower."""
+    """Except for the run time; also on slower machines."""
     scene = scene_of(tmp_path, 50, 100)
 
     def lines():
@@ -100,7 +100,7 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
 
 
 def test_each_ground_has_a_softer_and_a_firmer_neighbour():
-    """By strength, and both ways alike; talus, whose strength goes with the size, has none."""
+    """By strength, in both directions; talus, whose strength is proportional to size, has none."""
     order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]
     for k, name in enumerate(order):
         assert band(name) == (*order[max(0, k - 1) : k], *order[k + 1 : k + 2])
@@ -110,7 +110,7 @@ def test_each_ground_has_a_softer_and_a_firmer_neighbour():
 @pytest.mark.parametrize(("surface", "others"), [
     ({"ground": "meadow"}, ["vegetated-soil", "compact"]),
     ({"ground": "rock"}, ["compact"]),
-    ({"ground": "meadow", "ground_strength": 8e5}, []),  # measured
+    ({"ground": "meadow", "ground_strength": 8e5}, []),  # measured strength
     ({"ground": "talus"}, []),
 ])  # fmt: skip
 def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
@@ -122,7 +122,7 @@ def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
 
 
 def test_memory_of_samples_grows_with_what_lines_see(tmp_path):
-    """Of boulders that are not kept: bins fill up, and tails have the largest of each line."""
+    """For boulders not kept: bins fill up, and tails have the largest values of each line."""
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, 31)]
     found = []
     for lines, each in ((many[-3:], 200), (many, 200), (many, 20_000)):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `rockfall export --qgis` promises: a project whose every reference leads to a layer in its
-own folder, and sources as areas. tests/qgis opens one in QGIS."""
+"""`rockfall export --qgis`: a project in which every reference leads to a layer in its own folder,
+and sources are areas. tests/qgis opens it in QGIS."""
 
 import math
 import os
@@ -30,14 +30,14 @@ SCENARIO = "&scenario name = 'all', return_period = 10.0 /\n"
 
 
 def ring(x, y, side):
-    """A square with the middle cell left out."""
+    """Square without its middle cell."""
     hole = shapely.box(x + side / 3, y + side / 3, x + 2 * side / 3, y + 2 * side / 3)
     return shapely.box(x, y, x + side, y + side).difference(hole)
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with a case of two faces, its result and a hazard, made the current one."""
+    """Folder with a case of two faces, its result and a hazard, as the current folder."""
     folder = tmp_path_factory.mktemp("site")
     before = Path.cwd()
     os.chdir(folder)
@@ -57,7 +57,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def project(site):
-    """The XML of a project with a hazard in German, and its folder."""
+    """XML of a project with a hazard in German, and its folder."""
     words = [
         "--qgis",
         "--hazard",
@@ -91,7 +91,7 @@ def table(path, layer):
 def test_every_layer_is_a_file_of_the_folder(project):
     root, folder = project
     layers = layers_of(root)
-    assert len(layers) == len(list(root.iter("maplayer"))) > 15  # each id once
+    assert len(layers) == len(list(root.iter("maplayer"))) > 15  # each id is unique
     shown = set()
     for layer in layers.values():
         source = layer.find("datasource").text
@@ -229,7 +229,7 @@ def test_sources_are_one_area_a_face(site):
     rockfall.export("out.nc", "areas")
     shapes, fields = table("areas/rockfall.gpkg", "source_areas")
     assert fields["name"].tolist() == ["west", "east"]
-    assert fields["sources"].tolist() == [8, 4]  # a ring of nine cells without the middle, 2 x 2
+    assert fields["sources"].tolist() == [8, 4]  # 3 x 3 cells without the centre, and 2 x 2 cells
     assert fields["boulders"].tolist() == [160, 80]
     assert fields["area_m2"].tolist() == [200.0, 100.0]
     west, east = shapes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report: its sentences and tables say what the result holds, and a browser can show it."""
+"""Report: its sentences and tables agree with the result, and a browser can show it."""
 
 import hashlib
 import re
@@ -75,13 +75,13 @@ LINES = [
     {"name": "cliff", "x": [0.0, 300.0], "y": [398.0, 398.0]},  # above the release
 ]
 MAPS = ["passages", "deposits", "energy_max", "reach_probability"]
-#: Words that no page in another language has, but as a name.
+#: English words that no page in another language contains, except in names.
 ENGLISH = {"the", "of", "boulders", "with", "is", "are", "not", "height", "energy"}
 SOURCES = {"x": [100.0, 150.0, 200.0], "y": [380.0, 380.0, 380.0]}
 
 
 def run(folder, boulders=300, line=LINES, title=EVIL, **groups):
-    """A short run over rough terrain, with all that a result can have."""
+    """Short run over rough terrain with everything a result can have."""
     groups = {
         "case": {"boulders": boulders, "threads": 0, "title": title},
         "release": {"x": 150.0, "y": 380.0},
@@ -98,7 +98,7 @@ def result(tmp_path_factory):
 
 
 def no_levels(result):
-    """Return levels as `rockfall.analysis.return_levels` gives them, of which one was refused."""
+    """Return levels as returned by `rockfall.analysis.return_levels`, of which one is refused."""
     lines = line_names(result)
     rows = {"line": lines, "quantity": "speed", "n": 100, "max": 31.0, "level_1000": 30.0,
             "level_1000_low": 28.0, "level_1000_high": 33.0, "level_10000": np.nan,
@@ -118,7 +118,7 @@ def warned(result):
 
 
 def interrupted(result, done):
-    """The same run, ended after so many boulders."""
+    """The same run, stopped after some boulders."""
     part = result.isel(boulder=slice(done))
     return part.assign_attrs(complete=0, boulder_last=done)
 
@@ -127,7 +127,7 @@ def interrupted(result, done):
 
 
 def test_page_1_says_the_numbers_of_the_line_table(result):
-    """With no more digits than their intervals support."""
+    """With no more digits than supported by their intervals."""
     rows = rows_of(result)
     road, cliff = ([str(cell).split("\n") for cell in row] for row in headline(rows).rows)
     table = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["road <b>"]
@@ -154,8 +154,8 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
 
 
 def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
-    """12 boulders pass: a dash in brackets where a mean or a deviation has no interval, and what it
-    means, on page 1 and below the tables, in all languages."""
+    """12 boulders pass: a dash in brackets if a mean or standard deviation has no interval, with an
+    explanation on page 1 and below the tables, in all languages."""
     few = result.isel(crossing=slice(12)).assign(row_size=("line", [12, 0]))
     rows = rows_of(few)
     assert "std, q90" in rows["road <b>"]["speed"]["withheld"]
@@ -242,7 +242,7 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
 
 
 def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
-    """Above all else on the page, and only where there is something to say."""
+    """Above everything else on the page, and only if there is something to report."""
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     leave_pictures_blank(monkeypatch)
     result = run(tmp_path, line=[], output={})
@@ -281,11 +281,11 @@ def test_an_interrupted_run_says_so_first(tmp_path):
 
 
 def test_the_first_boulders_are_a_sample_of_all_sources():
-    """In turns, the sources in one random order; as often as they release boulders."""
+    """Sources alternate in random order, in proportion to their boulders."""
     source = Sources.of(np.repeat(np.arange(50), 4))
     turns = source.number[mixed(source)].reshape(4, 50)
     assert (turns == turns[0]).all() and (np.sort(turns[0]) == np.arange(50)).all()
-    assert 0.25 < np.mean(turns[0, :20] < 25) < 0.75  # not those in the west first
+    assert 0.25 < np.mean(turns[0, :20] < 25) < 0.75  # not the western sources first
     apart = Sources.of(np.repeat(np.arange(100), np.arange(100) // 10 + 1))
     first = np.bincount(apart.number[mixed(apart)][:275], minlength=100)
     assert np.abs(first - apart.released / 2).max() <= 1
@@ -295,9 +295,9 @@ def test_the_first_boulders_are_a_sample_of_all_sources():
 
 
 def test_the_band_holds_the_final_number_along_its_way():
-    """400 unlike sources, 300 repetitions: of few boulders, of whole turns, and of all."""
+    """400 different sources, 300 repetitions: for few boulders, for complete turns, and for all."""
     random, held = np.random.default_rng(1), []
-    passes = np.sin(np.arange(400) / 60) > 0.3  # a gully: neighbours do alike
+    passes = np.sin(np.arange(400) / 60) > 0.3  # a gully: neighbours behave alike
     source = Sources.of(np.repeat(np.arange(400), 10))
     order = mixed(source)
     for _ in range(300):
@@ -310,7 +310,7 @@ def test_the_band_holds_the_final_number_along_its_way():
         ]
         held.append([low <= chance.mean() <= high for _, low, high in limits])
     assert (np.abs(np.mean(held, axis=0)[1:] - 0.95) < 0.035).all()
-    # the order is one: of few boulders it happens to be a better or a worse sample
+    # the order is fixed: its first boulders may be a better or a worse sample
     assert np.mean(held, axis=0)[0] > 0.9
 
 
@@ -330,7 +330,7 @@ def test_the_history_ends_with_the_numbers_of_all(tmp_path, result):
 
 def test_boulders_needed_follow_the_square_root_law():
     assert boulders_needed(10_000, 0.02, 0.01) == 40_000
-    assert boulders_needed(10_000, 0.02, 0.1, crossed=100) == 50_000  # 500 past the line
+    assert boulders_needed(10_000, 0.02, 0.1, crossed=100) == 50_000  # 500 pass the line
     assert boulders_needed(10_000, 0.02, 0.01, crossed=9000) == 40_000
     assert rounded_up(534_361.0) == 540_000 and rounded_up(0.4) == 1
 
@@ -339,7 +339,7 @@ def test_boulders_needed_follow_the_square_root_law():
 
 
 def maps_of(result):
-    """Each map by its name, and the numbers that the script reads of it."""
+    """Each map by name, with the numbers that the script reads for it."""
     window = window_of(result)
     names = [name for name in result.data_vars if result[name].dims == ("y", "x")]
     return {
@@ -376,7 +376,7 @@ def test_the_picture_of_a_large_raster_is_bounded(result, monkeypatch):
     window = window_of(result)
     assert window.step > 1 and window.nx * window.ny < 2 * 100 < MAX_CELLS
     more = {f"energy_q{k}": result["energy_max"] for k in range(40)}
-    assert window_of(result.assign(more)).step > window.step  # all maps together are bounded
+    assert window_of(result.assign(more)).step > window.step  # the size of all maps is limited
 
 
 def test_a_map_says_why_it_is_blank(tmp_path):
@@ -397,8 +397,8 @@ def test_a_map_says_why_it_is_blank(tmp_path):
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory, result):
-    """The page in each language with terrain, in files, and some figures in the first two,
-    drawn in English."""
+    """The page in each language with terrain, as files; the first two have some figures, drawn in
+    English."""
     folder = tmp_path_factory.mktemp("page")
     kinds = ("trajectories", "line_speed", "restitution")
     people = Parties("P 17", "Gemeinde", "A. B.", "2024")
@@ -467,8 +467,8 @@ def test_nothing_is_taken_from_elsewhere(page):
 
 
 def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
-    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])  # tested apart
-    monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)  # these, too
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])  # tested separately
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)  # tested separately
     leave_pictures_blank(monkeypatch)
     terrain = (rough(), grid(rough()))
     pages = [report(ReportInputs(one, terrain)) for one in (result, result.copy(deep=True))]
@@ -480,7 +480,7 @@ def test_the_case_and_its_origin_are_all_there(page, result):
     printed = re.search("<pre tabindex.*?>(.*?)</pre>", text, re.DOTALL)[1]
     assert case_of(result.assign_attrs(case=printed)) == case_of(result)
     groups = set(re.findall(r"^&(\w+)", printed, re.MULTILINE))
-    assert {"boulder", "line", "output"} <= groups  # those that the case sets, and no others
+    assert {"boulder", "line", "output"} <= groups  # exactly the groups set in the case
     assert not groups & {"barrier", "ensemble", "forest", "hazard", "flight"}
     assert result.attrs["impact_set_checksum"] in text and "20090601" in text
     assert "Rasters were arrays in memory" in text
@@ -496,7 +496,7 @@ def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     again = "Reproduces these numbers to the last bit"
     text = report(ReportInputs(whole))
     assert f"{again}, in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
-    assert "the case file below" in text  # it may have changed since
+    assert "the case file below" in text  # the file may have changed since
     text = report(ReportInputs(interrupted(whole, 4)))
     assert f"{again}, and adds missing boulders, with files" in text
 
@@ -515,7 +515,7 @@ OBSERVED = {
 
 
 def kinds_of_result(folder):
-    """Results that have few of what others have, or more."""
+    """Results with fewer or more parts than others."""
     some = run(folder, boulders=60, output={"maps": ["passages", "energy_q95"], "rebounds": True})
     bare = {"output": {}, "boulders": 1, "line": []}
     release = {"x": 150.0, "y": 380.0, "drop_height": 0.0}
@@ -537,7 +537,7 @@ def kinds_of_result(folder):
 @pytest.mark.all
 def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch):
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)
-    monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing is tested apart
+    monkeypatch.setattr("rockfall.html_report.page.picture", only_said)  # drawing has its own tests
     monkeypatch.setattr("rockfall.html_report.page.history_figure", lambda *_: None)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     for name, text in OBSERVED.items():
@@ -621,7 +621,7 @@ def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeyp
 
 @pytest.fixture(scope="module")
 def browser():
-    """Headless Chromium without a network."""
+    """Headless Chromium without network access."""
     one = open_browser("--disable-gpu")
     one.execute_cdp_cmd("Network.enable", {})
     one.execute_cdp_cmd("Network.emulateNetworkConditions", {
@@ -691,7 +691,7 @@ def test_a_browser_shows_all_of_it(browser, page, width):
     boxes = browser.execute_script(NAMES)
     assert len(boxes) > 4
     for (a, b, c, d), (e, f, g, h) in combinations(boxes, 2):
-        assert c <= e or g <= a or d <= f or h <= b  # no name lies on another
+        assert c <= e or g <= a or d <= f or h <= b  # names must not overlap
 
 
 NAMES = """
@@ -784,7 +784,7 @@ def test_the_pointer_tells_place_and_value(browser, page, result):
 
 
 def test_a_page_carries_the_view_that_it_is_given(result, monkeypatch):
-    """Packed, and with the hash by which its script may run."""
+    """Compressed, and with the hash that allows its script to run."""
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     leave_pictures_blank(monkeypatch)
     view = "<!doctype html><div id='app'></div><script>const a = '<\\/script>';</script>"
@@ -797,7 +797,7 @@ def test_a_page_carries_the_view_that_it_is_given(result, monkeypatch):
 
 
 def test_the_view_of_show_runs_within_the_page(browser, stored):
-    """Allowed by the rules of the page, which let no other script run."""
+    """Allowed by the page's policy, which permits no other script."""
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 
@@ -815,7 +815,7 @@ def test_the_view_of_show_runs_within_the_page(browser, stored):
     assert browser.find_elements(By.CSS_SELECTOR, "canvas")
     browser.switch_to.default_content()
     said = [entry for entry in browser.get_log("browser") if entry["source"] != "rendering"]
-    assert said == []  # software WebGL warns of itself
+    assert said == []  # software WebGL prints warnings
 
 
 @pytest.mark.all
@@ -865,7 +865,7 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
 
 
 def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
-    """Not beside the others, and not of a run whose rebounds followed other laws."""
+    """Not next to other figures, and not for a run with other rebound models."""
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
@@ -878,7 +878,7 @@ def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result
 
 
 def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, monkeypatch):
-    """30 boulders tell little of a quantile: its band may reach up to 1,000 m/s."""
+    """30 boulders determine a quantile poorly: its band may reach 1,000 m/s."""
 
     def wide(*given):
         found = history(*given)
@@ -897,7 +897,7 @@ def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, mo
 
 
 def test_only_obstacles_of_the_case_are_listed(result, tmp_path):
-    """And systems of coordinates by name, those too of which CF has no parameters."""
+    """Coordinate systems are also given by name, including those without CF parameters."""
     listed = {row[0]: row[1] for row in input_table(result, Parties()).rows}
     assert not {"barriers", "dams", "trees"} & listed.keys()
     lv95 = result.assign(crs=result["crs"].assign_attrs(
@@ -922,7 +922,7 @@ def test_everything_has_a_name_for_those_who_cannot_see(browser, page):
 
 
 def test_what_is_left_out_depends_on_the_case(result):
-    """A case with trees, a net and no dam is not said to have none."""
+    """A case with trees, a net and no dam is not reported to lack protection."""
     stand = {"stems": "stems.tif", "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
              "uniform_conifers": 60.0}  # fmt: skip
     net = {"name": "net", "x": [0.0, 9.0], "y": [5.0, 5.0], "height": 3.0, "class": 2}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One table in every format: the same values, each with what the format promises."""
+"""One table in every format: equal values, each with the properties of its format."""
 
 import csv
 import html
@@ -28,7 +28,7 @@ ROWS = [
     ("net", 0, np.float32(-1.5), Estimate(0.02, math.nan, 0.04, digits=2, up=True)),
 ]
 HEADS = "line", Column("boulders"), Column("share", "m", 2), Column("energy", "kJ")
-#: What readers see of these cells, in English.
+#: Displayed text of these cells, in English.
 SEEN = [
     ["road <b>", "12,345", "0.67", "1,230\n(1,100–1,390)"],
     ["=1+1", "7", "-", "12.5\n(–)"],
@@ -49,7 +49,7 @@ def table():
 
 
 def of_terminal(table, _):
-    """Cells apart by two blanks or more; lines below the first of a row continue its cells."""
+    """Cells separated by at least two blanks; further lines of a row continue its cells."""
     head, *lines = as_text(table).splitlines()
     rows = []
     for line in lines:
@@ -109,7 +109,7 @@ def of_workbook(table, folder):
 @pytest.mark.parametrize("rendered", [of_csv, of_workbook])
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_programs_read_the_same_numbers_in_full(table, tmp_path, rendered, language):
-    """To the last bit, with limits in columns of their own, whatever the language."""
+    """Exactly, with limits in separate columns, whatever the language."""
     with speaking(language):
         head, *rows = rendered(table, tmp_path)
     assert head == SPLIT and rows == VALUES

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A result of a thousand lines as CDO, NCO, GDAL, QGIS and R read it: each finds the numbers of
-`rockfall.crossings` and of the maps. Tests of programs that are not installed are left out."""
+"""A result with a thousand lines read by CDO, NCO, GDAL, QGIS and R: each finds the values of
+`rockfall.crossings` and of the maps. Tests of programs that are not installed are skipped."""
 
 import json
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.all
 LINES = 1000
 STORED = ("time", "distance", "velocity_x", "velocity_y", "velocity_z", "omega", "jump_height",
           "passing_height")  # fmt: skip
-#: Packages of R, and how one reads a variable of the file `f`.
+#: R packages, and how each reads a variable of the file `f`.
 R = {"RNetCDF": ("open.nc", "var.get.nc"), "ncdf4": ("nc_open", "ncvar_get")}
 R_SCRIPT = """
 suppressPackageStartupMessages(library({package}))
@@ -73,7 +73,7 @@ def has_r(package):
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    """A result of bent lines below one another, most of which a boulder crosses."""
+    """Result with bent lines one below the other, most of which a boulder crosses."""
     folder = tmp_path_factory.mktemp("lines")
     y = np.linspace(398.0, 5.0, LINES)
     line = [{"name": f"Straße {k}", "x": [0.0, 140.0, 295.0], "y": [at, at - 4.0, at]}
@@ -94,7 +94,7 @@ def result(file):
 
 @pytest.fixture
 def run(file, tmp_path, monkeypatch):
-    """Runs a program in a folder with a copy of the file, and returns what it prints."""
+    """Function that runs a program in a folder with a copy of the file, and returns its output."""
     shutil.copy(file, tmp_path / "out.nc")
     monkeypatch.chdir(tmp_path)
 
@@ -107,7 +107,7 @@ def run(file, tmp_path, monkeypatch):
 
 
 def has_crossings(path, result):
-    """Whether a file has the crossings of a result, bit for bit, and those of each line."""
+    """Return whether a file has the crossings of a result, bit for bit, and those of each line."""
     with netCDF4.Dataset(path) as file:
         for name in (*STORED, "line", "boulder"):
             values = result[f"crossing_{name}"].values

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A page states only what its run did: what boulders are, and what rebounds followed."""
+"""Pages only contain statements that apply to their run: types of boulders, rebound models."""
 
 import pytest
 
@@ -34,7 +34,7 @@ STATEMENTS = {SPHERES, BLOCKS, STILL, SLIDES, WHOLE, SHAPES, AT_RELEASE, AT_IMPA
 TABLE = {"surface": {"ground": "talus", "uniform_mean_radius": 0.0}}
 ROCKS = {"impact": {"form": "table", "table": "rocky-slope", "sets": None}}
 CLASSICAL = {"surface": {"ground": "soil_4", "uniform_rg": [0.1, 0.2, 0.3], "method": "A"}}
-RUNS = {  # groups of the case, statements of its page
+RUNS = {  # groups of the case, statements on its page
     "matrix": ({}, {SPHERES, STILL, WHOLE}),
     "table of blocks": (TABLE, {BLOCKS, WHOLE}),
     "table of spheres": (ROCKS, {SPHERES, WHOLE}),
@@ -96,7 +96,7 @@ def test_shapes_of_sources_are_not_called_spheres(results):
 @pytest.mark.all
 @pytest.mark.parametrize("name", RUNS)
 def test_only_runs_by_sets_have_the_appendix_of_sets(results, name, monkeypatch):
-    """And only rebounds by sets alone are compared with the paper."""
+    """Only rebounds by impact sets are compared with the paper."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
     by_sets = name in ("matrix", "broken at impact", "broken at release", "broken at both")

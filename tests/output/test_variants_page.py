@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page of variants: a column for each, the numbers of the comparison, maps, no English in other
-languages."""
+"""Page of variants: a column for each variant, the values of the comparison, maps, and no English
+in other languages."""
 
 import re
 
@@ -40,7 +40,7 @@ def results(tmp_path_factory):
 def cells_of(page):
     rows = re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", page, re.S)
     found = {}
-    for label, cells in rows:  # the first table is that of the road
+    for label, cells in rows:  # the first table is for the road
         found.setdefault(label, re.findall(r"<td>(.*?)</td>", cells, re.S))
     return found
 

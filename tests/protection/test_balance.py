@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The energy of each boulder is accounted for, whatever stands and lies on its way: what was
-released is what ground, trees and barriers took, and what is left at the end."""
+"""Energy balance of each boulder, whatever obstacles it meets: the energy released equals the
+energy absorbed by ground, trees and barriers plus the energy left at the end."""
 
 import numpy as np
 import pytest
@@ -16,15 +16,15 @@ STAND = {
     "uniform_conifers": 60.0,
 }  # fmt: skip
 ZONES = "zone,mean_radius,ground\n4,0.25,\n-2,0.5,{ground}\n77,inf,\n"
-GROUNDS = ("", "soil_4", "rock_face")  # "": the impact set of the case
+GROUNDS = ("", "soil_4", "rock_face")  # "": impact set of the case
 
 
-#: A line of the case lies beside the terrain.
+#: A line of the case is outside the terrain.
 pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terrain")
 
 
 def everything(folder, ground=""):
-    """Zones, trees, and two nets one below the other, on one of the grounds."""
+    """Case with zones, trees, and two nets one below the other, on one of the grounds."""
     case = make_full_case(
         folder, forest=STAND, output={"energy_balance": True}, impact={"ratio": "nearest"}
     )
@@ -38,7 +38,7 @@ def everything(folder, ground=""):
 
 
 def relative_errors(result):
-    """Of the balance of each boulder, over the energy that it had."""
+    """Errors of the balance of each boulder, relative to its energy."""
     released = result.energy_released.values
     found = sum(result[f"energy_{name}"].values for name in PARTS)
     return np.abs(found - released) / released

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers: who is stopped, who goes on with how much, and what it does to nobody else."""
+"""Barriers: boulders that are stopped, energy of those that continue, no effect on others."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def run(case, **how):
 
 @pytest.fixture(scope="module")
 def free(case):
-    """As lines only, which stop nobody."""
+    """The same lines without barriers, which stop no boulder."""
     lines = [{key: one[key] for key in ("name", "x", "y")} for one in (NET, WALL)]
     return run(case.replace(line=[ROAD, *lines]))
 
@@ -72,14 +72,14 @@ def energy(result, line):
 
 
 def test_a_net_stops_what_is_below_its_edge_and_within_its_capacity(free, caught):
-    """The outcome is that of the height and energy at the line. The same boulders come to the first
-    barrier, as fast and as high as without it."""
+    """The outcome follows from height and energy at the line. The same boulders reach the first
+    barrier, at the same speed and height as without it."""
     for line, height, capacity in (("wall", 2.0, CLASS_2), ("net", 3.0, 150e3)):
         high = at(caught, line, "passing_height") > height
         came = ~np.isnan(at(caught, line, "time"))
         expected = np.select([~came, high, energy(caught, line) > capacity], [0, 3, 2], 1)
         assert np.array_equal(at_lines(caught)["barrier_outcome"].sel(line=line), expected)
-    assert min(np.bincount(expected)) > 20  # each is there
+    assert min(np.bincount(expected)) > 20  # each outcome occurs
     ended = np.array(status(caught)) == "stopped_by_barrier"
     for name in ("x", "y", "time", "speed", "passing_height", "energy_translational"):
         assert np.array_equal(at(free, "net", name), at(caught, "net", name), equal_nan=True)
@@ -109,7 +109,7 @@ def test_the_energy_of_each_boulder_is_accounted_for(free, caught):
 
 
 def test_barriers_take_what_they_can(caught):
-    """All of a boulder that they stop, their capacity of one that breaks through."""
+    """Barriers absorb all energy of boulders they stop, and their capacity if broken through."""
     taken = np.zeros(caught.sizes["boulder"])
     for line, capacity in (("net", 150e3), ("wall", CLASS_2)):
         outcome = at_lines(caught)["barrier_outcome"].sel(line=line).values
@@ -118,7 +118,7 @@ def test_barriers_take_what_they_can(caught):
 
 
 def test_second_barrier_behind_the_first(caught):
-    """What broke through or passed over the net comes to the wall with what it has left."""
+    """Boulders that break through or pass over the net reach the wall with the rest."""
     outcome = at_lines(caught)["barrier_outcome"]
     net, wall = outcome.sel(line="net").values, outcome.sel(line="wall").values
     assert ((net == 2) & (wall > 0)).any() and ((net == 3) & (wall == 1)).any()
@@ -134,7 +134,7 @@ def test_no_boulder_passes_an_endless_strong_barrier(case):
 
 
 def test_barrier_without_strength_or_height_changes_nothing(case, free):
-    """One millimetre high: centres pass over it; 1e-9 kJ: hardly any energy goes."""
+    """One millimetre high: centres pass over it. With 1e-9 kJ: almost no energy is absorbed."""
     low = run(case.replace(barrier=[NET | {"height": 1e-3}]))
     assert np.array_equal(low.stop_x, free.stop_x) and np.array_equal(low.status, free.status)
     assert (at_lines(low)["barrier_outcome"].sel(line="net").values % 3 == 0).all()
@@ -144,7 +144,7 @@ HAIRPIN = {"name": "u", "x": [30.0, 30.0, 48.0, 48.0], "y": [5.0, 35.0, 35.0, 5.
 
 
 def shot_over(folder, *barriers, **groups):
-    """One boulder, shot from x = 20 eastward over level ground."""
+    """Single boulder shot eastward from x = 20 over level ground."""
     z = np.zeros((40, 40)) + np.linspace(0, 1e-3, 40)[:, None]
     shot = {"x": [20.0], "y": [20.0], "velocity": [12.0, 0.0, 12.0], "drop_height": 0.0}
     case = make_case(
@@ -161,8 +161,8 @@ def shot_over(folder, *barriers, **groups):
     [(1e5, 48.0, 1), (1e5, 51.0, 1), (0.01, 48.0, 2), (0.01, 51.0, 2), (1e5, 36.0, 3)],
 )
 def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcome):
-    """Over the first arm of a hairpin, and not over the second in the same flight or a later one:
-    what is said is what the barrier did there, and the line has the crossing of the hit."""
+    """Over the first arm of a hairpin, but not over the second, in the same flight or later: the
+    outcome is that of the hit, and the line has the crossing of the hit."""
     bent = HAIRPIN | {"x": [30.0, 30.0, second_arm, second_arm], "capacity": capacity}
     result = shot_over(tmp_path, bent)
     assert float(at_lines(result)["line_x"][0, 0]) == pytest.approx(
@@ -181,7 +181,7 @@ def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcom
 
 @pytest.mark.parametrize(("left", "outcome"), [(0.49, 1), (0.51, 2)])
 def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, outcome):
-    """More energy than the capacity, of which `left` m/s remains; 0.5 m/s is the stop speed."""
+    """Energy above the capacity by that of `left` m/s; the stop speed is 0.5 m/s."""
     net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e5}
     whole = shot_over(tmp_path, net)
     energy, speed = float(whole.energy_barriers[0]), float(at_lines(whole)["line_speed"][0, 0])
@@ -195,7 +195,7 @@ def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, o
 
 @pytest.mark.parametrize("angle", [0.0, 7.3, -13.1])
 def test_barrier_and_line_along_a_barrier_are_met_behind_it(case, angle):
-    """A weak net, and along the same straight line, with other ends, a line and a strong net."""
+    """A weak net and, along the same straight line with other ends, a line and a strong net."""
     side = np.tan(np.radians(angle))
 
     def along(west, east):
@@ -221,7 +221,7 @@ def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
 
 
 def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    """Python is killed, the program goes on from its checkpoint; its part joins one of Python's."""
+    """Python is killed, the program resumes its checkpoint; the parts of both are merged."""
     make_full_case(tmp_path)
     case = rockfall.read_case(tmp_path / "case.nml")
     nets = [
@@ -273,7 +273,7 @@ def test_statistics_of_barriers(caught):
 
 
 def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
-    """On a plane: crest at its height, faces at their slope, the terrain beyond as it was."""
+    """On a plane: correct crest height and slopes of the faces, unchanged terrain beyond."""
     plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
     make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
     dam = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dams are told as they came out; cells too coarse for one are a warning, or refused."""
+"""Dams are reported as built; cells too coarse for a dam cause a warning or a refusal."""
 
 import json
 import warnings
@@ -25,14 +25,14 @@ from rockfall.terrain.dams import COARSE, FINE
 from scenes import make_case, sets
 
 GRADIENT = 0.5
-WIDE, HIGH = 160.0, 240.0  # [m] of the terrain
+WIDE, HIGH = 160.0, 240.0  # size of the terrain [m]
 DAM = {
     "x": [10.0, 150.0], "y": [63.0, 67.0], "height": 4.0, "crest_width": 2.0, "slope": 55.0,
 }  # fmt: skip
 
 
 def plane(folder, cell):
-    """A southward slope on cells of this size, below its upper part a line and a source."""
+    """Southward slope with a given cell size; line and source below its upper part."""
     ny, nx = round(HIGH / cell), round(WIDE / cell)
     z = 500.0 + GRADIENT * cell * (np.arange(ny)[::-1, None] + 0.5) + np.zeros((ny, nx))
     make_raster(folder / "dem.tif", z, Affine(cell, 0, 0, 0, -cell, HIGH), crs="EPSG:32632")
@@ -69,7 +69,7 @@ def test_on_coarse_cells_it_is_lower_and_flatter(tmp_path):
 
 
 def test_more_boulders_pass_on_coarse_cells(tmp_path):
-    """The plane is the same on all cells: what differs is the dam."""
+    """The plane is the same with all cell sizes: only the dam differs."""
     passed = {}
     for cell in (5.0, 0.5):
         case = plane(tmp_path, cell)

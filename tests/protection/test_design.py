@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The design sheet: its arithmetic by hand, and a barrier that does what it says."""
+"""Design sheet: arithmetic checked by hand, and a barrier that performs as stated."""
 
 import math
 import re
@@ -64,7 +64,7 @@ def file(result, tmp_path):
 
 
 def equal(n=100, **values):
-    """Boulders that are all the same, of 2600 kg/m3."""
+    """Identical boulders of 2600 kg/m3."""
     usual = {"volume": 1.0, "position": 5.0, "speed": 20.0, "energy_total": 5e5,
              "energy_translational": 5.2e5, "passing_height": 3.0, "upper_edge": 3.6,
              "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip
@@ -73,7 +73,7 @@ def equal(n=100, **values):
 
 
 def drawn(n, seed=3):
-    """Boulders whose energies and heights have tails and go together."""
+    """Boulders with heavy-tailed, correlated energies and heights."""
     random = np.random.default_rng(seed)
     common = random.normal(size=n)
     energy = 4e5 * np.exp(0.8 * common + 0.3 * random.normal(size=n))
@@ -82,13 +82,13 @@ def drawn(n, seed=3):
 
 
 def test_uni_by_hand():
-    """20 m/s, 1 m3 of 2600 kg/m3, the centre 3 m above the ground, a site that is well known."""
+    """20 m/s, 1 m3 of 2600 kg/m3, the centre 3 m above the ground, a well-known site."""
     row = demand(equal(), known(**WELL_KNOWN), 2600.0)
     assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
     assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
     assert row["E_d"] == pytest.approx(574_122.0, abs=0.1)  # 2652 x 20.808^2 / 2
     assert row["h_d"] == pytest.approx(3.1212)
-    assert row["f_min"] == pytest.approx(0.620350)  # the radius of 1 m3, more than 0.5 m
+    assert row["f_min"] == pytest.approx(0.620350)  # radius of 1 m3, more than 0.5 m
     assert row["height_needed"] == pytest.approx(3.741550)
     assert row["normal_height_needed"] == pytest.approx(2.5 * 1.0404 + 0.620350)
     assert row["ead_class"] == 3  # 574 kJ < 1000 / 1.2, but not < 500 / 1.2
@@ -102,9 +102,9 @@ def test_what_is_not_known_costs_more():
 
 
 def test_the_mass_is_that_of_the_densest_boulder_that_came():
-    """Where a layer of sources says other densities than the case, whatever the case says."""
+    """Also if a source layer gives other densities than the case."""
     factors = known(**WELL_KNOWN)
-    energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one of 3900 kg/m3
+    energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one boulder has 3900 kg/m3
     for density in 2600.0, 1000.0, 5000.0:
         row = demand(equal()._replace(energy_translational=energy), factors, density)
         assert row["m_d"] == pytest.approx(3900 * 1.02)
@@ -147,7 +147,7 @@ def test_classes_are_those_of_the_kernel():
 
 
 def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys):
-    """Loads and choices are those of a sheet with factors; no check of a barrier passes."""
+    """Loads and choices equal those of a sheet with factors; no check of a barrier passes."""
     net = run(tmp_path, line=[], barrier=[LINE | {"height": 90.0, "class": 7}])
     sheet, full = rockfall.design(net), design(net)
     assert sheet.loads.equals(full.loads) and sheet.choices.equals(full.choices)
@@ -172,7 +172,7 @@ def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys)
     table = pd.read_csv(folder / "design_factors.csv")
     assert table["factor"].tolist() == NEEDED["UNI"] and table["value"].isna().all()
     given = pd.read_csv(FACTORS).drop(columns=["value", "source"])
-    assert len(table.merge(given)) == len(table)  # each row is one of a complete table
+    assert len(table.merge(given)) == len(table)  # each row is part of a complete table
     unfilled = str(folder / "design_factors.csv")
     assert main(["design", str(file), "--factors", unfilled]) == 2
     assert f"{unfilled}: line 2: value = : must be a number" in capsys.readouterr().err
@@ -204,7 +204,7 @@ def test_normal_heights_are_those_above_a_plane(tmp_path):
 
 @pytest.mark.parametrize("residual", [0.0, 0.02, 0.2])
 def test_heights_in_steps_are_the_exact_ones_rounded_up(residual):
-    """The search in steps, of a hazard and of a siting, and the exact one of a design."""
+    """Stepwise search, for hazards and sitings, compared with the exact search of a design."""
     came, heights = drawn(400), [0.5 * k for k in range(1, 60)]
 
     def is_enough(ead_class, k):
@@ -264,7 +264,7 @@ def test_a_barrier_of_the_sheet_lets_those_pass_that_it_says(result, tmp_path):
     net = run(tmp_path, line=[], barrier=[LINE | {"height": height, "class": k}])
     crossed = ~np.isnan(at_lines(result)["line_speed"].values[0])
     outcome = at_lines(net)["barrier_outcome"].values[0]
-    assert ((outcome > 0) == crossed).all()  # it changes nothing above it
+    assert ((outcome > 0) == crossed).all()  # the barrier changes nothing above it
     assert ((outcome[crossed] > 1) == passes(came, height, EAD_ENERGY[k])).all()
     row = design(net).checks.iloc[0]
     assert row["residual"] == best["residual"] <= 0.02
@@ -283,7 +283,7 @@ def test_checks_say_what_fails(result, tmp_path):
 
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
-    """Whether 600 boulders tell depends on how near the barrier is to what is asked."""
+    """Whether 600 boulders suffice depends on how close the barrier is to the requirement."""
     asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high
@@ -400,7 +400,7 @@ def test_nobody_comes(tmp_path):
     sheet = design(run(tmp_path, line=[line]), along="road")
     assert sheet.demand["n"][0] == 0 and math.isnan(sheet.demand["E_d"][0])
     assert not sheet.choices["cheapest"].any() and sheet.along["E_d"].isna().all()
-    high = sheet.demand["fraction_high"][0]  # Wilson's upper limit of none
+    high = sheet.demand["fraction_high"][0]  # Wilson's upper limit for zero
     assert high == pytest.approx(1.96**2 / (3 * BOULDERS + 1.96**2), rel=1e-3)
     assert sheet.demand["fraction"][0] == 0 == sheet.demand["fraction_low"][0]
     most = number(100 * high, up=True)
@@ -460,7 +460,7 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
     loads = pd.read_csv(folder / "design_loads.csv")
     assert loads["result"].unique().tolist() == [str(file)] and len(loads) == 7
     again = ["design", str(file), "--factors", str(folder / "design_factors.csv")]
-    assert main([*again, "-o", str(folder), "--overwrite"]) == 0  # factors as it wrote them
+    assert main([*again, "-o", str(folder), "--overwrite"]) == 0  # factors written by the command
     assert main(["design", str(file), str(file)]) == 2
     assert "is given twice" in capsys.readouterr().err
     (folder / "design_loads.csv").write_text("mine\n")
@@ -468,8 +468,8 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
 
 
 def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
-    """Nor on a forest; what fails, fails. Grounds of the user's own are confirmed by who calls the
-    rebound back-analysed."""
+    """This also applies to forests. Failed checks stay failed. Users confirm their own grounds by
+    declaring the rebound back-analysed."""
     head = "name,model,r_n,r_t,roughness_angle,min_hop,source\n"
     (tmp_path / "mine.csv").write_text(f"{head}mine,constant,0.5,0.95,4,1,fitted in 2024\n")
     size, stand = {"uniform_mean_radius": 0.02}, {

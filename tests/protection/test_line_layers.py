@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams of vector layers: the same as typed ones, or refused in one line."""
+"""Lines, barriers and dams from vector layers: equal to typed ones, or refused in one line."""
 
 import os
 import sys
@@ -42,19 +42,19 @@ def line(*xy):
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """A case of which the files lie in the folder where the test is."""
+    """Case whose files are in the folder of the test."""
     monkeypatch.chdir(tmp_path)
     made = make_full_case(tmp_path, case={"boulders": 20})
     return made.replace(line=[])
 
 
 def lines(case, **groups):
-    """The case of its scene."""
+    """Case of its scene."""
     return read_scene(case.replace(**groups)).case
 
 
 def calls(function):
-    """How many functions of Python, and of its libraries, a call takes."""
+    """Number of calls of Python functions, including libraries, in a call."""
     counted = [0]
 
     def count(frame, event, argument):
@@ -69,14 +69,14 @@ def calls(function):
 
 
 def test_lines_of_a_layer_cost_linear_time(case):
-    """Read, written as text, and read from it."""
+    """Reading, writing as text, and reading the text."""
     cost = {}
     for n in (100, 400):
         y = N - 5 - 0.2 * np.arange(n)
         several = [shapely.LineString([(W, north), (W + 300, north)]) for north in y]
         make_layer(f"{n}.gpkg", several, name=[f"line {k}" for k in range(n)])
         named = case.replace(line=[{"file": f"{n}.gpkg"}])
-        read_scene(named)  # imports
+        read_scene(named)  # warm-up of imports
         cost[n] = calls(lambda named=named: read_scene(named).case.text())
     assert cost[400] < 4.4 * cost[100]
     scene = read_scene(named)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Siting: each alignment has the numbers of a run with that line alone, and a barrier there leaves
-what the table says."""
+"""Siting: each alignment has the values of a run with only that line, and a barrier there reduces
+passing boulders as stated in the table."""
 
 import csv
 import gc
@@ -85,7 +85,7 @@ def test_numbers_are_those_of_a_run_with_that_line_alone(case, found):
 
 
 def test_a_barrier_there_leaves_what_is_said(case, found):
-    """Passed over, it goes on as it came; broken through, it is slower, so that fewer come."""
+    """Boulders that pass over are unchanged; those that break through are slower, so fewer come."""
     row = at(found, "road +160 m")
     net = {"name": "net", "x": ROAD["x"], "y": [340.0] * 2, "height": row["height_needed"],
            "class": int(row["ead_class"])}  # fmt: skip
@@ -97,7 +97,7 @@ def test_a_barrier_there_leaves_what_is_said(case, found):
 
 
 def test_what_passes_around_a_short_alignment_counts(case):
-    """Of those that come to the road, as far as they do not cross the short line before."""
+    """Boulders that reach the road without crossing the short line before."""
     short = [{"name": "short", "x": [140.0, 160.0], "y": [300.0, 300.0]}]
     result = rockfall.run(case.replace(line=[ROAD, *short]), **TERRAIN)
     comes, met = np.isfinite(at_lines(result)["line_time"].values)
@@ -194,8 +194,8 @@ def test_runs_in_turn_find_the_same(case, found):
 
 
 def test_lines_are_let_go_between_runs(case, monkeypatch):
-    """At any time there is one result; but that of the advised barrier is small, at the lines of
-    the case alone."""
+    """Only one result exists at a time, except the small result of the advised barrier, which has
+    only the lines of the case."""
     alive = []
 
     def counted(scene, **how):
@@ -213,7 +213,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
 
 
 def test_the_table_says_what_is_printed(case):
-    """Where rebounds are unconfirmed nothing is proven; the choice is that under them."""
+    """With unconfirmed rebounds nothing is proven; the choice applies under these rebounds."""
     ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
     about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
     found = site(ground, "road", max_bypass=1.0, **about, **TERRAIN)
@@ -243,7 +243,7 @@ def test_a_doubt_never_turns_a_refusal():
 
 
 def passing(result, name="road"):
-    """Fraction of the boulders that pass a line, without those that a barrier on it stops."""
+    """Fraction of boulders that pass a line, without boulders stopped by a barrier on it."""
     speeds = variant_line(result, name)["speed"]
     return np.mean(~np.isnan(speeds))
 
@@ -300,7 +300,7 @@ def test_frequencies_are_sums_over_scenarios_and_a_barrier_grows_until_they_are_
 
 
 def test_loads_and_frequencies_are_of_the_same_boulders(case):
-    """Those of the scenarios, by frequency: the rare large ones count little."""
+    """Boulders of the scenarios weighted by frequency: rare large boulders have little weight."""
     case, how = scenarios(case), {"every": 40.0, "to": 40.0, **TERRAIN}
     found = site(case, "road", **how)
     row = at(found, "road")

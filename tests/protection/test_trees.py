@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees: whom they stop, what they take, and that they change nothing where nobody hits one."""
+"""Trees: boulders that they stop, energy absorbed, and no effect on boulders that hit none."""
 
 import netCDF4
 import numpy as np
@@ -42,7 +42,7 @@ def run(case, **how):
 
 
 def listed(case, rows):
-    """The case with a list of trees: x, y, dbh, species."""
+    """Case with a list of trees: x, y, dbh, species."""
     text = "".join(",".join(map(str, row)) + "\n" for row in rows)
     (case.folder / "trees.csv").write_text("x,y,dbh,species\n" + text)
     return case.replace(forest={"trees": "trees.csv"})
@@ -59,7 +59,7 @@ def wooded(case):
 
 
 def test_a_forest_that_nobody_meets_changes_no_bit(case, bare):
-    """So trees draw from random numbers of their own, and the flight past them is the same."""
+    """Trees use separate random numbers, and flights past them are unchanged."""
     x, y = np.meshgrid(np.arange(200.0, 300.0, 3.0), np.arange(388.0, 398.0, 3.0))
     far = run(listed(case, [(*at, 60, "oak") for at in zip(x.flat, y.flat, strict=True)]))
     assert not far.trees_hit.any()
@@ -120,7 +120,7 @@ def test_maps_add_up_to_the_boulders(wooded):
 
 
 def test_hits_are_vertices_of_trajectories(case):
-    wooded = run(case.replace(forest=STAND, impact={"rest_angle": 90.0}))  # flights only
+    wooded = run(case.replace(forest=STAND, impact={"rest_angle": 90.0}))  # only flights
     number, vertices = np.unique(wooded.trajectory_boulder.values, return_counts=True)
     recorded = wooded.isel(boulder=number - 1)
     ends = np.isin(status(recorded), ["left_domain", "hit_nodata"])
@@ -153,7 +153,7 @@ def test_windows_of_the_terrain_change_nothing(case, tmp_path, memory):
 
 def test_who_flies_above_the_stems_passes_over(case, wooded):
     low = run(case.replace(forest=STAND | {"stem_height": 2.0}))
-    flying = case.replace(impact={"rest_angle": 90.0})  # who rolls hits every stem
+    flying = case.replace(impact={"rest_angle": 90.0})  # rolling boulders hit every stem
     assert np.nanmax(low.tree_impact_height_max.values) < 2.0
     assert 0 < low.trees_hit.sum() < wooded.trees_hit.sum()
     none = run(flying.replace(forest=STAND | {"stem_height": 1e-12}))
@@ -164,7 +164,7 @@ def test_who_flies_above_the_stems_passes_over(case, wooded):
 def test_trees_that_take_nothing_turn_boulders_and_never_stop_them(case):
     table = "species,genus,factor\nconifer,,1e-9\nbroadleaf,,1e-9\n"
     (case.folder / "weak.csv").write_text(table)
-    flying = case.replace(impact={"rest_angle": 90.0})  # who rolls is slower than stop_speed
+    flying = case.replace(impact={"rest_angle": 90.0})  # rolls are slower than stop_speed
     weak = run(flying.replace(forest=STAND | {"species_table": "weak.csv"}))
     assert "stopped_by_tree" not in status(weak)
     assert weak.trees_hit.sum() > 400
@@ -172,7 +172,7 @@ def test_trees_that_take_nothing_turn_boulders_and_never_stop_them(case):
 
 
 def test_a_turn_of_nothing_but_its_smallest_class(case, wooded):
-    """Weights of the classes are the user's."""
+    """Weights of the classes are given by the user."""
     ahead = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])
     straight = run(case.replace(forest=STAND | ahead))
     track = straight.trajectory_boulder.values
@@ -186,7 +186,7 @@ def test_a_turn_of_nothing_but_its_smallest_class(case, wooded):
 
 
 def test_a_net_in_the_forest(case):
-    """Both obstacles on the way of the same boulders; each takes its part."""
+    """Both obstacles are on the path of the same boulders; each absorbs its share."""
     both = run(case.replace(forest=STAND | {"uniform_stems": 150.0}, barrier=[NET]))
     names = set(status(both))
     assert {"stopped_by_tree", "stopped_by_barrier"} <= names

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs `rockfall` in forks of a process that has everything imported: to start it for each command
+"""Run `rockfall` in forks of a process with all imports, because starting Python for each command
 takes longer than the commands. Back-analyses are short, and hazards have no figures. Usage:
 forks.py SOCKET; prints a line when it is ready."""
 
@@ -21,7 +21,7 @@ from rockfall.studies.back import study
 
 
 def run(words, folder, env, streams):
-    """A command, as a process of its own would run it."""
+    """Run a command like a separate process."""
     for k, stream in enumerate(streams):
         os.dup2(stream, k)
     os.chdir(folder)

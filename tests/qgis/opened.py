@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run by the distribution's Python, with PyQGIS: opens a project, draws its map and its layouts.
-Prints one JSON object. Usage: opened.py PROJECT.qgz PICTURE, to which names are added."""
+"""Run by the distribution's Python with PyQGIS: opens a project, and draws its map and layouts.
+Prints one JSON object. Usage: opened.py PROJECT.qgz PICTURE; picture names are suffixed."""
 
 import json
 import os
@@ -25,7 +25,7 @@ bad = []
 
 
 class Handler(QgsProjectBadLayerHandler):
-    """Notes the layers that QGIS cannot find."""
+    """Records the layers that QGIS cannot find."""
 
     def handleBadLayers(self, layers):
         bad.extend(layers)
@@ -65,7 +65,7 @@ def drawn(chosen):
 
 
 def differing(one, other):
-    """Fraction of the dots that differ."""
+    """Fraction of differing pixels."""
     dots = [(x, y) for x in range(0, 400, 2) for y in range(0, 400, 2)]
     return sum(one.pixel(*at) != other.pixel(*at) for at in dots) / len(dots)
 
@@ -97,4 +97,4 @@ for k, layout in enumerate(project.layoutManager().printLayouts()):
         "foot_top": layout.itemById("scale").pos().y(),
     })  # fmt: skip
 print(json.dumps(answers), flush=True)
-os._exit(0)  # PyQGIS may crash while it is taken down
+os._exit(0)  # PyQGIS may crash during shutdown

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The provider of Processing: in QGIS the program gives what it gives without, and says the same.
-Tests that need QGIS are left out where there is none: `./run qgis` installs it."""
+"""Processing provider: results in QGIS equal those of the program, with the same messages. Tests
+that need QGIS are skipped without it: `./run qgis` installs it."""
 
 import importlib.util
 import json
@@ -26,11 +26,11 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 ROOT = Path(__file__).parents[2]
 PLUGIN = ROOT / "python/rockfall_qgis"
-# Debian's wrapper hands on an option of the desktop's that 3.22 refuses
+# Debian's wrapper passes on a desktop option that 3.22 refuses
 PROCESS = shutil.which("qgis_process.bin") or shutil.which("qgis_process")
-PYTHON = "/usr/bin/python3"  # for which the distribution has PyQGIS
+PYTHON = "/usr/bin/python3"  # PyQGIS of the distribution is for this Python
 W, N = 600000.0, 5000000.0
-#: A program that has tests/qgis/forks.py run what it is told.
+#: Program that passes its commands to tests/qgis/forks.py.
 CLIENT = """#!{python} -IS
 import json, os, socket, sys
 server = socket.socket(socket.AF_UNIX)
@@ -43,7 +43,7 @@ needs_qgis = pytest.mark.skipif(PROCESS is None, reason="no QGIS: see ./run qgis
 
 
 def load(path):
-    """A module of a file: the plugin is no part of the package."""
+    """Module from a file, because the plugin is not part of the package."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -55,7 +55,7 @@ def test_grounds_are_those_of_the_program():
 
 
 def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
-    """Nor what the environment says of another one, which would start the program with it."""
+    """Nor other environment variables that would start the program with the Python of QGIS."""
 
     class Feedback:
         def isCanceled(self):
@@ -75,7 +75,7 @@ def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with dem.tif, site.gpkg, and bin/rockfall: this package as a program."""
+    """Folder with dem.tif, site.gpkg, and bin/rockfall, which runs this package."""
     folder = tmp_path_factory.mktemp("site")
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster(folder / "dem.tif", z, nodata=-9999)
@@ -95,7 +95,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def qgis(site):
-    """Run a program of QGIS with a profile of its own; returns what it prints."""
+    """Run a QGIS program with a separate profile; return its output."""
     plugins = site / "profile/profiles/default/python/plugins"
     plugins.mkdir(parents=True)
     (plugins / PLUGIN.name).symlink_to(PLUGIN)
@@ -121,7 +121,7 @@ def qgis(site):
 
 @pytest.fixture(scope="module")
 def forked(site):
-    """A program like `bin/rockfall` that starts at once."""
+    """Program like `bin/rockfall` that starts at once."""
     module, path, program = Path(__file__).with_name("forks.py"), site / "socket", site / "forked"
     env = {**os.environ, "PYTHONPATH": str(Path(rockfall.__file__).parents[1])}
     command = [sys.executable, module, path]
@@ -135,7 +135,7 @@ def forked(site):
 
 @pytest.fixture(scope="module")
 def within(site, qgis, forked):
-    """What tests/qgis/within.py has seen."""
+    """Output of tests/qgis/within.py."""
     folder = site / "within"
     folder.mkdir()
     words = [Path(__file__).with_name("within.py"), PLUGIN.parent, site / "dem.tif", forked]
@@ -180,7 +180,7 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
     assert "30" in " ".join(energy[1:]) and all("kJ" in label for label in energy[1:])
     assert all(len(one) > 2 for one in loaded.values() if isinstance(one, list))
     shapes = {name: one["shapes"] for name, one in loaded.items() if isinstance(one, dict)}
-    assert (shapes["source_areas"], shapes["stops"]) == (2, 360)  # one a feature
+    assert (shapes["source_areas"], shapes["stops"]) == (2, 360)  # one per feature
     styles = {name: loaded[name]["type"] for name in shapes}
     assert styles["source_areas"] == styles["trajectories"] == "singleSymbol"
     assert styles["stops"] == "categorizedSymbol"
@@ -192,7 +192,7 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
 
 @pytest.fixture(scope="module")
 def opened(site, qgis):
-    """What tests/qgis/opened.py has seen of a project, which was moved elsewhere."""
+    """Output of tests/qgis/opened.py for a project that was moved."""
     folder, before = site / "opened", Path.cwd()
     folder.mkdir()
     os.chdir(folder)
@@ -243,8 +243,8 @@ def test_each_map_has_a_layout_that_prints(opened):
 def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
     seen, _ = opened
     ink = seen["ink"]
-    assert ink["all"] > 0.3  # of the picture
-    assert ink["Trajectories"] > 0.001  # of its colour, on top of all else
+    assert ink["all"] > 0.3  # fraction of the picture
+    assert ink["Trajectories"] > 0.001  # pixels of its colour, on top of everything else
     assert ink["Sources"] > 0.0005
 
 
@@ -315,7 +315,7 @@ def test_the_program_is_a_setting(within):
 
 
 class Feedback:
-    """As QGIS's: cancelled as soon as something is done."""
+    """Feedback like that of QGIS: cancelled as soon as something is done."""
 
     def __init__(self):
         self.progress, self.said = [], []

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run by the distribution's Python, with PyQGIS: what the provider does with layers of a project.
-Prints one JSON object. Usage: within.py FOLDER_OF_PLUGIN DEM PROGRAM, in an empty folder."""
+"""Run by the distribution's Python with PyQGIS: runs the provider on layers of a project. Prints
+one JSON object. Usage: within.py FOLDER_OF_PLUGIN DEM PROGRAM, in an empty folder."""
 
 import json
 import os
@@ -40,7 +40,7 @@ project = QgsProject.instance()
 
 
 def memory_layer(name, shapes, fields="", *values, kind="Polygon"):
-    """A layer of the project, of texts of geometries, or of boxes (x, y, x, y), in no file."""
+    """Project layer of geometries given as texts or boxes (x, y, x, y), not in a file."""
     layer = QgsVectorLayer(f"{kind}?crs=EPSG:32632&field=fid:integer{fields}", name, "memory")
     for shape in shapes:
         feature = QgsFeature(layer.fields())
@@ -54,7 +54,7 @@ def memory_layer(name, shapes, fields="", *values, kind="Polygon"):
 
 
 def run(name, **parameters):
-    """What an algorithm returns and has loaded, or the line with which it refuses."""
+    """Outputs and loaded layers of an algorithm, or the line with which it refuses."""
     context, feedback = QgsProcessingContext(), QgsProcessingFeedback(False)
     context.setProject(project)
     try:
@@ -66,7 +66,7 @@ def run(name, **parameters):
 
 
 def looks(layer):
-    """How a layer is drawn: labels of its classes; of shapes also how many there are."""
+    """Style of a layer: labels of its classes, and the number of shapes."""
     if not isinstance(layer, QgsRasterLayer):
         renderer = layer.renderer()
         labels = [item.label() for item in renderer.legendSymbolItems()]
@@ -146,4 +146,4 @@ answers["export"] = run("export", RESULT="protected/net.nc", FOLDER="whole", QGI
 answers["written"] = sorted(str(path) for path in Path().rglob("*") if path.is_file())
 answers["case"] = text
 print(json.dumps(answers), flush=True)
-os._exit(0)  # PyQGIS may crash while it is taken down
+os._exit(0)  # PyQGIS may crash during shutdown

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Classical rebounds in slow arithmetic, from the papers alone; velocities are V_t, V_n, W [m/s].
+"""Classical rebounds in slow arithmetic, only from the papers; velocities are V_t, V_n, W [m/s].
 
-It shares no code with the program; only the use of random words (rockfall_classical_rebound) is the
-kernel's.
+The module shares no code with the program; only the use of random words follows the kernel
+(rockfall_classical_rebound).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Triple = tuple[Decimal, Decimal, Decimal]
 
 
 class Scatter(NamedTuple):
-    """A normal number between two ends, drawn anew at each rebound."""
+    """Normal number between two limits, drawn at each rebound."""
 
     mean: float
     std: float = 0.0
@@ -27,10 +27,10 @@ class Scatter(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """What rebounds follow; None of all but the model: nothing of the kind."""
+    """Rebound model and its parameters; None except the model: parameter not used."""
 
     model: str
-    normal: Scatter = Scatter(0.0)  # R_n, or the half speed [m/s]
+    normal: Scatter = Scatter(0.0)  # R_n, or half speed [m/s]
     tangential: Scatter = Scatter(0.0)
     friction_angle: float = 0.0  # [degree]
     soil_density: float = 1800.0
@@ -40,7 +40,7 @@ class Ground(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """How random words become numbers."""
+    """Conversion of random words to numbers."""
 
     normal: Callable[[int], Decimal]
     uniform: Callable[[int], Decimal]
@@ -53,7 +53,7 @@ def exact(number: float) -> Decimal:
 
 @functools.cache
 def words_within(scatter: Scatter, normal: Callable[[int], Decimal]) -> tuple[int, int]:
-    """The first random word whose normal number lies within the ends, and the first beyond."""
+    """First random word whose normal number is within the limits, and first word beyond."""
     mean, std = exact(scatter.mean), exact(scatter.std)
 
     def first(rule: Callable[[Decimal], bool]) -> int:
@@ -68,7 +68,7 @@ def words_within(scatter: Scatter, normal: Callable[[int], Decimal]) -> tuple[in
 
 
 def drawn(scatter: Scatter, word: int, numbers: Numbers) -> Decimal:
-    """The number of a word: the words of all draws are spread over those within the ends."""
+    """Number for a word: the words of all draws are spread over the words within the limits."""
     mean = exact(scatter.mean)
     if not scatter.std:
         return mean
@@ -83,7 +83,7 @@ def outgoing(
     ground: Ground, words: list[int], tilt: Decimal, radius: Decimal, mass: Decimal,
     rocks: Decimal, v: Triple, numbers: Numbers,
 ) -> Triple:  # fmt: skip
-    """On ground tilted against the way: in its own axes, t' and n', and back."""
+    """Rebound on ground tilted against the motion: into its axes t', n', and back."""
     degrees = exact(ground.roughness_angle) * tilt
     c, s = numbers.cosine_sine(degrees * PI / 180)
     t, n = (c, s), (-s, c)  # along V_t and V_n
@@ -98,7 +98,7 @@ def on_even_ground(
     ground: Ground, words: list[int], radius: Decimal, mass: Decimal, rocks: Decimal, v: Triple,
     numbers: Numbers,
 ) -> Triple:  # fmt: skip
-    """After one rebound among obstacles as high as `rocks`, before anything is limited."""
+    """Velocity after a rebound among obstacles of height `rocks`, before limits."""
     a = drawn(ground.normal, words[0], numbers)
     b = drawn(ground.tangential, words[1], numbers)
     if ground.model == "constant":
@@ -121,8 +121,8 @@ def on_even_ground(
 
 
 def thrown(ground: Ground, radius: Decimal, pull: Decimal, v: Triple) -> Triple:
-    """As far as a boulder rolls from obstacle to obstacle, without more energy: V_t V_n = pull
-    length/2 with V_t >= V_n, or as it was where that cannot be or needs not be."""
+    """Velocity with which a boulder hops from obstacle to obstacle, with unchanged energy: V_t V_n
+    = pull length/2 with V_t >= V_n. Unchanged if this is impossible or not needed."""
     product = pull * exact(ground.min_hop) * radius / 2
     square = v[0] ** 2 + v[1] ** 2
     if not product or square <= 2 * product:
@@ -135,7 +135,7 @@ def thrown(ground: Ground, radius: Decimal, pull: Decimal, v: Triple) -> Triple:
 def _penetration(
     radius: Decimal, mass: Decimal, density: Decimal, r_n: Decimal, v: Triple
 ) -> Decimal:
-    """Pichler et al. (2005), both branches, and at most the radius."""
+    """Pichler et al. (2005), both branches, limited to the radius."""
     d, nose = 2 * radius, Decimal("0.707")
     speed2 = v[0] ** 2 + v[1] ** 2
     impact = mass * speed2 / (Decimal(55) * 10**9 * r_n**7 * d**3)
@@ -148,8 +148,8 @@ def _penetration(
 
 
 def _bourrier_hungr(half: Decimal, r_t: Decimal, friction: Decimal, v: Triple) -> Triple:
-    """By impulse: the ground pushes against the sliding, as hard as it takes to stop it, or as
-    friction lets it."""
+    """By impulses: friction acts against sliding, up to the impulse that stops it, or up to its
+    limit."""
     r_n = half / (abs(v[1]) + half)
     forward, rolling = r_t * v[0], r_t * v[2]
     largest = friction * (1 + r_n) * abs(v[1])  # impulse over mass

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One boulder in slow arithmetic of 50 digits, from the model alone: a judge for the kernel.
+"""Single boulders in slow 50-digit arithmetic, only from the model: a reference for the kernel.
 
-It shares no code with the program, and takes the doubles of a scene as the exact numbers that they
-are; so an error of the kernel is the whole difference. Where the kernel is quick it is naive: each
-patch has its quadratic in the time since the flight's start, solved by the school's formula. Only
-what a random number is, is the kernel's: the layout of the random words and the quintic pieces of
-the normal quantile (rockfall_random, rockfall_impact, rockfall_draws).
+The module shares no code with the program and treats the doubles of a scene as exact numbers, so
+that differences are errors of the kernel. It is simple where the kernel is fast: each patch has a
+quadratic in the time since the start of the flight, solved by the textbook formula. Only random
+numbers are defined as in the kernel: the layout of random words and the quintic pieces of the
+normal quantile (rockfall_random, rockfall_impact, rockfall_draws).
 """
 
 from __future__ import annotations
@@ -26,54 +26,54 @@ import numpy as np
 
 import classical
 
-decimal.getcontext().prec = 50  # of all that this module reckons
+decimal.getcontext().prec = 50  # precision of all calculations in this module
 RELEASE, IMPACT, GROUND = 1, 2, 5  # purposes of random words
-INERTIA = Decimal("0.4")  # of a sphere, over m R**2
+INERTIA = Decimal("0.4")  # I/(m R**2) of a sphere
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
-DRAWS = 32  # of A, before one is forced
-ALONG = Decimal("1e-9")  # a heading this near to the aspect lies along it
-PERCENT = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100)  # of the quantiles of `lateral`
+DRAWS = 32  # draws of A before a rebound is forced
+ALONG = Decimal("1e-9")  # a heading this close to the aspect counts as along it
+PERCENT = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100)  # probabilities for `lateral`
 ZERO, ONE, HALF = Decimal(0), Decimal(1), Decimal("0.5")
-SMALLEST = Decimal("1e-52")  # term of a series
+SMALLEST = Decimal("1e-52")  # smallest term of a series
 Pair = tuple[Decimal, Decimal]
 Triple = tuple[Decimal, Decimal, Decimal]
 
 
-@dataclass(eq=False)  # and so can be a key of what is reckoned once
+@dataclass(eq=False)  # usable as a key for results computed once
 class World:
-    """What a boulder meets. Lengths in m; x east, y north from the south-western cell centre."""
+    """Scene of a boulder. Lengths in m; x east, y north from the south-western cell centre."""
 
-    z: np.ndarray  # (ny, nx), row 0 the northernmost, NaN = no data
+    z: np.ndarray  # (ny, nx) elevations, row 0 the northernmost, NaN = no data
     cell: float
-    mean: np.ndarray  # (5, 9): of a1..a9 for R_b/R_m = 1..5
-    covariance: np.ndarray  # (5, 9, 9); with the noise positive definite or zero
+    mean: np.ndarray  # (5, 9) means of a1..a9 for R_b/R_m = 1..5
+    covariance: np.ndarray  # (5, 9, 9) covariances; with the noise positive definite or zero
     sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
     sources: list[tuple[float, float]]
-    between: bool = False  # ratios, or else the nearest
+    between: bool = False  # between ratios; False: the nearest
     turning: str = "past_aspect"  # or to_aspect, or lab, which needs
-    incidence: np.ndarray | None = None  # (5, 8): between the classes of `lateral` [degree]
-    lateral: np.ndarray | None = None  # (5, 9, 13): quantiles of the lateral deviation [degree]
-    noise: np.ndarray | None = None  # (5, 3, 3): covariance of that of an impact
-    boulders: int = 1  # from each source; by area from each flat one
+    incidence: np.ndarray | None = None  # (5, 8) limits between the classes of `lateral` [degree]
+    lateral: np.ndarray | None = None  # (5, 9, 13) quantiles of the lateral deviation [degree]
+    noise: np.ndarray | None = None  # (5, 3, 3) covariances of the noise of an impact
+    boulders: int = 1  # from each source; by area from each level source
     by_area: bool = False
     reading: float = 0.5  # method A: R_m over Rg
     seed: int = 1
     drop: float = 0.0
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     law: str = "normal"
-    volume: tuple[float, ...] = (1.0, 0.0)  # mean and deviation; or least and most; or the list
+    volume: tuple[float, ...] = (1.0, 0.0)  # mean and std; or minimum and maximum; or the list
     gravity: float = 9.81
     stop_speed: float = 0.5
     impact_limit: int = 100_000
-    lines: list[list[tuple[float, float]]] = field(default_factory=list)  # vertices of each
-    grounds: list[classical.Ground | None] = field(default_factory=list)  # None: the sets
-    ground: np.ndarray | None = None  # (ny, nx): index of these, where there are any
+    lines: list[list[tuple[float, float]]] = field(default_factory=list)  # vertices of each line
+    grounds: list[classical.Ground | None] = field(default_factory=list)  # None: impact sets
+    ground: np.ndarray | None = None  # (ny, nx) index of the ground, if there are several
     density: float = 2800.0
-    folded: np.ndarray = field(init=False)  # (5, 9, 9): the covariances with the noise
-    covariances: list[list[list[Decimal]]] = field(init=False)  # the same
+    folded: np.ndarray = field(init=False)  # (5, 9, 9) covariances including the noise
+    covariances: list[list[list[Decimal]]] = field(init=False)  # same, as decimals
     means: list[list[Decimal]] = field(init=False)
-    last: list[int] = field(init=False)  # boulder of each source
+    last: list[int] = field(init=False)  # last boulder of each source
 
     def __post_init__(self) -> None:
         noise = np.zeros((5, 3, 3)) if self.noise is None else self.noise
@@ -84,20 +84,20 @@ class World:
 
 
 class Doubt:
-    """How near the closest decision came to being the other one, as a share of what it compares."""
+    """Relative margin of the closest decision to the opposite one."""
 
     def __init__(self) -> None:
         self.least = math.inf
 
     def above(self, value: Decimal, scale: Decimal) -> bool:
-        """Whether a value is above zero."""
+        """Return whether a value is above zero."""
         if scale:
             self.least = min(self.least, float(abs(value) / scale))
         return value > 0
 
 
 class Patch(NamedTuple):
-    """z = z00 + a u + b w + c u w, u and w in 0..1; node (i, j) from 0 is the south-western one."""
+    """Patch z = z00 + a u + b w + c u w, u and w in 0..1; node (i, j), from 0, south-western."""
 
     i: int
     j: int
@@ -113,39 +113,39 @@ class Patch(NamedTuple):
         return (self.a + self.c * w) / cell, (self.b + self.c * u) / cell
 
     def steepest(self, cell: float) -> float:
-        """Bound of |dz/dx| + |dz/dy|."""
+        """Upper bound of |dz/dx| + |dz/dy|."""
         return float(abs(self.a) + abs(self.b) + 2 * abs(self.c)) / cell
 
 
 class State(NamedTuple):
-    """A boulder as it leaves its release or a contact."""
+    """State of a boulder that leaves its release or a contact."""
 
     x: Decimal
     y: Decimal
-    above: Decimal  # the surface; 0 after a contact
+    above: Decimal  # height above the surface; 0 after a contact
     v: Triple
     spin: Decimal = ZERO  # W with respect to the heading
-    heading: Pair = (ZERO, ZERO)  # of the tangential velocity after the last rebound
-    patch: Patch | None = None  # that it falls upon, of those that meet below; None: by `place`
+    heading: Pair = (ZERO, ZERO)  # direction of the tangential velocity after the last rebound
+    patch: Patch | None = None  # patch below the boulder, if several meet; None: from `place`
 
 
 class Landing(NamedTuple):
-    """The end of a flight: the first contact, or where it left the known terrain."""
+    """End of a flight: the first contact, or the exit from the known terrain."""
 
     contact: bool
-    time: Decimal  # of flight
+    time: Decimal  # flight time
     x: Decimal
     y: Decimal
     z: Decimal
     v: Triple
-    patch: Patch  # the last one under it
-    highest: Decimal  # above the surface, on the way
-    steepest: float  # of the patches on the way, as in Patch
-    beyond: str  # the status of a boulder that has no contact
+    patch: Patch  # last patch below the flight
+    highest: Decimal  # maximum height above the surface
+    steepest: float  # bound over the patches below, as in Patch
+    beyond: str  # status of a boulder without a contact
 
 
 class Rebound(NamedTuple):
-    """What came of a contact: incoming and outgoing are (V_t, V_n, W)."""
+    """Result of a contact: incoming and outgoing are (V_t, V_n, W)."""
 
     incoming: Triple
     outgoing: Triple
@@ -153,11 +153,11 @@ class Rebound(NamedTuple):
     spin: Decimal  # W with respect to the heading
     heading: Pair
     ratio: Decimal
-    weight: float  # how much outgoing changes with incoming, at most: scale of its rounding errors
+    weight: float  # maximum sensitivity of outgoing to incoming: scale of rounding errors
 
 
 class Contact(NamedTuple):
-    """A flight and its end; `status` is empty while the boulder goes on."""
+    """Flight and its end; `status` is empty while the boulder continues."""
 
     landing: Landing
     rebound: Rebound | None
@@ -166,9 +166,9 @@ class Contact(NamedTuple):
 
 
 class Crossing(NamedTuple):
-    """A boulder at an evaluation line."""
+    """State of a boulder at an evaluation line."""
 
-    time: Decimal  # since the flight's start
+    time: Decimal  # time since the start of the flight
     x: Decimal
     y: Decimal
     v: Triple
@@ -181,7 +181,7 @@ class Crossing(NamedTuple):
 
 
 def exact(number) -> Decimal:
-    """A float as it is, digit by digit."""
+    """Float as an exact decimal."""
     return Decimal(float(number))
 
 
@@ -195,7 +195,7 @@ def length(v) -> Decimal:
 
 
 def cosine_sine(angle: Decimal) -> Pair:
-    """By their series."""
+    """Cosine and sine by their series."""
     total, term, n = [ONE, ZERO], ONE, 0
     while abs(term) > SMALLEST or n < 2:
         n += 1
@@ -205,12 +205,12 @@ def cosine_sine(angle: Decimal) -> Pair:
 
 
 def quantile(tail: Decimal) -> Decimal:
-    """The standard normal number that is exceeded with probability `tail` <= 1/2, by Newton."""
+    """Standard normal number exceeded with probability `tail` <= 1/2, by Newton's method."""
     x = exact(-NormalDist().inv_cdf(float(tail)))
     for _ in range(3):
         density = (-x * x / 2).exp() / (2 * PI).sqrt()
         term, middle, n = x, x, 1
-        while term > Decimal("1e-55"):  # of Phi(x) - 1/2 over the density
+        while term > Decimal("1e-55"):  # series of Phi(x) - 1/2 over the density
             n += 2
             term *= x * x / n
             middle += term
@@ -220,7 +220,7 @@ def quantile(tail: Decimal) -> Decimal:
 
 @functools.cache
 def piece(octave: int, eighth: int) -> tuple[list[Decimal], list[Decimal]]:
-    """Chebyshev points of an eighth of an octave, and divided differences of the quantile there."""
+    """Chebyshev points in an eighth of an octave, and divided differences of the quantile there."""
     middle = 1 + (eighth + HALF) / 8
     nodes = [middle + cosine_sine((2 * k + 1) * PI / 12)[0] / 16 for k in range(6)]
     found = [quantile(node * Decimal(2) ** (octave - 33)) for node in nodes]
@@ -231,9 +231,9 @@ def piece(octave: int, eighth: int) -> tuple[list[Decimal], list[Decimal]]:
 
 
 def normal(word: int) -> Decimal:
-    """The standard normal number of a word: the quintic through the quantile at six points."""
+    """Standard normal number of a word: quintic through the quantile at six points."""
     side = 2 * word + 1 - 2**32
-    tail = 2**32 - abs(side)  # of 2**33
+    tail = 2**32 - abs(side)  # tail times 2**33
     octave = tail.bit_length() - 1
     nodes, differences = piece(octave, (8 * tail >> octave) % 8)
     share = tail / Decimal(2**octave)
@@ -244,7 +244,7 @@ def normal(word: int) -> Decimal:
 
 
 def cholesky(c: list[list[Decimal]]) -> list[list[Decimal]]:
-    """Lower triangular L with L L^T = c, which is definite or zero; needs its lower half alone."""
+    """Lower triangular L with L L^T = c, definite or zero; only the lower half of c is used."""
     root = [[ZERO] * len(c) for _ in c]
     if not any(map(any, c)):
         return root
@@ -259,7 +259,7 @@ def cholesky(c: list[list[Decimal]]) -> list[list[Decimal]]:
 
 
 def philox(counter: list[int], seed: int) -> list[int]:
-    """Philox4x32-10 (Salmon et al. 2011), with whole numbers of any size."""
+    """Philox4x32-10 (Salmon et al. 2011), with integers of any size."""
     key = [seed & LOW, seed >> 32]
     for _ in range(10):
         a, b = 0xD2511F53 * counter[0], 0xCD9E8D57 * counter[2]
@@ -269,18 +269,18 @@ def philox(counter: list[int], seed: int) -> list[int]:
 
 
 def words(world: World, purpose: int, boulder: int, impact: int, draw: int) -> list[int]:
-    """The four random words of a draw."""
+    """Four random words of a draw."""
     return philox([boulder & LOW, boulder >> 32, impact, purpose << 24 | draw], world.seed)
 
 
 def uniform(word: int) -> Decimal:
-    """In (0, 1)."""
+    """Uniform number in (0, 1)."""
     return (word + HALF) / 2**32
 
 
 NUMBERS = classical.Numbers(normal, uniform, cosine_sine)
-#: How much a classical rebound may enlarge an error of the incoming velocity, at most: shares of
-#: the energy fall with speed, and with W - V_t, by less than their own size over a doubling.
+#: Maximum amplification of velocity errors in a classical rebound: energy fractions fall with speed
+#: and W - V_t, by less than their own size per doubling.
 CLASSICAL_WEIGHT = 4.0
 
 
@@ -288,20 +288,20 @@ CLASSICAL_WEIGHT = 4.0
 
 
 def node(world: World, i: int, j: int) -> float:
-    """Elevation of column i from the west, row j from the south, from 0; NaN outside."""
+    """Elevation of column i from the west, row j from the south, counted from 0; NaN outside."""
     ny, nx = world.z.shape
     return float(world.z[ny - 1 - j, i]) if 0 <= i < nx and 0 <= j < ny else math.nan
 
 
 def on_raster(world: World, i: int, j: int) -> bool:
-    """Whether a patch lies between the outer cell centres."""
+    """Return whether a patch lies between the outer cell centres."""
     ny, nx = world.z.shape
     return 0 <= i < nx - 1 and 0 <= j < ny - 1
 
 
 @functools.cache
 def patch(world: World, i: int, j: int) -> Patch | None:
-    """None beside nodata and beyond the edge."""
+    """Patch (i, j); None next to nodata and beyond the edge."""
     corners = [node(world, i + k % 2, j + k // 2) for k in range(4)]
     if any(map(math.isnan, corners)):
         return None
@@ -310,7 +310,7 @@ def patch(world: World, i: int, j: int) -> Patch | None:
 
 
 def place(world: World, x: Decimal, y: Decimal) -> tuple[Patch, Decimal, Decimal]:
-    """The known patch at a point, of several the north-eastern one, and the place in it."""
+    """Known patch at a point (the north-eastern of several), and the position in the patch."""
     u, w = x / exact(world.cell), y / exact(world.cell)
     i, j = math.floor(u), math.floor(w)
     for near in ((i, j), (i - (u == i), j), (i, j - (w == j)), (i - (u == i), j - (w == j))):
@@ -320,7 +320,7 @@ def place(world: World, x: Decimal, y: Decimal) -> tuple[Patch, Decimal, Decimal
 
 
 def meeting(world: World, x: Decimal, y: Decimal, near: Decimal) -> list[Patch]:
-    """The known patches at a point: several where it is as near to their sides [cells]."""
+    """Known patches at a point: several if it is this near to their sides [cells]."""
     u, w = x / exact(world.cell), y / exact(world.cell)
     columns, rows = ({math.floor(p - near), math.floor(p + near)} for p in (u, w))
     found = [patch(world, i, j) for i in sorted(columns) for j in sorted(rows)]
@@ -328,15 +328,15 @@ def meeting(world: World, x: Decimal, y: Decimal, near: Decimal) -> list[Patch]:
 
 
 def surface(world: World, x: Decimal, y: Decimal) -> Decimal:
-    """Elevation of a point."""
+    """Elevation at a point."""
     found, u, w = place(world, x, y)
     return found.height(u, w)
 
 
 @functools.cache
 def horn(world: World, column: int, row: int) -> tuple[Pair, bool] | None:
-    """Downhill vector of a raster cell (Horn 1981), and whether it is a pit; row from the north.
-    None where the window is incomplete."""
+    """Downhill vector of a raster cell (Horn 1981), and whether the cell is a pit; row from the
+    north. None if the window is incomplete."""
     ny, nx = world.z.shape
     if not (0 < column < nx - 1 and 0 < row < ny - 1):
         return None
@@ -350,7 +350,7 @@ def horn(world: World, column: int, row: int) -> tuple[Pair, bool] | None:
 
 
 def nearest_cell(world: World, at: Patch, u: Decimal, w: Decimal, doubt: Doubt) -> tuple[int, int]:
-    """Column and row from the north of the cell round a place in a patch."""
+    """Column and row, from the north, of the cell nearest to a position in a patch."""
     column = at.i + (doubt.above(u - HALF, ONE) or u == HALF)
     return column, world.z.shape[0] - 1 - at.j - (doubt.above(w - HALF, ONE) or w == HALF)
 
@@ -359,7 +359,7 @@ def nearest_cell(world: World, at: Patch, u: Decimal, w: Decimal, doubt: Doubt) 
 
 
 def last_boulders(world: World) -> list[int]:
-    """The last boulder of each source."""
+    """Last boulder of each source."""
     if not world.by_area:
         return [world.boulders * (k + 1) for k in range(len(world.sources))]
     total, last = ZERO, []
@@ -373,13 +373,13 @@ def last_boulders(world: World) -> list[int]:
 
 
 def source_of(world: World, number: int) -> tuple[int, int]:
-    """The source of a boulder, and which of its boulders it is, both from 0."""
+    """Source of a boulder, and the boulder's index within the source, both from 0."""
     source = next(k for k, last in enumerate(world.last) if number <= last)
     return source, number - 1 - (world.last[source - 1] if source else 0)
 
 
 def volume(world: World, number: int) -> Decimal:
-    """By the law; a normal one above zero."""
+    """Volume from its distribution; a normal volume is redrawn until positive."""
     first = words(world, RELEASE, number, 0, 0)[0]
     values = [exact(value) for value in world.volume]
     if world.law == "list":
@@ -407,7 +407,7 @@ def radius(world: World, number: int) -> Decimal:
 
 
 def release(world: World, number: int) -> State:
-    """Above its source, at rest or with the velocity of the release."""
+    """State at the release: above the source, at rest or with the release velocity."""
     x, y = world.sources[source_of(world, number)[0]]
     return State(exact(x), exact(y), exact(world.drop), tuple(map(exact, world.velocity)))
 
@@ -416,7 +416,7 @@ def release(world: World, number: int) -> State:
 
 
 def sides(start: Decimal, speed: Decimal) -> Iterator[Decimal]:
-    """Times at which a coordinate, in cells, comes to the side of a patch, one by one."""
+    """Times at which a coordinate, in cells, reaches the sides of patches, one by one."""
     if not speed:
         return
     step = 1 if speed > 0 else -1
@@ -426,7 +426,7 @@ def sides(start: Decimal, speed: Decimal) -> Iterator[Decimal]:
 
 
 def fly(world: World, state: State, doubt: Doubt) -> Landing:
-    """The first contact of a flight, or where it leaves the known terrain."""
+    """First contact of a flight, or its exit from the known terrain."""
     cell, gravity = exact(world.cell), exact(world.gravity)
     u, w = state.x / cell, state.y / cell
     p, q, rise = state.v[0] / cell, state.v[1] / cell, state.v[2]
@@ -434,7 +434,7 @@ def fly(world: World, state: State, doubt: Doubt) -> Landing:
     begin, highest, found, beyond = ZERO, state.above, None, ""
     at = state.patch or place(world, state.x, state.y)[0]
     steepest = at.steepest(world.cell)
-    if not p and not q:  # it falls upon the patch below, whose sides may be near
+    if not p and not q:  # it falls onto the patch below, whose sides may be near
         doubt.least = float(min(abs(c - round(c)) for c in (u, w)))
     for end in heapq.merge(sides(u, p), sides(w, q), [Decimal("Infinity")]):
         if end == begin:
@@ -472,7 +472,7 @@ def value(above: Triple, t: Decimal) -> Decimal:
 def first_root(
     above: Triple, begin: Decimal, end: Decimal, grounded: bool, scale: Decimal, doubt: Doubt
 ) -> Decimal | None:
-    """When the height over a patch, a quadratic in time, first goes below zero."""
+    """First time at which the height over a patch, quadratic in time, becomes negative."""
     _, rate, bend = above
     finite = end.is_finite()
     vertex = -rate / (2 * bend) if bend else None
@@ -497,7 +497,7 @@ def first_root(
 
 
 def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
-    """The first root after `begin` where the quadratic falls."""
+    """First root after `begin` at which the quadratic decreases."""
     base, rate, bend = above
     if value(above, begin) <= 0 and rate + 2 * bend * begin < 0:
         return begin
@@ -506,12 +506,12 @@ def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
     under = rate * rate - 4 * bend * base
     if under < 0:
         return None
-    found = (-rate - under.sqrt()) / (2 * bend)  # the slope there is minus the root
+    found = (-rate - under.sqrt()) / (2 * bend)  # the slope there is minus the square root
     return found if found >= begin else None
 
 
 def top(above: Triple, begin: Decimal, end: Decimal) -> Decimal:
-    """Greatest value in a span."""
+    """Maximum value in a span."""
     found = max(value(above, begin), value(above, end))
     if above[2] < 0 and begin < (vertex := -above[1] / (2 * above[2])) < end:
         found = max(found, value(above, vertex))
@@ -537,7 +537,7 @@ def _area_sinh(s: Decimal) -> Decimal:
 
 
 def rock_radius(world: World, column: int, row: int, word: int) -> Decimal:
-    """R_m under a contact; Infinity absorbs."""
+    """R_m at a contact; Infinity means absorbing."""
     if len(world.sizes) == 1:
         return exact(world.sizes[0, row, column])
     share = uniform(word)
@@ -550,7 +550,7 @@ def energy(v: Triple) -> Decimal:
     return v[0] ** 2 + v[1] ** 2 + INERTIA * v[2] ** 2
 
 
-@functools.lru_cache(maxsize=1)  # of the draws of an impact, and of how they grow
+@functools.lru_cache(maxsize=1)  # cache for the draws of an impact and their sensitivity
 def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], list[list[Decimal]]]:
     """Mean of A V for a normal A, and the root of its covariance."""
     c = world.covariances[k]
@@ -564,13 +564,13 @@ def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], lis
 
 
 def draw_outgoing(world: World, k: int, v: Triple, z: list[Decimal]) -> Triple:
-    """A V of three normal numbers."""
+    """A V from three normal numbers."""
     mean, root = law_of_outgoing(world, k, v)
     return tuple(m + dot(row, z) for m, row in zip(mean, root, strict=True))
 
 
 def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
-    """How much A V changes with V at most, and its own size."""
+    """Maximum sensitivity of A V to V, and the size of A V."""
     mean, root = law_of_outgoing(world, k, v)
     scale = max(map(abs, v)) or ONE
     small = scale * Decimal("1e-20")
@@ -586,7 +586,7 @@ def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
 
 
 def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) -> int:
-    """The set that serves a ratio R_b/R_m, from 0."""
+    """Impact set for a ratio R_b/R_m, from 0."""
     if world.between:
         word = words(world, GROUND, number, hit, 0)[1]
         lower = min(Decimal(5), max(ONE, ratio)) // 1
@@ -599,7 +599,7 @@ def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) ->
 def impact(
     world: World, number: int, hit: int, k: int, v_in: Triple, doubt: Doubt
 ) -> tuple[Triple, float]:
-    """(V_t, V_n, W) after the stochastic impact by set k, and how it grows with the incoming."""
+    """(V_t, V_n, W) after the impact by set k, and its sensitivity to the incoming velocity."""
     before = energy(v_in)
     for draw in range(DRAWS):
         z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:3]]
@@ -612,7 +612,7 @@ def impact(
 
 
 def limited(v_in: Triple, v: Triple) -> Triple:
-    """Off the ground, without more energy than before."""
+    """Limited rebound: leaves the ground, with no more energy than before."""
     if v[1] <= 0:
         v = v[0], length(v_in[:2]) / 100, v[2]
     if energy(v) > energy(v_in):
@@ -621,7 +621,7 @@ def limited(v_in: Triple, v: Triple) -> Triple:
 
 
 def turn(u: Decimal) -> Decimal:
-    """By how many degrees a boulder turns: the printed classes, each even."""
+    """Angle of a turn [degrees]: the printed classes, each uniform."""
     for below, above, low, high in (("0.96", 1, 45, 50), ("0.72", "0.96", "22.5", 45)):
         if u >= Decimal(below):
             within = (u - Decimal(below)) / (Decimal(above) - Decimal(below))
@@ -630,7 +630,7 @@ def turn(u: Decimal) -> Decimal:
 
 
 def lateral_deviation(world: World, k: int, v_in: Triple, u: Decimal, doubt: Doubt) -> Decimal:
-    """By how many degrees it turns in the laboratory, for its incidence angle."""
+    """Angle of a turn [degrees] in the laboratory, for an incidence angle."""
     class_ = 0
     for degrees in world.incidence[k]:
         c, s = cosine_sine(exact(degrees) * PI / 180)
@@ -643,7 +643,7 @@ def lateral_deviation(world: World, k: int, v_in: Triple, u: Decimal, doubt: Dou
 
 
 def left_of(heading: Pair, downhill: Pair, doubt: Doubt) -> int:
-    """Whether the aspect lies to the left (1) or right (-1) of the heading, or along it (0)."""
+    """Side of the aspect relative to the heading: left (1), right (-1), or along it (0)."""
     across = heading[0] * downhill[1] - heading[1] * downhill[0]
     sine = across / length(downhill) if any(downhill) else ZERO
     if not doubt.above(abs(sine) - ALONG, ONE):
@@ -652,13 +652,13 @@ def left_of(heading: Pair, downhill: Pair, doubt: Doubt) -> int:
 
 
 def rotated(heading: Pair, degrees: Decimal) -> Pair:
-    """Anticlockwise."""
+    """Rotate a vector anticlockwise."""
     c, s = cosine_sine(degrees * PI / 180)
     return c * heading[0] - s * heading[1], s * heading[0] + c * heading[1]
 
 
 def wandered(heading: Pair, downhill: Pair, within: Decimal, doubt: Doubt) -> Pair:
-    """Upslope: within 22.5 degrees of the heading before; angles count towards the descent."""
+    """Heading upslope: within 22.5 degrees of the old one; angles count towards the descent."""
     across = heading[0] * downhill[1] - heading[1] * downhill[0]
     right = not doubt.above(across, length(downhill)) and across < 0
     degrees = Decimal("22.5") * (2 * within - 1)
@@ -668,7 +668,7 @@ def wandered(heading: Pair, downhill: Pair, within: Decimal, doubt: Doubt) -> Pa
 def turned(
     heading: Pair, downhill: Pair, degrees: Decimal, past: bool, odd: int, doubt: Doubt
 ) -> Pair:
-    """Towards the aspect, past it or at most to it; where it lies along it, to either side."""
+    """Heading turned towards the aspect, past it or at most to it; to either side if along it."""
     if not past:
         aspect = tuple(d / length(downhill) for d in downhill)
         cosine = cosine_sine(degrees * PI / 180)[0]
@@ -681,7 +681,7 @@ def turned(
 def deviated(
     heading: Pair, downhill: Pair, up: Triple, degrees: Decimal, odd: int, doubt: Doubt
 ) -> Pair:
-    """To either side, about the normal of the patch: by the formula of Rodrigues."""
+    """Heading turned to either side about the normal of the patch, by the formula of Rodrigues."""
     side = (1 if odd else -1) * (left_of(heading, downhill, doubt) or 1)
     c, s = cosine_sine(side * degrees * PI / 180)
     ahead = (*heading, -(up[0] * heading[0] + up[1] * heading[1]) / up[2])
@@ -691,7 +691,7 @@ def deviated(
 
 
 def any_heading(within: Decimal) -> Pair:
-    """On the circle, for a vertical impact where nothing descends: from the south-east on."""
+    """Heading on the circle, for a vertical impact without descent, starting in the south-east."""
     quarter = math.floor(4 * within)
     c, s = cosine_sine((4 * within - quarter - HALF) * PI / 2)
     for _ in range(quarter):
@@ -702,7 +702,7 @@ def any_heading(within: Decimal) -> Pair:
 def bounce(
     world: World, number: int, hit: int, state: State, landing: Landing, doubt: Doubt
 ) -> Rebound | None:
-    """What comes of a contact; None: absorbed."""
+    """Result of a contact; None if absorbed."""
     cell, at = exact(world.cell), landing.patch
     u, w = landing.x / cell - at.i, landing.y / cell - at.j
     column, row = nearest_cell(world, at, u, w, doubt)
@@ -726,7 +726,7 @@ def bounce(
         heading = tuple(a / length(along[:2]) for a in along[:2])
     spin = state.spin
     if any(state.heading) and any(heading) and doubt.above(-dot(heading, state.heading), ONE):
-        spin = -spin  # it rolls backwards as seen from where it goes now
+        spin = -spin  # relative to the new heading, it rolls backwards
     v_in = (length(along), min(ZERO, normal_speed), spin)
     ratio = radius(world, number) / rock if rock else Decimal(10**9)
     k = set_of(world, number, hit, ratio, doubt)
@@ -771,7 +771,7 @@ def bounce(
 
 
 def step(world: World, number: int, hit: int, state: State) -> Contact:
-    """The flight from a state to contact number `hit`, and what came of it."""
+    """Flight from a state to contact number `hit`, and the result of the contact."""
     doubt = Doubt()
     landing = fly(world, state, doubt)
     if not landing.contact:
@@ -787,13 +787,13 @@ def step(world: World, number: int, hit: int, state: State) -> Contact:
 
 
 def leave(contact: Contact) -> State:
-    """The state after a contact."""
+    """State after a contact."""
     hit = contact.rebound
     return State(contact.landing.x, contact.landing.y, ZERO, hit.velocity, hit.spin, hit.heading)
 
 
 def follow(world: World, number: int) -> Iterator[Contact]:
-    """The contacts of a boulder, one by one, to its end."""
+    """Contacts of a boulder, one by one, to its end."""
     state = release(world, number)
     for hit in count(1):
         contact = step(world, number, hit, state)
@@ -813,7 +813,7 @@ def _cross(o, a, b) -> Decimal:
 def crossing(
     world: World, number: int, state: State, landing: Landing, line: int, doubt: Doubt
 ) -> Crossing | None:
-    """A flight at an evaluation line, where it crosses it first; zero counts as the left side."""
+    """First crossing of an evaluation line by a flight; zero counts as the left side."""
     a, b = (state.x, state.y), (landing.x, landing.y)
     vertices = [tuple(map(exact, vertex)) for vertex in world.lines[line]]
     shares = []

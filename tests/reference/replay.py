@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel's trajectories beside the reference: contact by contact, and from the release.
+"""The kernel's trajectories compared with the reference: contact by contact, and from the release.
 
-Each contact is flown again from the kernel's own state after the contact before, so that the error
-is that of one flight and one rebound. It has a bound from a first-order analysis of the roundings
-(Higham 2002, Accuracy and Stability of Numerical Algorithms, chapters 1, 3 and 10): backward errors
-in units of U, times the conditions of what follows. Decisions that the reference took by less than
-`UNDECIDED` may fall either way; such contacts are counted, not judged.
+Each contact is repeated from the kernel's state after the previous contact, so that the error is
+that of one flight and one rebound. Its bound is from a first-order rounding analysis (Higham 2002,
+Accuracy and Stability of Numerical Algorithms, chapters 1, 3 and 10): backward errors in units of U
+times the condition numbers of subsequent steps. Decisions with a margin below `UNDECIDED` in the
+reference may differ; such contacts are counted but not judged.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 U = 2.0**-53  # unit roundoff
-UNDECIDED = 1e-12  # share of what is compared: some thousand roundings
+UNDECIDED = 1e-12  # relative margin of a decision: some thousand roundings
 FIELDS = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "in_t", "in_n", "in_w",
           "out_t", "out_n", "out_w", "ratio")  # fmt: skip
 SPEED, IN, OUT, RATIO = slice(4, 7), slice(7, 10), slice(10, 13), 13
-#: what is measured at a contact, its unit, and what the ulps are of
+#: quantities compared at a contact, their units, and the reference of ulps
 QUANTITIES = {"place": "m", "height over the patch": "m", "time": "s", "V_in": "m/s",
               "V_out": "m/s", "velocity": "m/s", "heading": "rad", "R_b/R_m": "1"}  # fmt: skip
-SINGLE = 2.0**-24  # relative rounding of what results keep of crossings
+SINGLE = 2.0**-24  # relative rounding of crossings stored in results
 CROSSED = {"line_x": "m", "line_y": "m", "line_time": "s", "line_speed": "m/s",
            "line_jump_height": "m", "line_passing_height": "m", "line_omega": "rad/s"}  # fmt: skip
 TOTALS = ("path_length", "travel_time", "speed_max", "jump_height_max", "volume")
 
 
 class Error(NamedTuple):
-    """A difference between the kernel and the reference."""
+    """Difference between the kernel and the reference."""
 
     size: float
     bound: float
-    ulp: float  # unit in the last place of what differs
+    ulp: float  # unit in the last place of the quantity
 
     @classmethod
     def of(cls, size, bound: float, scale) -> Error:
@@ -58,46 +58,46 @@ class Error(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Of the bound; above 1 the kernel is wrong, or the analysis."""
+        """Error over its bound; above 1, the kernel or the analysis is wrong."""
         if not math.isfinite(self.size):
             return math.inf
         return self.size / self.bound if self.size else 0.0
 
 
 class Flight(NamedTuple):
-    """Bounds of the errors of a landing, and what they are made of."""
+    """Bounds of the errors of a landing, and their components."""
 
-    place: float  # [m]
-    height: float  # of the recorded place over the surface [m]
-    time: float  # [s]
-    slope: float  # greatest of the patch, |dz/dx| + |dz/dy|
+    place: float  # position [m]
+    height: float  # height of the recorded position over the surface [m]
+    time: float  # time [s]
+    slope: float  # maximum of the patch, |dz/dx| + |dz/dy|
     twist: float  # second derivative of the patch [1/m]
 
 
 @dataclass
 class Replay:
-    """A boulder's contacts, each from the kernel's state before it."""
+    """Contacts of a boulder, each from the kernel's previous state."""
 
     contacts: list[list[Error]] = field(default_factory=list)  # errors in the order of QUANTITIES
     crossings: list[list[Error]] = field(default_factory=list)  # in the order of CROSSED
     totals: list[Error] = field(default_factory=list)  # in the order of TOTALS
-    undecided: int = 0  # contacts: 0 or 1, for no more are judged
-    faults: list[str] = field(default_factory=list)  # what ended or went otherwise
+    undecided: int = 0  # number of undecided contacts: 0 or 1, because judging stops there
+    faults: list[str] = field(default_factory=list)  # ends or paths that differ
 
 
 @dataclass
 class Sums:
-    """Sums and extremes over the flights of a boulder, with the bounds of their errors."""
+    """Sums and extremes over the flights of a boulder, with error bounds."""
 
-    fastest: float  # [m/s]
-    highest: float = 0.0  # above the surface [m]
-    length: float = 0.0  # [m]
+    fastest: float  # maximum speed [m/s]
+    highest: float = 0.0  # maximum height above the surface [m]
+    length: float = 0.0  # path length [m]
     d_fastest: float = 0.0
     d_highest: float = 0.0
     d_length: float = 0.0
 
     def add(self, world: World, state: State, contact: Contact, flight: Flight) -> None:
-        """A flight's length is a difference of speeds squared over the gravity."""
+        """Add a flight. Its length is a difference of squared speeds over gravity."""
         gravity, landing = world.gravity, contact.landing
         after = contact.rebound.velocity if contact.rebound else landing.v
         speeds = [float(reference.length(v)) for v in (state.v, landing.v, after)]
@@ -114,14 +114,14 @@ class Sums:
         self.d_highest = max(self.d_highest, flight.height + steep + rise)
 
     def bounded(self, time: float) -> list[tuple[float, float]]:
-        """Values and bounds in the order of TOTALS; `time` is that of the kernel's contacts."""
+        """Values and bounds in the order of TOTALS; `time` is from the kernel's contacts."""
         return [(self.length, self.d_length), (time, U * time),
                 (self.fastest, self.d_fastest), (self.highest, self.d_highest)]  # fmt: skip
 
 
 def volume(world: World, number: int) -> tuple[float, float]:
-    """That of a boulder, and its bound: roundings of the terms of its law, which are up to seven
-    deviations; those of a lognormal law are in an exponent."""
+    """Volume of a boulder and its error bound: roundings of the terms of its distribution, which
+    are up to seven deviations, for a lognormal volume in an exponent."""
     value, scale = reference.volume(world, number), max(world.volume)
     if world.law == "normal":
         scale = world.volume[0] + 7 * world.volume[1]
@@ -135,18 +135,17 @@ def volume(world: World, number: int) -> tuple[float, float]:
 
 
 class Retrace(NamedTuple):
-    """A boulder from its release, by the reference alone."""
+    """Boulder from its release, by the reference alone."""
 
-    apart: list[float]  # plan distance from the kernel's contact of the same number [m]
+    apart: list[float]  # plan distance from the kernel's contact with the same number [m]
     status: str
     impacts: int
     stop: tuple[float, float]
-    speeds: list[float]  # at each line; NaN where it did not cross
+    speeds: list[float]  # speed at each line; NaN if not crossed
 
 
 def at_origin(scene: Scene) -> Scene:
-    """The scene with its south-western cell centre at 0, 0: no digit of a trajectory is lost to
-    coordinates of a map."""
+    """Scene with its south-western cell centre at 0, 0: map coordinates cost no digits."""
     grid, case = scene.grid, scene.case
     west, south = grid.west + grid.cell / 2, grid.south + grid.cell / 2
     lines = [
@@ -161,7 +160,7 @@ def at_origin(scene: Scene) -> Scene:
 
 
 def world_of(scene: Scene) -> World:
-    """The world of a scene that was read, in its own coordinates."""
+    """World of a scene that was read, in its own coordinates."""
     case, boulder, cell = scene.case, scene.case.boulder, scene.grid.cell
     if (scene.grid.west, scene.grid.north) != (-cell / 2, (scene.grid.ny - 0.5) * cell):
         raise ValueError("the south-western cell centre must be at 0, 0")
@@ -200,7 +199,7 @@ def world_of(scene: Scene) -> World:
 
 
 def _ground(given: GroundRule) -> classical.Ground | None:
-    """A ground from the numbers of its text; None: the case's impact sets."""
+    """Ground from the numbers of its text; None: the case's impact sets."""
     if not given.text:
         return None
     values = read_groups(given.text.decode(), given.name)["ground"]
@@ -219,7 +218,7 @@ def _ground(given: GroundRule) -> classical.Ground | None:
 
 
 def _ground_of_cells(scene: Scene) -> np.ndarray | None:
-    """(ny, nx): which of the grounds each cell has, from 0."""
+    """(ny, nx) index of each cell's ground, from 0."""
     if not scene.grounds:
         return None
     cells = scene.rasters
@@ -232,7 +231,7 @@ def _ground_of_cells(scene: Scene) -> np.ndarray | None:
 
 
 def _sizes(scene: Scene) -> np.ndarray:
-    """(1 or 3, ny, nx): the rocks of each cell."""
+    """(1 or 3, ny, nx) rock sizes of each cell."""
     cells = scene.rasters
     if cells.values is not None:
         return cells.values
@@ -241,7 +240,7 @@ def _sizes(scene: Scene) -> np.ndarray:
 
 
 def tracks(result: xr.Dataset) -> list[np.ndarray]:
-    """Rows of FIELDS of each recorded boulder: the release, contacts, the end."""
+    """Rows of FIELDS of each recorded boulder: release, contacts, end."""
     rows = np.stack([result[f"trajectory_{name}"].values for name in FIELDS], axis=1)
     starts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
     return np.split(rows, starts)
@@ -257,8 +256,8 @@ def status_of(result: xr.Dataset, number: int) -> str:
 
 @functools.cache
 def condition(world: World) -> float:
-    """Greatest condition of the correlations of the impact sets: how much worse than its entries a
-    Cholesky root may be (Higham 2002, theorem 10.8, scaled as in Demmel 1989)."""
+    """Maximum condition number of the correlations of the impact sets: amplification of errors in a
+    Cholesky root (Higham 2002, theorem 10.8, scaled as in Demmel 1989)."""
     found = [1.0]
     for covariance in world.folded:
         deviation = np.sqrt(np.diag(covariance))
@@ -271,7 +270,7 @@ def replay(world: World, number: int, rows: np.ndarray, result: xr.Dataset) -> R
     """Judge each contact of a boulder."""
     found, state, crossed = Replay(), reference.release(world, number), set()
     sums, own = Sums(float(reference.length(state.v))), volume(world, number)
-    d_ratio = own[1] / (3 * float(own[0])) + 12 * U  # relative
+    d_ratio = own[1] / (3 * float(own[0])) + 12 * U  # relative error
     for hit, row in enumerate(rows[1:], 1):
         status = status_of(result, number) if hit == len(rows) - 1 else ""
         for one in _alternatives(world, state):
@@ -304,8 +303,8 @@ def replay(world: World, number: int, rows: np.ndarray, result: xr.Dataset) -> R
 
 
 def _kernel_state(contact: Contact, row: np.ndarray) -> State:
-    """The kernel's state after a contact; the heading, which it does not record, is the
-    reference's, and serves to tell forward from backward alone."""
+    """State of the kernel after a contact. The heading is not recorded; that of the reference only
+    determines forward or backward."""
     spin = math.copysign(1.0, row[OUT][0]) * row[OUT][2]
     velocity = tuple(map(exact, row[SPEED]))
     heading = contact.rebound.heading
@@ -313,7 +312,7 @@ def _kernel_state(contact: Contact, row: np.ndarray) -> State:
 
 
 def _ends(world: World, number: int, rows, result, impacts: int, crossed: set[int]) -> list[str]:
-    """What the result says otherwise than the trajectory: start, stop, contacts, lines."""
+    """Differences between result and trajectory: start, stop, contacts, lines."""
     one = result.isel(boulder=number - 1)
     x, y = map(exact, world.sources[reference.source_of(world, number)[0]])
     start = [float(x), float(y), float(reference.surface(world, x, y)) + world.drop]
@@ -331,8 +330,8 @@ def _ends(world: World, number: int, rows, result, impacts: int, crossed: set[in
 
 
 def _alternatives(world: World, state: State) -> list[State]:
-    """Patches meet at a node, where source cells have their boulders: one that falls upon it is
-    right upon any of them."""
+    """Patches that meet at a node, where source cells release boulders: a contact is correct on any
+    of them."""
     if any(state.v[:2]):
         return [state]
     near = reference.meeting(world, state.x, state.y, Decimal(UNDECIDED))
@@ -340,7 +339,7 @@ def _alternatives(world: World, state: State) -> list[State]:
 
 
 def _differs(contact: Contact, row: np.ndarray, status: str) -> str:
-    """How the kernel went on otherwise than the reference, or nothing; `status` is the kernel's."""
+    """How the kernel's continuation differs from the reference; `status` is the kernel's."""
     if contact.status != status:
         return f"kernel {status or 'goes on'}, reference {contact.status or 'goes on'}"
     if (contact.rebound is None) != (row[RATIO] == 0):
@@ -349,7 +348,7 @@ def _differs(contact: Contact, row: np.ndarray, status: str) -> str:
 
 
 def _judge(world: World, contact: Contact, flight: Flight, before, row, d_ratio) -> list[Error]:
-    """The errors of a contact, in the order of QUANTITIES, with their bounds."""
+    """Errors of a contact, in the order of QUANTITIES, with their bounds."""
     landing, hit = contact.landing, contact.rebound
     x, y = exact(row[0]), exact(row[1])
     place = reference.length((x - landing.x, y - landing.y))
@@ -368,7 +367,7 @@ def _judge(world: World, contact: Contact, flight: Flight, before, row, d_ratio)
     d_slope = twist * flight.place + U * (4 * slope + 4 * twist * world.cell * far)
     d_vector = speed * (2 * d_slope + 10 * U) + world.gravity * flight.time
     v_in, v_out = (float(reference.length(v)) for v in (hit.incoming, hit.outgoing))
-    # 64 for the normal numbers (coefficients of a quintic from divided differences), 36 for sums
+    # 64 for normal numbers (quintic coefficients from divided differences), 36 for sums
     d_out = hit.weight * (d_vector + U * (100 + condition(world)) * v_in)
     along = float(hit.incoming[0]) / math.sqrt(1 + slope**2)
     d_turn = 8 * U + (d_vector / along if along else 0.0)
@@ -390,9 +389,9 @@ def _apart(kernel: np.ndarray, wanted) -> Any:
 
 
 def _flight(world: World, state: State, landing: Landing, at: Patch) -> Flight:
-    """Heights above a patch are differences of elevations: wrong by some roundings of them, of the
-    place times the slope, and of the rise. Over the rate at which the flight comes down upon the
-    patch that is time, and time by speed is place."""
+    """Bounds for a flight. Heights above a patch are differences of elevations, with rounding
+    errors of the elevations, of position times slope, and of the rise. Divided by the descent rate
+    they give a time error, times speed a position error."""
     cell = world.cell
     slope, twist = at.steepest(cell), abs(float(at.c)) / cell**2
     time = float(landing.time)
@@ -401,7 +400,7 @@ def _flight(world: World, state: State, landing: Landing, at: Patch) -> Flight:
     z = abs(float(landing.z)) + float(landing.highest)
     roundings = 6 * z + 6 * far * slope + 8 * fast * (1 + slope) * time
     vx, vy, vz = map(float, landing.v)
-    if not landing.contact:  # it leaves through a side, at a time that is a place over a speed
+    if not landing.contact:  # it leaves through a side: time error = position error over speed
         sideways = [abs(v) for v in (vx, vy) if v]
         d_time = 6 * U * far / min(sideways) + 4 * U * time if sideways else 0.0
         d_height = U * roundings + (abs(vz) + slope * math.hypot(vx, vy)) * d_time
@@ -415,7 +414,7 @@ def _flight(world: World, state: State, landing: Landing, at: Patch) -> Flight:
 
 
 def _lines(world, number, before, state, contact, result, crossed) -> list[list[Error]]:
-    """Judge the lines that a flight is the first to cross; adds them to `crossed`."""
+    """Judge the lines first crossed by a flight; add them to `crossed`."""
     found = []
     for line in set(range(len(world.lines))) - crossed:
         doubt = Doubt()
@@ -432,7 +431,7 @@ def _lines(world, number, before, state, contact, result, crossed) -> list[list[
         wanted = [met.x, met.y, time, speed, met.jump, met.passing, met.omega]
         bounds = _line_bounds(world, state, contact, line, met, float(time))
         length = float(np.hypot(*np.ptp(np.array(world.lines[line], float), axis=0)))
-        sizes = [length, length, *map(float, wanted[2:])]  # places are those along the line
+        sizes = [length, length, *map(float, wanted[2:])]  # positions are measured along the line
         bounds = [float(b) + 2 * SINGLE * abs(size) for b, size in zip(bounds, sizes, strict=True)]
         pairs = zip(row, wanted, bounds, strict=True)
         found.append([Error.of(exact(k) - w, bound, w or 1) for k, w, bound in pairs])
@@ -440,8 +439,8 @@ def _lines(world, number, before, state, contact, result, crossed) -> list[list[
 
 
 def _line_bounds(world, state, contact, line, met, time) -> list[float]:
-    """Bounds in the order of CROSSED. The share of the way is a quotient of distances from the
-    line, which are wrong by roundings of places and by the landing's own error."""
+    """Bounds in the order of CROSSED. The fraction of the path is a quotient of distances from the
+    line, with errors from rounded positions and from the landing."""
     at = reference.place(world, met.x, met.y)[0]
     flight = _flight(world, state, contact.landing, at)
     end = _flight(world, state, contact.landing, contact.landing.patch)
@@ -467,7 +466,7 @@ def _line_bounds(world, state, contact, line, met, time) -> list[float]:
 
 
 def retrace(world: World, number: int, rows: np.ndarray) -> Retrace:
-    """Follow a boulder from its release, beside the kernel's rows."""
+    """Follow a boulder from its release, and compare it with the kernel's rows."""
     state, apart = reference.release(world, number), []
     speeds = [math.nan] * len(world.lines)
     for hit, contact in enumerate(reference.follow(world, number), 1):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The cases: their files are those their scripts make, and hold the facts their READMEs state."""
+"""Cases: files are reproduced by their scripts, and agree with the statements in their READMEs."""
 
 import csv
 import importlib.util
@@ -29,12 +29,12 @@ RELEASE_Y = 587.5
 
 
 def read(path: Path):
-    """The groups of a namelist file."""
+    """Groups of a namelist file."""
     return read_values(path.read_bytes(), str(path)).groups
 
 
 def script(path: Path):
-    """A script of a case as a module."""
+    """Script of a case as a module."""
     spec = importlib.util.spec_from_file_location(f"{path.parent.name}_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -85,7 +85,7 @@ def test_vaujany_cases_differ_by_the_method_only():
     a, b = ({group.name: group.given for group in read(path)} for path in paths)
     assert (a["surface"].pop("method"), b["surface"].pop("method")) == ("A", "B")
     assert a["case"].pop("title") != b["case"].pop("title")
-    assert a["surface"].pop("rg_reading") == "radius"  # of which method B has none
+    assert a["surface"].pop("rg_reading") == "radius"  # method B has none
     assert a == b
 
 
@@ -126,12 +126,12 @@ def test_plane_closed_form_agrees_with_a_parabola_followed_in_space():
         velocity = v_t * along + v_n * normal
         flight = 2 * (velocity[1] + p * velocity[0]) / g  # z0 + vz t - g t^2/2 = z0 - p vx t
         x, t, velocity = x + velocity[0] * flight, t + flight, velocity - [0, g * flight]
-    assert 200 < found.distance[-1] < 379  # to the end of the plane
+    assert 200 < found.distance[-1] < 379  # up to the end of the plane
 
 
 @pytest.fixture(scope="module")
 def protected(tmp_path_factory):
-    """The road bare, with a net and with a dam: results by the names of their cases."""
+    """Results for the road without protection, with a net and with a dam, by case name."""
     folder = tmp_path_factory.mktemp("road")
     terrain = script(ROAD / "make_terrain.py")
     terrain.write(folder / "dem.asc")
@@ -146,7 +146,7 @@ def protected(tmp_path_factory):
 
 @pytest.mark.all
 def test_the_road_is_reached_as_often_as_its_readme_says(protected):
-    """Within four standard deviations of one run, of the 6 of the README."""
+    """Within four standard deviations of a single run, from the README."""
     for name, percent, error in (("road", 57.6, 0.2), ("net", 2.77, 0.06), ("dam", 7.6, 0.2)):
         reached = 100 * np.isfinite(at_lines(protected[name])["line_speed"].values[0]).mean()
         assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(6))
@@ -163,7 +163,7 @@ def test_the_net_changes_nothing_above_it(protected):
 
 @pytest.mark.all
 def test_settlement_is_what_its_readme_says(tmp_path):
-    """Two faces as sources, a gully, a flat fan; ten objects on it; its case is a hazard."""
+    """Two faces as sources, a gully, a flat fan, ten objects; the case is a hazard assessment."""
     folder = CASES / "settlement"
     made = script(folder / "make_terrain.py")
     z, zones = made.elevation(), made.zones()
@@ -175,7 +175,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
     study = read_study(case, AtRisk(tmp_path / "objects.geojson"))
     assert z.shape == (150, 110) and study.scene.x.size == 386
     assert ((study.scene.x > 60) & (study.scene.x < 390)).all() and study.scene.y.min() > 500
-    area = 16 * study.scene.area.sum() / 1e6  # km2
+    area = 16 * study.scene.area.sum() / 1e6  # [km2]
     assert study.scenarios[0].frequency == pytest.approx(200 * area) == pytest.approx(2.17, 1e-3)
     assert study.scenarios[2].frequency == 1 / 80
     assert len(study.objects) == 10 and {*np.unique(zones)} == {1, 2, 3, 4, 5}
@@ -194,7 +194,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
 
 @pytest.mark.all
 def test_the_forested_slope_is_as_its_readme_says(tmp_path):
-    """Within four standard deviations of one run, of the 6 of the README."""
+    """Within four standard deviations of a single run, from the README."""
     place = CASES / "forested-slope"
     script(place / "make_terrain.py").write(tmp_path)
     known = {"bare": (98.7, 0.048), "forest": (69.6, 1.1), "forest-and-net": (13.8, 0.28)}
@@ -206,8 +206,8 @@ def test_the_forested_slope_is_as_its_readme_says(tmp_path):
 
 
 def test_the_forest_experiment_is_as_the_table_of_evidence_says(tmp_path):
-    """A run is within five standard deviations, of the 40 runs that were made: `expected.py
-    --write` makes them again."""
+    """A run is within five standard deviations of the 40 stored runs; `expected.py --write` repeats
+    them."""
     place = CASES / "vaujany-forest"
     script(place / "make_terrain.py").write(tmp_path)
     expected = script(place / "expected.py")

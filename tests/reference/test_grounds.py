@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Classical rebounds of the kernel against arithmetic of 50 digits, contact by contact; and what
-must hold of grounds whatever the numbers."""
+"""Classical rebounds of the kernel compared with 50-digit arithmetic, contact by contact, and
+properties of all grounds."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ import scenes
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
-#: A row of each model, with scatter, and one that is hardly there.
+#: A row of each model with scatter, and an almost massless one.
 COLUMNS = (
     "name,id,model,r_n,r_n_std,r_n_min,r_n_max,r_t,r_t_std,r_t_min,r_t_max,half_speed,"
     "half_speed_std,friction_angle,soil_density,obstacle_spread,roughness_angle,min_hop,source"
@@ -33,14 +33,14 @@ BOULDERS = 12
 
 
 def judged(folder, z, rocks=None, **groups):
-    """Run boulders down an array, and judge each of their contacts."""
+    """Run boulders down an array of elevations, and judge each of their contacts."""
     (folder / "grounds.csv").write_text(TABLE)
     sources = np.size(groups.get("release", {}).get("x", 0.0))
     groups["case"] = {"boulders": -(-BOULDERS // sources), "seed": 2**40 + 77}
     groups["release"] = {"x": [149.8], "y": [382.6]} | groups.get("release", {})
     groups["boulder"] = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
     groups["surface"]["ground_table"] = "grounds.csv"
-    groups["impact"] = {"rest_angle": 90.0} | groups.get("impact", {})  # no rolls
+    groups["impact"] = {"rest_angle": 90.0} | groups.get("impact", {})  # no rolling
     case = scenes.make_case(folder, *scenes.sets(), **groups)
     scene = read_scene(case, dem=z, transform=scenes.grid(z, 5.0, -2.5, -2.5), **(rocks or {}))
     scene = replay.at_origin(scene)
@@ -73,11 +73,11 @@ def test_each_model_contact_by_contact(tmp_path, ground):
 
 @pytest.mark.parametrize("turning", ["to_aspect", "lab"])
 def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
-    """Impact sets between classical rebounds; obstacles by method A, some of them none, some
+    """Impact sets between classical rebounds; obstacles by method A, some without height, some
     walls of 100 m."""
     z = scenes.rough(gradient=1.5)
     random = np.random.default_rng(8)
-    ids = random.choice([-5, 3, 4, 5, 6, 7, 8, 9], z.shape)  # -5 masked below
+    ids = random.choice([-5, 3, 4, 5, 6, 7, 8, 9], z.shape)  # -5 is masked below
     ids[40:80:4] = 10
     rocks = random.uniform(0.1, 1.0, (3, *z.shape)).astype("f4")
     rocks[:, ids == 3] *= random.choice([0.0, 1.0], (3, np.count_nonzero(ids == 3)))
@@ -100,7 +100,7 @@ def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
 
 
 def test_very_fast_and_very_slow(tmp_path):
-    """Thrown at the speed of a shell, and dropped from the height of a hair."""
+    """Thrown at very high speed, and dropped from a very small height."""
     release = {"drop_height": 2.0, "velocity": [0.0, -200.0, -900.0]}
     for ground in MODELS:
         surface = {"uniform_mean_radius": 0.1, "ground": ground}

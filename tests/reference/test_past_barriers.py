@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every flight of recorded trajectories beside barriers once more, side by side, in plain NumPy:
-no boulder went through a barrier that stood in its way, and each took what it was to take."""
+"""Every recorded flight near barriers is checked again in plain NumPy: no boulder passed through a
+barrier in its path, and each lost the correct energy."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def result(tmp_path_factory):
         tmp_path_factory.mktemp("reference"), *sets(),
         case={"boulders": 120}, release={"x": [150.0, 90.0], "y": [380.0, 370.0]},
         surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 0.5},
-        impact={"rest_angle": 90.0},  # flights only
+        impact={"rest_angle": 90.0},  # only flights
         output={"trajectories": 240, "energy_balance": True},
     )  # fmt: skip
     place = from_origin(0.0, 80 * CELL, CELL, CELL)
@@ -43,7 +43,7 @@ def ground(x, y):
 
 
 def slope_at(x, y):
-    """sqrt(1 + |grad z|^2) of the bilinear patch, by differences of the elevations about it."""
+    """sqrt(1 + |grad z|^2) of the bilinear patch, from differences of adjacent elevations."""
     u, v = x / CELL - 0.5, y / CELL - 0.5
     i, j = np.floor(u), np.floor(v)
     (sw, se), (nw, ne) = (
@@ -91,7 +91,7 @@ def test_no_flight_goes_through_a_barrier_that_stands_in_its_way(result):
                 z = track["z"][k] + v[2] * t - G / 2 * t * t
                 above = z - ground(x, y)
                 top = above + radius * slope_at(x, y) - BARRIERS[b]["height"]
-                if abs(top) < 1e-9 or t < NEAR:  # undecided, or where the last one was left
+                if abs(top) < 1e-9 or t < NEAR:  # undecided, or at the start of the flight
                     continue
                 here = abs(t - time) < NEAR and track["ratio"][n] == 0
                 assert (top < 0) == here, (boulder, b, top)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""cases/plane, through Python: everything it finds against the closed form beside it."""
+"""cases/plane through Python: all results compared with the closed form in its folder."""
 
 import importlib.util
 from pathlib import Path
@@ -15,7 +15,7 @@ REBOUNDS, DROP, START = 100, 2.0, 20.0
 
 
 def script(name):
-    """A script of the case as a module."""
+    """Script of the case as a module."""
     spec = importlib.util.spec_from_file_location(f"plane_{name}", PLANE / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -40,12 +40,12 @@ def expected():
 
 
 def contacts(result, name):
-    """A column of the contacts; the first vertex is the release."""
+    """Column of the contacts; the first vertex is the release."""
     return result[f"trajectory_{name}"].values[1:]
 
 
 def close(got, wanted):
-    """Within 1e-10 of the larger of the wanted number and the greatest of its kind."""
+    """Within 1e-10 of the larger of the expected value and the maximum of its kind."""
     return np.abs(got - wanted).max() <= 1e-10 * np.abs(wanted).max()
 
 
@@ -90,7 +90,7 @@ def test_path_length_is_that_of_the_parabolas(result, expected):
 
 def test_the_line_is_met_on_the_right_parabola(result, expected):
     met = at_lines(result).isel(line=0, boulder=0)
-    k = int(np.searchsorted(expected.distance, 100.0)) - 1  # the flight over x = 120
+    k = int(np.searchsorted(expected.distance, 100.0)) - 1  # flight over x = 120
     v_t, v_n, w = expected.outgoing[k]
     along, up = v_t * COSINE + v_n * SINE, v_n * COSINE - v_t * SINE
     time = (100.0 - expected.distance[k]) / along

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page of benchmarks/accuracy/planes.py: on exact planes, of every shipped set that is one."""
+"""Page of benchmarks/accuracy/planes.py: exact planes, every shipped set but ensembles."""
 
 import re
 import sys
@@ -22,7 +22,7 @@ def test_a_plane_is_one_to_the_last_bit(slope):
 
 
 def test_without_scatter_boulders_stop_or_run_away(tmp_path):
-    """V_t_out = 0.6 V_t_in, V_n_out = 0.3 V_t_in: neutral on 33.7 degrees, straight down."""
+    """V_t_out = 0.6 V_t_in, V_n_out = 0.3 V_t_in: neutral at 33.7 degrees, down the fall line."""
     mean = np.zeros((5, 9))
     mean[:, 0], mean[:, 3] = 0.6, 0.3
     path = scenes.write_sets(tmp_path / "sets.nml", mean, np.zeros((5, 9, 9)))
@@ -32,7 +32,7 @@ def test_without_scatter_boulders_stop_or_run_away(tmp_path):
     assert 0 < steep["speed"].error < 0.2 * steep["speed"].value
     found = planes.neutral(planes.read_sets(path)[0], 3)
     want = np.degrees(np.arctan(0.4 / 0.6))
-    assert found.value == pytest.approx(want, abs=0.06) and found.error < 0.01  # bisection
+    assert found.value == pytest.approx(want, abs=0.06) and found.error < 0.01  # by bisection
 
 
 @pytest.mark.all
@@ -54,5 +54,5 @@ def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path
     text = (tmp_path / "validation" / "planes.md").read_text(encoding="utf-8")
     assert f"## `{name}`\n" in text and "many" not in text
     rows = [line for line in text.splitlines() if re.match(r"\| \d+ degrees", line)]
-    assert len(rows) == 2 * 2 * len(planes.HOW)  # of the set, of the table
+    assert len(rows) == 2 * 2 * len(planes.HOW)  # rows of the set, rows of the table
     assert (tmp_path / "figures" / "planes.png").read_bytes().startswith(b"\x89PNG")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel against arithmetic of 50 digits: each contact within a bound made of its roundings.
+"""The kernel compared with 50-digit arithmetic: each contact is within its rounding bound.
 
 More boulders, on real terrain and with tables: benchmarks/accuracy/truth.py.
 """
@@ -22,13 +22,13 @@ from rockfall.simulation.simulate import run_scene
 
 BOULDERS = 25
 VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
-NO_ROLLS = {"rest_angle": 90.0}  # their own tests: test_rolling.py
+NO_ROLLS = {"rest_angle": 90.0}  # tested in test_rolling.py
 NORMAL = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
 
 
 def judged(scene, **known):
-    """Run a scene, and replay its boulders in a world where more is `known` than what was read:
-    its result, and what was found of each."""
+    """Run a scene and replay its boulders in a world with further `known` values: its result, and
+    the findings for each boulder."""
     scene = replay.at_origin(scene)
     scene = replace(scene, case=scene.case.replace(output={"trajectories": scene.boulders}))
     result, world = run_scene(scene), replace(replay.world_of(scene), **known)
@@ -72,7 +72,7 @@ def contacts(found):
 
 
 def valley():
-    """Walls that steepen on both sides of a bumpy floor."""
+    """Valley with a bumpy floor whose sides steepen."""
     rows = np.abs(np.arange(80) - 40.0)[:, None]
     return scenes.rough(gradient=0.0, relief=6.0) + 0.02 * rows**2
 
@@ -81,7 +81,7 @@ def valley():
 
 
 def test_the_numbers_of_the_reference():
-    """Random123's vector for zeros; sine, cosine and the normal quantile against others."""
+    """Random123's vector for zeros; sine, cosine and normal quantile by other implementations."""
     assert reference.philox([0] * 4, 0) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
     for angle in (Decimal("-0.8"), Decimal(0), Decimal("0.3"), reference.PI / 3):
         c, s = reference.cosine_sine(angle)
@@ -137,7 +137,7 @@ def test_across_a_valley_where_boulders_turn_back(tmp_path, turning):
 
 @pytest.mark.parametrize("climb", [3.0, 18.0])
 def test_released_uphill_into_the_slope_and_falling_back(tmp_path, climb):
-    """Flights that come down against their own way: the boulder rolls backwards."""
+    """Flights that land against their initial direction: the boulder rolls backwards."""
     release = {"velocity": [1.0, 6.0, climb], "drop_height": 0.0}
     both(tmp_path, scenes.rough(gradient=1.5), (149.8, 150.3), release=release)
 
@@ -168,7 +168,7 @@ def test_ratios_between_two_sets(tmp_path):
 
 @pytest.mark.parametrize("scatter", [0.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
-    """Alone, beside the scatter of A, and where most draws are refused and drawn again."""
+    """Alone, with the scatter of A, and when most draws are rejected and redrawn."""
     rocks = np.random.default_rng(4).uniform(0.1, 0.6, (80, 60)).astype("f4")
     result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), scatter=scatter, more=scenes.noise,
                      surface={"mean_radius": "given"}, arrays={"mean_radius": rocks})  # fmt: skip
@@ -193,7 +193,7 @@ def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):
     ids=["lognormal", "uniform", "list", "pareto", "truncated"],
 )  # fmt: skip
 def test_laws_of_volume(tmp_path, boulder):
-    """From several sources."""
+    """Boulders from several sources."""
     result, _ = both(
         tmp_path, scenes.rough(), None, boulder=boulder,
         case={"boulders": 5}, impact={"impact_limit": 3},
@@ -203,7 +203,7 @@ def test_laws_of_volume(tmp_path, boulder):
 
 
 def test_steep_cells_that_release_by_their_area(tmp_path):
-    """Vertical falls upon nodes, where four patches meet; some from beside nodata."""
+    """Vertical falls onto nodes, where four patches meet; some are next to nodata."""
     z = scenes.rough(gradient=1.2, relief=8.0)
     z[10:12, 30:33] = np.nan
     cells = np.zeros(z.shape, np.int32)
@@ -216,7 +216,7 @@ def test_steep_cells_that_release_by_their_area(tmp_path):
 
 
 def test_sets_without_an_admissible_draw(tmp_path):
-    """Every rebound is forced: up at a hundredth of the speed, and with no more energy."""
+    """Every rebound is forced: upwards at a hundredth of the speed, without a gain of energy."""
     mean = np.tile([1.3, 0.0, 0.1, 0.05, 0.3, 0.0, 0.2, 0.0, 0.9], (5, 1))
     sets = mean, np.tile(1e-6 * np.eye(9), (5, 1, 1))
     result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), sets=sets,
@@ -226,7 +226,7 @@ def test_sets_without_an_admissible_draw(tmp_path):
 
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
-    """Up to rounding, which must not choose the side to which all boulders turn."""
+    """Up to rounding, which must not turn all boulders to the same side."""
     y, x = np.mgrid[79:-1:-1, :60] * 5.0
     z = 1000.0 + 0.3 * x + 0.8 * y
     _, found = both(tmp_path, z, (241.7, 352.6), impact={"turning": turning, "impact_limit": 6})
@@ -234,7 +234,7 @@ def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
 
 
 def test_flats_pits_and_releases_at_rest_on_the_ground(tmp_path):
-    """Vertical falls where nothing descends: any heading; and a boulder that never moves."""
+    """Vertical falls where nothing descends, with any heading; and a boulder that never moves."""
     z = np.full((9, 9), 100.0)
     z[4, 4] = 98.0
     both(tmp_path, z, (12.3, 27.1), release={"drop_height": 4.0})
@@ -251,8 +251,8 @@ def test_on_the_slope_of_the_paper(name):
 
 
 def test_whole_ways_part_no_faster_than_roundings_grow(tmp_path):
-    """From the release by itself, the reference stays beside the kernel for fifteen contacts, and
-    boulders end for the same reasons after as many contacts."""
+    """From the release on, reference and kernel agree for fifteen contacts, and boulders have the
+    same status after the same number of contacts."""
     case = scenes.make_case(
         tmp_path, *scenes.sets(), case={"boulders": BOULDERS}, boulder=NORMAL, impact=NO_ROLLS,
         release={"x": [149.8], "y": [382.6]}, output={"trajectories": BOULDERS},

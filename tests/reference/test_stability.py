@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Extreme scenes and stiff impact sets: what must never break, as the benchmark says."""
+"""Extreme scenes and stiff impact sets: properties that must always hold, as in the benchmark."""
 
 from fractions import Fraction
 
@@ -20,7 +20,7 @@ def broken(rows):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_hold(name, tmp_path):
-    """Every boulder ends for a reason, nothing is NaN, no energy is gained, no flight is off."""
+    """Every boulder has an allowed status, nothing is NaN, no energy is gained, no flight off."""
     scene = SCENES[name]
     case, result = stability.run(scene, tmp_path, boulders=120)
     rows = stability.check(scene, case, result)
@@ -33,7 +33,7 @@ def test_scenes_hold(name, tmp_path):
 
 
 def first_flight_off(scene, result, number):
-    """How far the first flight of a boulder comes below the ground, or its contact lies beside its
+    """Depth of a boulder's first flight below the ground, or distance of its contact from the
     parabola, in exact fractions [m]."""
     start, end = np.flatnonzero(result.trajectory_boulder.values == number)[:2]
     columns = {name: result[f"trajectory_{name}"].values for name in ("x", "y", "z", "time")}
@@ -71,7 +71,7 @@ def first_flight_off(scene, result, number):
 
 
 def sides(start, speed, cell, time):
-    """Times within a flight at which a coordinate comes to a side of patches."""
+    """Times within a flight at which a coordinate reaches a side of patches."""
     if not speed:
         return []
     low, high = sorted((start / cell, (start + speed * time) / cell))
@@ -110,7 +110,7 @@ def test_ever_shorter_hops_end_in_bounded_work(name, tmp_path):
 
 
 def test_a_single_known_cell_is_refused(tmp_path):
-    """One elevation is no surface: nothing can be met there."""
+    """A single elevation is no surface: nothing can be hit."""
     z = np.full((60, 40), np.nan)
     z[30, 20] = 5.0
     release = {"x": [40.0], "y": [58.0]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees beside arithmetic of 50 digits: each hit and contact from the kernel's state before."""
+"""Trees compared with 50-digit arithmetic: hits and contacts from the kernel's last state."""
 
 from decimal import Decimal
 
@@ -22,7 +22,7 @@ STAND = {
 
 
 def forest_of(scene):
-    """Stems of a scene whose south-western cell centre is at 0, 0."""
+    """Stems of a scene with its south-western cell centre at 0, 0."""
     given = scene.case.forest
     turns = [given[f"turn_{name}"] for name in ("frontal", "lateral", "scratch")]
     return tree_hits.Forest(
@@ -35,7 +35,7 @@ def forest_of(scene):
 
 
 class Boulder:
-    """A boulder flown again, hit by hit."""
+    """Boulder repeated hit by hit."""
 
     def __init__(self, world, forest, number):
         self.world, self.forest, self.number = world, forest, number
@@ -75,9 +75,9 @@ class Boulder:
         return all(error.share <= 1 for error in errors)
 
     def _tree(self, hit, before, row, doubt):
-        """Bounds of a hit: places are known to roundings of coordinates, the place of the hit along
-        the path to as many times that as the path meets the disc aslant; what the stem takes goes
-        with where it is hit (the law at most five for one) and with a power of the diameter."""
+        """Bounds for a hit. Positions have rounding errors of coordinates. The position of the hit
+        along the path has more if the path enters the disc obliquely. The absorbed energy depends
+        on the hit position (by a factor of at most five) and on a power of the diameter."""
         self.trees += 1
         out = tree_hits.collide(
             self.world, self.forest, self.number, self.trees, hit, self.state, doubt
@@ -118,7 +118,7 @@ class Boulder:
 def flown(folder, forest, impact=None):
     """Boulders through a forest: the result, its world, and the trees."""
     z = scenes.rough()
-    impact = {"rest_angle": 90.0} | (impact or {})  # flights only
+    impact = {"rest_angle": 90.0} | (impact or {})  # only flights
     case = scenes.make_case(
         folder, *scenes.sets(), case={"boulders": 24, "seed": 2**40 + 7}, impact=impact,
         boulder={"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}, forest=forest,
@@ -161,7 +161,7 @@ def test_down_a_slope_through_trees(tmp_path, forest, impact):
 
 @pytest.mark.parametrize(("column", "off"), [(0, 1e-10), (3, 1e-11), (4, 1e-8), (6, 1e-8)])
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, column, off):
-    """In place, time or velocity of the first hit that there is."""
+    """In position, time or velocity of the first existing hit."""
     result, world, trees = flown(tmp_path, STAND)
     tracks = replay.tracks(result)
     number = 1 + next(k for k, rows in enumerate(tracks) if (rows[1:-1, RATIO] == 0).any())

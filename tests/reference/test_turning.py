@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Turns on a plane of 38 degrees: how far they spread boulders sideways, beside a bounce map of its
-own, and how often each class of angles occurs.
+"""Turns on a plane of 38 degrees: lateral spread of boulders compared with an independent bounce
+map, and frequency of each class of angles.
 
-The map knows no raster, no patches and no kernel: on a plane a flight has a closed form.
+The map uses no raster, patches or kernel, because a flight over a plane has a closed form.
 """
 
 import functools
@@ -20,16 +20,16 @@ VAUJANY = Path(__file__).parents[2] / "cases/vaujany"
 RULES = "past_aspect", "to_aspect", "lab"
 SLOPE = np.radians(38)
 GRAVITY, DROP, STOP = 9.81, 5.0, 0.5
-DOWN = -np.array([0.6, 0.8])  # askew to the raster: rounding must not choose a side
+DOWN = -np.array([0.6, 0.8])  # oblique to the raster: rounding must not choose a side
 ACROSS = np.array([0.8, -0.6])
-DISTANCES = np.array([40.0, 80.0, 120.0, 160.0])  # of the lines from the release, in plan [m]
+DISTANCES = np.array([40.0, 80.0, 120.0, 160.0])  # distances from release to lines, in plan [m]
 START = np.array([302.4, 332.1])
 BOULDERS = 5000
 
 
 @functools.cache
 def coefficients():
-    """Mean and covariance of a set that throws no boulder back."""
+    """Mean and covariance of a set that throws no boulder backwards."""
     covariance = np.zeros((9, 9))
     covariance[np.tril_indices(9)] = np.fromstring(scenes.CALM_ROWS, sep=",")
     return np.fromstring(scenes.CALM_MEAN, sep=","), covariance + np.tril(covariance, -1).T
@@ -37,7 +37,7 @@ def coefficients():
 
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory):
-    """Runs on the plane by their rule: a boulder of R_b/R_m = 2.3."""
+    """Runs on the plane by their turning rule, with R_b/R_m = 2.3."""
 
     @functools.cache
     def run(rule, boulders=BOULDERS, trajectories=0):
@@ -64,9 +64,10 @@ def plane(tmp_path_factory):
 
 
 def bounce_map(rule, n, seed=5):
-    """Offsets (n, lines) of n boulders at the lines, NaN where they stopped before.
+    """Offsets (n, lines) of n boulders at the lines; NaN if they stopped earlier.
 
-    In the plane: `ahead` down the slope, `aside` along the contour, `up` along the normal.
+    Directions in the plane: `ahead` down the slope, `aside` along the contour, `up` along the
+    normal.
     """
     random = np.random.default_rng(seed)
     mean, covariance = coefficients()
@@ -93,7 +94,7 @@ def bounce_map(rule, n, seed=5):
         ahead, aside = out[0] * tangent / np.hypot(*tangent)
         up, spin = out[1], out[2]
         time = 2 * up / (GRAVITY * np.cos(SLOPE))
-        along = ahead * np.cos(SLOPE) + up * np.sin(SLOPE)  # the same all the flight
+        along = ahead * np.cos(SLOPE) + up * np.sin(SLOPE)  # unchanged during the flight
         going = np.hypot(np.hypot(ahead, aside), up) >= STOP
         for line, distance in enumerate(DISTANCES):
             met = going & (x < distance) & (x + along * time >= distance)
@@ -110,7 +111,7 @@ def bounce_map(rule, n, seed=5):
 
 
 def rebounds(incoming, mean, root, random):
-    """V_out: drawn again until it leaves the ground and gains no energy, in the end by force."""
+    """V_out, redrawn until the boulder leaves the ground without gain of energy, then forced."""
 
     def energy(v):
         return v[0] ** 2 + v[1] ** 2 + 0.4 * v[2] ** 2
@@ -152,17 +153,17 @@ def new_headings(rule, heading, incoming, random):
     return np.where(rising, heading + np.radians(random.uniform(-22.5, 22.5, n)), after)
 
 
-# ---- the kernel beside it
+# ---- comparison with the kernel
 
 
 def offsets_of(result):
-    """(boulders, lines): along the contour from below the release."""
+    """Offsets (boulders, lines) along the contour from below the release."""
     x, y = (at_lines(result)[f"line_{axis}"].values.T for axis in "xy")
     return ACROSS[0] * (x - START[0]) + ACROSS[1] * (y - START[1])
 
 
 def moments(v):
-    """Mean and standard deviation of what is not NaN, and the standard errors of both."""
+    """Mean and standard deviation of values that are not NaN, and the standard errors of both."""
     v = v[~np.isnan(v)]
     std = v.std(ddof=1)
     kurtosis = ((v - v.mean()) ** 4).mean() / std**4
@@ -193,8 +194,8 @@ def test_turns_that_end_at_the_aspect_spread_nothing(plane):
 
 
 def turns(result):
-    """At each recorded contact on the plane the angle from the heading before to that after, and
-    from there to the aspect [degrees, anticlockwise], where it does not go upslope."""
+    """At each recorded contact on the plane, the angle from the heading before to the heading
+    after, and from there to the aspect [degrees, anticlockwise], except upslope."""
     normal = np.array([*(np.sin(SLOPE) * DOWN), np.cos(SLOPE)])
 
     def headings(v):
@@ -223,7 +224,7 @@ def test_the_printed_classes_occur(plane):
     assert (np.abs(share - expected) < 3 * np.sqrt(expected * (1 - expected) / turn.size)).all()
     side = np.abs(apart) > 1e-6
     assert (turn * apart > 0)[side].all() and 0.2 < (np.abs(turn) > np.abs(apart)).mean() < 0.8
-    tied = turn[~side]  # the first contacts, below a fall
+    tied = turn[~side]  # first contacts, after a vertical fall
     assert tied.size == 400 and abs((tied > 0).mean() - 0.5) < 3 * 0.5 / 20
 
 

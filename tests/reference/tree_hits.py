@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees in arithmetic of 50 digits: which is hit first, what it takes, and where the boulder goes.
+"""Trees in 50-digit arithmetic: which is hit first, the energy it absorbs, and the boulder's new
+direction.
 
-From docs/forest.md alone, and naive: every stem near a flight is looked at, one by one.
+The code follows only docs/forest.md and is simple: every stem near a flight is tested, one by one.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ import reference
 from reference import ONE, ZERO, Doubt, Landing, State, World, exact
 
 TREE = 12  # purpose of random words
-EDGE = Decimal("1e-6")  # of the squared radius of a disc: who starts so near starts inside
-MIDDLE = Decimal("1e-9")  # of the radius: a hit this near to it has no side
+EDGE = Decimal("1e-6")  # fraction of a disc's squared radius: a start this near counts as inside
+MIDDLE = Decimal("1e-9")  # fraction of the radius: a hit this near to the centre has no side
 CLASSES = [Decimal(degrees) for degrees in ("0", "22.5", "67.5", "76")]
 
 
 @dataclass
 class Forest:
-    """Stems in local coordinates [m], diameters [cm], factors; the law of the case, and the density
+    """Stems in local coordinates [m], diameters [cm], factors; tree model of the case, and density
     of the boulders [kg/m3]."""
 
     x: np.ndarray
@@ -38,25 +39,25 @@ class Forest:
 
 
 class Hit(NamedTuple):
-    """Where a flight meets a stem."""
+    """Hit of a stem by a flight."""
 
     stem: int
     time: Decimal
-    offset: Decimal  # of the axis from the path, to the left above zero
-    radius: Decimal  # of the disc
+    offset: Decimal  # offset of the axis from the path, > 0 to the left
+    radius: Decimal  # radius of the disc
     x: Decimal
     y: Decimal
     z: Decimal
     v: tuple[Decimal, Decimal, Decimal]
-    steepness: float  # how much farther the place is off than the path: 1 + offset / root
+    steepness: float  # error of the hit position over that of the path: 1 + offset / root
 
 
 class Outcome(NamedTuple):
-    """What a hit does."""
+    """Effect of a hit."""
 
     taken: Decimal
-    energy: Decimal  # before
-    remains: Decimal  # speed after it over that before
+    energy: Decimal  # energy before the hit
+    remains: Decimal  # speed after over speed before
     state: State
     breaks: bool
 
@@ -64,7 +65,7 @@ class Outcome(NamedTuple):
 def first_hit(
     world: World, forest: Forest, number: int, state: State, landing: Landing, broken, doubt: Doubt
 ) -> Hit | None:
-    """The first stem on the way to the landing."""
+    """First stem on the path to the landing."""
     speed = reference.length(state.v[:2])
     if not speed:
         return None
@@ -101,7 +102,7 @@ def first_hit(
 
 
 def _near(forest: Forest, state: State, landing: Landing, own: float) -> list[int]:
-    """Stems whose disc may be met; the rest lies metres away."""
+    """Stems whose disc may be hit; all others are metres away."""
     reach = own + forest.dbh.max() / 200 + 1
     ends = [(float(p.x), float(p.y)) for p in (state, landing)]
     keep = np.ones(forest.x.size, bool)
@@ -112,7 +113,7 @@ def _near(forest: Forest, state: State, landing: Landing, own: float) -> list[in
 
 
 def energy_share(x: Decimal) -> Decimal:
-    """Of E_max, where the path passes at x of the stem's radius beside its middle."""
+    """Fraction of E_max absorbed if the path passes at x stem radii from the axis."""
     power = Decimal(10) ** ((Decimal("0.58") - x) * Decimal("-8.007"))
     return max(ZERO, Decimal("-0.046") + Decimal("1.026") / (1 + power))
 
@@ -120,7 +121,7 @@ def energy_share(x: Decimal) -> Decimal:
 def collide(
     world: World, forest: Forest, number: int, count: int, hit: Hit, state: State, doubt: Doubt
 ) -> Outcome:
-    """What hit number `count` of a boulder does to it."""
+    """Effect of hit number `count` on a boulder."""
     mass = exact(forest.density) * reference.volume(world, number)
     speed2 = sum(v * v for v in hit.v)
     energy = mass / 2 * (speed2 + reference.INERTIA * state.spin**2)
@@ -146,7 +147,7 @@ def collide(
 
 
 def _turn(weights: list[Decimal], class_: Decimal, within: Decimal) -> Decimal:
-    """Degrees of a turn."""
+    """Angle of a turn [degrees]."""
     drawn, k = class_ * sum(weights), 0
     while k < 2 and drawn >= sum(weights[: k + 1]):
         k += 1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A key, group or variant that no program would use is refused, by both programs where the case
-alone says so; attributes that nothing uses are listed."""
+"""Keys, groups and variants that no program would use are refused, by both programs if the case
+alone shows it; unused attributes are listed."""
 
 import geopandas
 import pytest
@@ -29,7 +29,7 @@ STEMS = {
 SCENARIO = {"scenario": [{"name": "all", "frequency": 0.1}]}
 BY_TABLE = {"impact": {"form": "table"}}
 FOREST = "trees, polygons or stems"
-#: group and key with a value, what else the case has, what the key needs, what makes it valid
+#: group and key with a value, rest of the case, requirement in the message, valid change
 EFFECTS = [
     ("forest", "density_factor", 0.5, {}, FOREST, {"forest": STEMS}),
     ("forest", "clear_of_sources", 10.0, {}, FOREST, {"forest": STEMS}),
@@ -78,7 +78,7 @@ EFFECTS = [
 
 
 def case_of(*changes):
-    """The base case with changes, one after the other."""
+    """Base case with changes applied in order."""
     groups = {name: dict(keys) for name, keys in BASE.items()}
     for change in changes:
         for name, keys in change.items():
@@ -101,7 +101,7 @@ def test_a_key_without_effect_is_refused(group, key, value, others, needs, valid
 
 
 def test_maps_and_scenarios_that_go_take_their_keys_along():
-    """So that studies, which run without maps, take any case; a key that is still used stays."""
+    """Studies run without maps and thus accept any case; keys that are still used remain."""
     hazard = {"thresholds": [5.0, 50.0], "object_width": 7.0}
     maps = {"output": {"maps": ["hits", "energy_exceeded"], "min_passages": 3}, "hazard": hazard}
     case = case_of(maps)
@@ -125,7 +125,7 @@ def test_maps_and_scenarios_that_go_take_their_keys_along():
 
 
 def test_a_default_that_is_written_out_is_no_mistake():
-    """As programs write them, in any spelling."""
+    """As written by programs, in any spelling."""
     forest = {"seed": 1, "turn_frontal": [22.5, 45, 8.5], "density_factor": 1}
     case = case_of({"forest": forest, "breakage": {"cone": 5e1}, "hazard": {"object_width": 10}})
     assert not case.has_forest and case.breakage["at"] == "none"
@@ -256,7 +256,7 @@ ONES = {
 
 @pytest.mark.parametrize("key, shape, name, values", MARKED, ids=lambda value: str(value))
 def test_numbers_for_missing_ones_are_questioned(key, shape, name, values):
-    """In every column of a range, but not numbers among others near them."""
+    """In every column of a range, unless other values are similar."""
     step = 60.0 if shape == "strip" else 7.0
     one = frame(shape, a=[0]).geometry.iloc[0]
     shapes = [shapely.affinity.translate(one, step * k, 0) for k in range(len(values))]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the trees of a case come from: lists, layers, and what is known of a stand."""
+"""Trees of a case: from lists, from layers, and generated from stands."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ LIST = "x,y,dbh,species,who\n100,200,30,spruce,a\n 120.5, 210.25, 41.5, Fagus sy
 
 
 def scene_of(folder, trees, nx=NX, ny=NY, cell=CELL, **arrays):
-    """A scene on a slope whose outer corner is at 0, 0."""
+    """Scene on a slope whose outer corner is at 0, 0."""
     case = scenes.make_case(
         folder, *scenes.sets(), release={"x": [150.0], "y": [380.0]}, forest=trees
     )
@@ -56,7 +56,7 @@ def test_a_layer_of_points_holds_the_same_trees(tmp_path, name):
     make_layer(tmp_path / name, shapes, crs=None, **columns)
     listed = trees_of(tmp_path, {"trees": "trees.csv"})
     layer = trees_of(tmp_path, {"trees": name})
-    order = np.argsort(layer.x)  # FlatGeobuf has its own
+    order = np.argsort(layer.x)  # FlatGeobuf has its own order
     assert np.array_equal(np.array(layer)[:, order], listed)
 
 
@@ -142,7 +142,7 @@ def test_trees_outside_the_terrain_are_left_out_and_counted(tmp_path):
     assert any("2 of 4 trees are outside the terrain" in one for one in scene.remarks)
 
 
-# ---- made of what is known of a stand
+# ---- generated from stands
 
 
 def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
@@ -162,7 +162,7 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
 
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
-    """10000/(stems per hectare (2 R_b + DBH)); of trees anywhere also that to the first of them."""
+    """10000/(stems per hectare (2 R_b + DBH)); for random trees also up to the first tree."""
     wide = MADE | {"uniform_dbh_std": 0.0, "spread": spread}
     trees = trees_of(tmp_path, wide, nx=200, ny=200)
     rng = np.random.default_rng(2)
@@ -196,7 +196,7 @@ def test_even_cells_hold_what_their_raster_says(tmp_path):
 
 
 def test_a_tree_is_a_function_of_the_seed_and_its_cell(tmp_path, monkeypatch):
-    """Neither of the seed of the boulders, nor of other cells, nor of blocks of rows."""
+    """A tree depends neither on the seed of the boulders, nor on other cells or blocks of rows."""
     stems = np.full((NY, NX), 500.0)
     given = MADE | {"uniform_stems": None, "stems": "given"}
     one = np.array(trees_of(tmp_path, given, stems=stems))
@@ -299,6 +299,6 @@ def test_diameters_in_another_unit_are_doubted(tmp_path, dbh, unit):
 
 
 def test_memory_of_a_large_forest(tmp_path):
-    """Stems here and in the kernel: 64 bytes each, and the grid of them."""
+    """Stems in Python and in the kernel: 64 bytes each, plus the kernel's grid."""
     trees = forest.trees.Trees(*np.zeros((4, 1000)))
     assert trees.bytes == 64_000

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers given as GeoDataFrames are those of files: the same scene, the same refusals."""
+"""Layers given as GeoDataFrames are equivalent to files: equal scenes, equal refusals."""
 
 import os
 

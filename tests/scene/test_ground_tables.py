@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds that a case names: by zones, by a raster, everywhere; what is refused, in one line."""
+"""Grounds named in a case: by zones, by a raster, everywhere; refusals, in one line."""
 
 import csv
 
@@ -48,7 +48,7 @@ def read(case, **arrays):
 
 
 def zones(tmp_path, rows, head="zone,mean_radius,ground\n"):
-    """Three zones, side by side."""
+    """Three adjacent zones."""
     (tmp_path / "zones.csv").write_text(head + rows)
     ids = np.repeat([[1, 2, 3]], 20, axis=1).repeat(80, axis=0)
     return {"zones": ids.astype("i4")}, {"zones": "given", "table": "zones.csv"}
@@ -81,7 +81,7 @@ def test_soil_types_have_their_numbers_as_ids():
 
 
 def test_the_kernels_table_is_that_of_the_file():
-    """Columns of numbers are the kernel's parameters; each is of some model."""
+    """Numeric columns are the kernel's parameters; each is used by some model."""
     with open(shipped_grounds(), newline="") as file:
         columns = next(csv.reader(file))
     names = [one.name for one in parameters()]
@@ -91,7 +91,7 @@ def test_the_kernels_table_is_that_of_the_file():
 
 
 def test_ranges_of_2023_are_a_table_of_their_own(tmp_path):
-    """Chosen by name, with the same names and ids; a shipped table, not one of the user's."""
+    """Chosen by name, with the same names and ids; a shipped table, not a user's table."""
     (path,) = other_tables().values()
     table = GroundTable(path)
     assert table.names == SHIPPED.names
@@ -118,7 +118,7 @@ def test_ranges_of_2023_are_a_table_of_their_own(tmp_path):
     assert mean > usual_mean.mean()
 
 
-# ---- where a ground is named
+# ---- where grounds are named
 
 
 def test_a_zone_names_its_ground_or_has_the_cases(tmp_path):
@@ -188,7 +188,7 @@ def test_ground_that_needs_no_rocks_needs_no_sizes(tmp_path):
 
 
 def test_a_ground_of_impact_sets_is_the_case_with_these_sets(tmp_path):
-    """The same bits, and the same counts of what lay beyond their fit."""
+    """Bit-identical results, and equal counts of rebounds beyond the fit."""
     z = rough()
     case = case_with(tmp_path, uniform_mean_radius=0.2, ground="laboratory-spheres")
     one = rockfall.run(case, dem=z, transform=grid(z))
@@ -287,7 +287,7 @@ def test_sizes_that_a_ground_needs(tmp_path):
 
 
 def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
-    """In a case by a table of impacts, as if its column were absent; impact sets need it."""
+    """In a case with an impact table, as if the column were absent; impact sets need it."""
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,\n3,,rock\n")
     case = case_with(tmp_path, **surface)
     scene = read(case.replace(impact={"form": "table", "table": "meadow"}), **arrays)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What of polygons and rasters lies where nothing can start is counted, with what helps."""
+"""Parts of polygons and rasters where nothing can start are counted, with advice."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ UNKNOWN = (
 
 
 def terrain(*holes):
-    """A slope without elevations in these cells, given as slices of rows and columns."""
+    """Slope without elevations in given cells (slices of rows and columns)."""
     z = scenes.rough()
     for hole in holes:
         z[hole] = np.nan
@@ -39,7 +39,7 @@ def texts_of(scene):
     return [str(text) for _, text in input_warnings(scene)]
 
 
-HOLES = {  # cells without elevation, and source cells of 400 from which nothing starts
+HOLES = {  # cells without elevation, and number of 400 source cells that cannot start boulders
     "inside": ([np.s_[4:8, 24:28]], 16),
     "at a corner": ([np.s_[0:3, 38:45]], 6),
     "a node alone": ([np.s_[5:8, 24:27:2], np.s_[5:8:2, 25]], 9),
@@ -106,7 +106,7 @@ def test_no_elevation_at_all_is_refused_and_filling_helps(tmp_path):
 
 
 NARROW, AWAY = shapely.box(50.1, 300, 50.2, 390), shapely.box(-90, 300, -50, 350)
-PARTS = {  # polygons, names: what is said of them
+PARTS = {  # polygons, names: expected remark
     "a part of one": ([[CLIFF, NARROW]], ["A"], "1 of 2 polygons or parts (A (1/2))"),
     "two parts of three": ([[NARROW, CLIFF, AWAY]], ["A"], "2 of 3 polygons or parts (A (2/3))"),
     "all parts of one": ([[NARROW, AWAY], [CLIFF]], ["A", "B"], "2 of 3 polygons or parts (A)"),
@@ -138,7 +138,7 @@ def test_parts_of_polygons_without_a_cell_are_named(tmp_path, name):
         ([CLIFF, shapely.box(250, 300, 310, 400)], "1 of 2 polygons extend beyond the DEM"),
         ([CLIFF, AWAY], "1 of 2 polygons extend beyond the DEM by 16.7 %"),
         ([shapely.MultiPolygon([CLIFF, AWAY])], "1 of 1 polygons extend beyond the DEM by"),
-        ([shapely.box(100, 300, 200, 400.5)], None),  # a sliver: drawn along the edge
+        ([shapely.box(100, 300, 200, 400.5)], None),  # a sliver along the edge
         ([CLIFF], None),
     ],
 )
@@ -149,7 +149,7 @@ def test_source_polygons_beyond_the_dem_are_counted(tmp_path, shapes, said):
 
 
 ALL = shapely.box(0, 0, 300, 400)
-ZONES = {  # polygons: what is said of them
+ZONES = {  # polygons: expected remark
     "narrow": ([ALL, NARROW], "1 of 2 polygons or parts have no cell"),
     "a narrow part": (
         [ALL, shapely.MultiPolygon([CLIFF, NARROW])], "1 of 3 polygons or parts have no cell",
@@ -189,10 +189,10 @@ def test_clearings_without_a_stem_are_counted(tmp_path):
 @pytest.mark.parametrize(
     ("second", "cells"),
     [
-        (shapely.box(150, 300, 250, 400), 200),  # half of each
-        (shapely.box(120, 320, 160, 360), 64),  # within
+        (shapely.box(150, 300, 250, 400), 200),  # half inside
+        (shapely.box(120, 320, 160, 360), 64),  # inside
         (shapely.box(200, 300, 250, 400), 0),  # at a border
-        (shapely.box(199.9, 300, 250, 400), 0),  # a sliver without a centre
+        (shapely.box(199.9, 300, 250, 400), 0),  # a sliver without a cell centre
         (shapely.box(210, 300, 250, 400), 0),
     ],
 )

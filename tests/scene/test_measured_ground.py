@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A ground from evidence: strength from scars of the laboratory, relief from patches."""
+"""Ground from evidence: strength from laboratory scars, relief from patches."""
 
 import csv
 import math
@@ -27,7 +27,7 @@ def place(tmp_path, monkeypatch):
 
 
 def patch_file(hurst=0.8, longest=16, slope=12.0):
-    """Elevations for blocks of R_b = 0.5 m: 32 m wide, in cells of 0.125 m."""
+    """Elevations for blocks of R_b = 0.5 m: a patch of 32 m with cells of 0.125 m."""
     heights, width = patches(Spectrum(slope, 2, longest, hurst), 1, seed=3)
     cell = 2 * 0.5 * width / CELLS
     affine = Affine(cell, 0, 600000, 0, -cell, 5000000)
@@ -45,8 +45,8 @@ def test_on_hard_ground_the_energy_is_strength_times_displaced_volume():
 @pytest.mark.all
 @pytest.mark.parametrize("shape", ["compact", "elongated", "platy"])
 def test_scars_of_blocks_of_any_attitude_give_one_strength_back(shape):
-    """Corners dig deeper. Each attitude leaves another scar on the same ground; their strengths
-    scatter about it by as much as the attitude tells."""
+    """Corners dig deeper: each attitude leaves another scar on the same ground, and strengths
+    scatter by the effect of the attitude."""
     radius, head = 0.5, 10.0
     depths = np.geomspace(0.1, 1.8, 15)
     scaled = np.array([scaled_strength(z, head, 2700.0, "ploughed", shape) for z in depths])
@@ -118,7 +118,7 @@ def test_the_error_of_the_relief_is_its_scatter_between_patches():
 def test_the_slope_of_other_waves_follows_from_hurst(hurst):
     narrow, wide = Spectrum(10, 2, 8, hurst), Spectrum(0, 2, 32)
     waves = np.geomspace(1 / 32, 1 / 2, 100001)
-    density = waves ** (2 - 2 * hurst)  # of the variance of the slope in the logarithm of waves
+    density = waves ** (2 - 2 * hurst)  # variance of the slope by logarithm of the wavelength
     ratio = density[:-1].sum() / density[:-1][waves[:-1] >= 1 / 8].sum()
     expected = np.degrees(np.arctan(np.tan(np.radians(10)) * np.sqrt(ratio)))
     assert slope_between(narrow, wide) == pytest.approx(expected, rel=1e-3)
@@ -139,7 +139,7 @@ def test_the_command_writes_a_row_and_adds_others(place, capsys):
         first, second = csv.DictReader(file)
     assert first["strength"] == second["strength"]
     assert (first["model"], second["rest_angle"]) == ("ploughed", "33")
-    assert float(first["relief"]) == pytest.approx(12, abs=3)  # and waves of up to 32 R_b
+    assert float(first["relief"]) == pytest.approx(12, abs=3)  # with waves up to 32 R_b
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_a_table_of_scars(place):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_scars_on_the_page_of_grounds_are_those_of_their_strengths(name):
-    """Of a block of R_b = 0.4 m that falls by 1 m, in whole centimetres."""
+    """For a block of R_b = 0.4 m that falls by 1 m, in integer centimetres."""
     page = (ROOT / "docs" / "impact_tables.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
     depth, radius = float(row.split("|")[-2]) / 100, 0.4

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Projects of PlatRock and AvaFrame as cases: what their files say is what runs, by the defaults of
-those programs, and every input is in one of the lists."""
+"""Projects of PlatRock and AvaFrame as cases: runs use the values in their files and the defaults
+of these programs, and every input is listed."""
 
 import csv
 import math
@@ -49,14 +49,14 @@ def test_rocks_of_platrock(simulation):
     density = (result.mass / result.volume).values
     assert np.allclose(density, np.where(feature == 0, 2700, 2650), rtol=1e-12)
     given = values_of(case, read_scene(case).features)  # density, drop height, velocity
-    assert given.tolist() == [[2700, 3, 0, 0, 0], [2650, 4, 0, 0, 0]]  # 2650, 4, 0: its defaults
+    assert given.tolist() == [[2700, 3, 0, 0, 0], [2650, 4, 0, 0, 0]]  # 2650, 4, 0: PlatRock's
     assert case.flight["gravity"] == 9.8 and case.impact["stop_speed"] == 0.2
 
 
 def test_soils_of_platrock(simulation, tmp_path):
     case, lists = simulation
     rows = grounds(tmp_path / "out")
-    radius = (3 * (0.75 * 1.25 + 0.25 * 1.0) / (4 * math.pi)) ** (1 / 3)  # of the mean volume
+    radius = (3 * (0.75 * 1.25 + 0.25 * 1.0) / (4 * math.pi)) ** (1 / 3)  # from the mean volume
     expected = {
         "outside": ("constant", {"r_n": 0.15, "r_t": 0.05}, 0.1),
         "soil_1": ("constant", {"r_n": 0.4, "r_t": 0.8}, 0.3),
@@ -73,12 +73,12 @@ def test_soils_of_platrock(simulation, tmp_path):
         assert {key: float(row[key]) for key in keys if row[key]} == numbers
     rasters = read_scene(case).rasters
     rows = [round((GRID.north - y) / GRID.cell - 0.5) for y in (2052.5, 2127.5, 2202.5, 2297.5)]
-    # the first soil counts where they overlap
+    # where soils overlap, the first counts
     names = [rasters.grounds[k - 1].name for k in rasters.cell_ground[rows, 20]]
     assert names == ["soil_1", "soil_1", "soil_2", "outside"]
     defaults = [line for line in lists[CHANGED] if "default" in line]
     assert "soil.geojson: polygon 2: no roughness: 0.1, PlatRock's default" in defaults
-    assert not any("R_n:" in line for line in defaults)  # of no use to its model
+    assert not any("R_n:" in line for line in defaults)  # not used by its model
 
 
 def test_all_names_of_an_attribute_are_read(tmp_path):
@@ -113,7 +113,7 @@ def test_checkpoints_and_stems_of_platrock(simulation):
 
 
 def test_coordinates_are_taken_as_they_are(tmp_path):
-    """PlatRock ignores coordinate systems, also one that a GeoJSON names."""
+    """PlatRock ignores coordinate systems, even if given in a GeoJSON."""
     text = collection((ROCKS[0], box(*BOX["west"])))
     named = text[:-1] + ', "crs": {"type": "name", "properties": {"name": "EPSG:4326"}}}'
     folder = platrock(tmp_path / "simulation", **{"rocks.geojson": named})
@@ -135,7 +135,7 @@ def test_stands_of_platrock(tmp_path):
 
 
 def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
-    """Names are case-sensitive in PlatRock, which takes its default for one that it misses."""
+    """Names are case-sensitive in PlatRock, which uses its default for missing names."""
     soil = collection(({"r_n": 0.9, "R_t": 0.5, "bounce_mod": 0}, box(1000, 2000, 1250, 2300)))
     folder = platrock(tmp_path / "simulation", **{"soil.geojson": soil})
     lists = rockfall.import_platrock(folder, tmp_path / "out")
@@ -219,7 +219,7 @@ def test_an_avaframe_folder(tmp_path, release, capsys):
     printed = capsys.readouterr().out
     assert "Inputs/RES/fsi.asc: no stems" in printed
     assert "Inputs/CFGs: settings of flow models" in printed
-    assert "Inputs/ENT" not in printed and "Inputs/LINES" not in printed  # empty
+    assert "Inputs/ENT" not in printed and "Inputs/LINES" not in printed  # empty folders
     case = rockfall.read_case(tmp_path / "out/case.nml")
     cases = rockfall.variants(case)
     assert [*cases] == ([] if release == "raster" else ["east", "west"])
@@ -236,7 +236,7 @@ def test_an_avaframe_folder(tmp_path, release, capsys):
 
 
 def test_objects_of_avaframe_are_hit(tmp_path):
-    """The polygons serve `hazard --objects`: the release in front of them reaches them."""
+    """The polygons can be used in `hazard --objects`: boulders released above hit them."""
     folder = avaframe(tmp_path / "avaHill")
     rockfall.import_avaframe(folder, tmp_path / "out", ground="rock", no_forest=True)
     scenario = {"name": "once", "frequency": 1.0}

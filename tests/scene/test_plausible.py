@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely mistakes give their one line, and sound scenes none."""
+"""Likely mistakes each give one line, correct scenes give none."""
 
 import math
 import re
@@ -36,7 +36,7 @@ OWN_MEADOW = "name,model,r_n,r_t,roughness_angle,source\nmeadow,constant,0.3,0.8
 
 
 class Site:
-    """A folder with the inputs of a sound case, and the case; a mistake changes something."""
+    """Folder with correct inputs and their case; a mistake changes something."""
 
     def __init__(self, folder):
         self.folder, self.z = folder, scenes.rough(NX, NY, CELL, dtype="f4")
@@ -68,7 +68,7 @@ class Site:
         self.groups[group] = self.groups.get(group, {}) | keys
 
     def meadow(self, table=None, **impact):
-        """Meadow everywhere, of the shipped table of grounds or of the user's."""
+        """Meadow everywhere, from the shipped ground table or a user's table."""
         self.set("surface", ground="meadow")
         self.set("impact", **impact)
         if table:
@@ -85,14 +85,14 @@ class Site:
         return rockfall.Case(folder=self.folder, **self.groups)
 
     def polygons(self, *boxes, crs=UTM, name="zones.gpkg"):
-        """Zones 1, 2, ... between pairs of x, as a layer."""
+        """Layer of zones 1, 2, ... between pairs of x."""
         import pyogrio
         import shapely
 
         south, north = NORTH - NY * CELL, NORTH
         shapes = [shapely.box(EAST + low, south, EAST + high, north) for low, high in boxes]
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that there is no CRS
+            warnings.simplefilter("ignore", UserWarning)  # missing CRS
             pyogrio.raw.write(
                 self.folder / name, geometry=np.array([shapely.to_wkb(one) for one in shapes]),
                 field_data=[np.arange(1, len(boxes) + 1, dtype="i4")], fields=["zone"],
@@ -123,7 +123,7 @@ def undeclared(value, nodata=None):
 
 
 def in_degrees(site):
-    """The same ground, its cells in degrees, and no word of it."""
+    """The same ground with cells in degrees, undeclared."""
     site.dem(site.z, crs=None, transform=Affine(6e-5, 0, 7.1, 0, -4.5e-5 * 6 / 4.5, 45.1))
     site.uniform()
     site.set("release", x=[7.1 + 30 * 6e-5], y=[45.1 - 10 * 6e-5])
@@ -161,7 +161,7 @@ def put(group, **keys):
 
 
 def of_sources(density):
-    """Boulders that their source describes."""
+    """Boulders described by their sources."""
 
     def change(site):
         sides = dict.fromkeys(("d1", "d2", "d3"), "side.tif")
@@ -174,25 +174,25 @@ def of_sources(density):
 
 
 def spike(site):
-    """One cell, as a bird or a cloud leaves it."""
+    """Spike in one cell, as from a bird or a cloud."""
     site.z[40, 20] += 400.0
     site.dem(site.z)
 
 
 def void(site):
-    """A hole that was resampled with its nodata value as an elevation."""
+    """Hole resampled with its nodata value as an elevation."""
     site.z[40:44, 20:25] = np.nan
     site.z[39, 20:25] = [-500.0, -7000.0, -3100.0, -6200.0, -900.0]
     site.dem(site.z, nodata=np.nan)
 
 
 def half_steep_in_feet(site):
-    """A slope of 22 degrees with steeper parts: no half of it is steeper than 60 degrees."""
+    """Slope of 22 degrees with steeper parts: less than half is steeper than 60 degrees."""
     site.dem(scenes.rough(NX, NY, CELL, gradient=0.35, relief=6.0, dtype="f4") / 0.3048)
 
 
 def packed(site):
-    """A scale and an offset in a file beside the raster, which nothing in the raster tells of."""
+    """Scale and offset in a file next to the raster, not in the raster itself."""
     site.dem((site.z - 1000.0) * 2)
     (site.folder / "dem.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Offset>1000</Offset><Scale>0.5</Scale>'
@@ -201,7 +201,7 @@ def packed(site):
 
 
 def points(*rows):
-    """A table of sources, several of them in one place."""
+    """Table of sources, several of them at the same place."""
 
     def change(site):
         text = "x,y,volume\n" + "".join(f"{EAST + x},{NORTH - y},{v}\n" for x, y, v in rows)
@@ -224,7 +224,7 @@ def obstacles(*rg):
 
 
 def trees(*dbh):
-    """A list of stems, spread over the slope."""
+    """List of stems spread over the slope."""
 
     def change(site):
         places = [(EAST + 30 * (k % 9) + 20, NORTH - 30 * (k // 9) - 100) for k in range(len(dbh))]
@@ -417,7 +417,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_gives_its_line_and_no_other(site, what):
-    """In all languages of reports; how a layer was reprojected stands there with its checksum."""
+    """In all languages of reports; checksums include how a layer was reprojected."""
     change, words = MISTAKES[what]
     change(site)
     scene = read_scene(site.case())
@@ -430,7 +430,7 @@ def test_a_mistake_gives_its_line_and_no_other(site, what):
             assert translated(text) != text
 
 
-ABSURD = {  # refused at the door
+ABSURD = {  # refused before anything else
     "net in cm": (barrier(height=400.0), "&barrier height = 400.0: must be 0.001 to 100 [m]"),
     "capacity in J": (barrier(capacity=500_000.0, **{"class": None}),
         "&barrier capacity = 500000.0: must be 1e-6 to 100000 [kJ]"),
@@ -521,14 +521,14 @@ def test_both_commands_and_the_function_say_the_same(site, capsys, monkeypatch):
     assert {one.filename for one in caught} == {__file__}
 
 
-# ---- sound scenes
+# ---- correct scenes
 
 
 def test_a_sound_site(site):
     assert lines(site) == []
     site.by_cells()
     assert lines(site) == []
-    mask(255, 0)(site)  # a mask as images have it
+    mask(255, 0)(site)  # mask as in images
     assert lines(site) == []
     mask(1, 255, declared=255)(site)
     assert lines(site) == []
@@ -536,7 +536,7 @@ def test_a_sound_site(site):
     assert lines(site) == []
     site.polygons((0, 150), (150, 300))
     assert lines(site) == []
-    site.dem(site.z, crs=None)  # what names no CRS is taken as it is
+    site.dem(site.z, crs=None)  # without a CRS, values are used unchanged
     site.polygons((0, 150), (150, 300), crs=None)
     assert lines(site) == []
 
@@ -582,7 +582,7 @@ def test_projections_of_the_alps(site, crs):
 
 
 def elevations(name):
-    """Terrain that is unusual, or has round numbers."""
+    """Unusual terrain, or terrain with round numbers."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     sea = np.maximum(scenes.rough(NX, NY, CELL) - 1150.0, 0.0)
     cliff = np.where(y > 200, 250.0, 0.0)
@@ -615,7 +615,7 @@ def test_unusual_terrain(site, name):
         (1.0, 0.1, 34.0, 14),  # sqrt(6) x 0.1 m in a cell of 1 m
         (2.0, 0.2, 34.0, 14),
         (1.0, 0.05, 34.0, None),
-        (4.0, 0.4, 34.0, None),  # coarse cells hold no rocks
+        (4.0, 0.4, 34.0, None),  # coarse cells cannot show rocks
         (1.0, 0.1, 10.0, None),
         (1.0, 0.1, 58.0, None),
     ],
@@ -635,11 +635,11 @@ def test_fine_cells_that_hold_noise_or_rocks_are_named(site, cell, noise, slope,
 def test_a_saddle_of_integers_has_no_steps(site):
     y, x = np.mgrid[0:NY, 0:NX]
     site.dem(900 - (x - 30.0) ** 2 + (y - 40.0) ** 2)
-    assert not any("steps" in line for line in lines(site))  # steep it is
+    assert not any("steps" in line for line in lines(site))  # the slope is steep, but without steps
 
 
 def test_a_model_in_a_laboratory(site):
-    """Centimetres of cells at coordinates that might be degrees."""
+    """Cells of centimetres at coordinates that might be degrees."""
     site.dem(site.z / 100, crs=None, transform=Affine(0.05, 0, 0.0, 0, -0.05, 4.0))
     site.uniform(0.005)
     site.set("boulder", volume_mean=1e-6)
@@ -662,14 +662,13 @@ def tutorial_layers(folder):
 @pytest.mark.all
 @pytest.mark.parametrize("case", sorted(CASES), ids=lambda case: str(case.relative_to(ROOT)))
 def test_cases(case, gallery, tmp_path):
-    """Those whose terrain is not stored make it; those of published data, which are downloaded, are
-    left out."""
+    """Cases without stored terrain make it; cases with downloaded data are skipped."""
     folder = shutil.copytree(case.parent, tmp_path / "case")
     if not list(folder.glob("dem.*")):
         maker = folder / "make_terrain.py"
         if maker.exists():
             subprocess.run([sys.executable, maker, folder], check=True)
-        else:  # of layers that another case makes
+        else:  # layers made by another case
             gallery.copy("tutorial", tutorial_layers, folder)
     given = rockfall.read_case(folder / case.name)
     for one in rockfall.variants(given).values() if given.variant else [given]:
@@ -686,7 +685,7 @@ def test_check_tells_elevations_slopes_and_speed(site):
     site.set("release", drop_height=10.0, velocity=[3.0, 0.0, 4.0])
     page = preview(read_scene(site.case()))
     rows = {line[2:15].strip(): line[15:] for line in page.splitlines()[1:]}
-    source = (NY - 0.5) * CELL - 50.0  # as y counts; it lies on the edge of two cells
+    source = (NY - 0.5) * CELL - 50.0  # as y counts; on the edge of two cells
     low, high, *sources = (float(word.replace(",", "")) for word in numbers(rows["elevations"]))
     assert (low, high) == pytest.approx((1000.0, 1000.0 + steep * (NY - 1) * CELL), abs=0.05)
     assert sources == pytest.approx([1000.0 + steep * source], abs=steep * CELL / 2 + 0.05)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources of layers and tables: where they are, what they say of their releases, how they share
-boulders, and that results know them."""
+"""Sources from layers and tables: positions, attributes of their releases, distribution of
+boulders, and their identity in results."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terr
 W, N = 600000.0, 5000000.0
 X, Y = np.array([120.0, 130.0, 140.0, 180.0]) + W, np.full(4, N - 20.0)
 POINTS = [shapely.Point(*xy) for xy in zip(X, Y, strict=True)]
-#: Of each of the points.
+#: Attributes of each point.
 ABOUT = {
     "name": ["left", "left", "tower", None], "volume": ["lognormal", None, None, None],
     "volume_mean": [1.5, None, 2.0, None], "volume_std": [0.3, None, None, None],
@@ -61,7 +61,7 @@ def total(case, n):
 
 
 def only(result):
-    """A result without what says from where it has its sources."""
+    """Result without the attributes that identify its sources."""
     names = [
         name
         for name in ("source_feature", "feature", "feature_name", "mass")
@@ -111,7 +111,7 @@ def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_
 
 @pytest.mark.parametrize("has_frequency", [True, False])
 def test_polygons_that_release_nothing_are_named(case, has_frequency):
-    """One between centres of cells, one off the terrain, one that a later one covers."""
+    """One between cell centres, one off the terrain, one covered by a later polygon."""
     narrow = shapely.box(W + 10.1, N - 40, W + 10.2, N - 20)
     away, covered = shapely.box(W - 50, N - 40, W - 20, N - 20), CLIFFS[0].buffer(-8.0)
     about = {"name": ["narrow", "away", None, "cliff", "tower"]}
@@ -154,7 +154,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
 
 
 def test_one_law_for_all_features_is_that_of_the_case(case):
-    """As if the case had said it, to the bit."""
+    """Exactly as if given in the case."""
     said = {"volume": ["normal"] * 4, "volume_mean": [1.5] * 4, "volume_std": [0.3] * 4}
     make_layer("p.gpkg", POINTS, density=[2500.0] * 4, drop_height=[3.0] * 4, **said)
     law = {"volume": "normal", "volume_mean": 1.5, "volume_std": 0.3, "density": 2500.0}
@@ -256,11 +256,11 @@ def test_a_hundred_thousand_points(case):
     make_layer("p.fgb", list(shapes), volume=volume, name=[f"block {k}" for k in range(n)])
     scene = read_scene(at(case, "p.fgb").replace(case={"boulders": 1}))
     assert scene.boulders == n and np.unique(scene.features.value[:, 0]).size == n
-    assert np.array_equal(np.sort(scene.x), np.sort(W + x))  # FlatGeobuf sorts as it likes
+    assert np.array_equal(np.sort(scene.x), np.sort(W + x))  # FlatGeobuf changes the order
 
 
 def test_many_names_are_kept(case):
-    """More than a netCDF-4 attribute holds by itself (64 KiB)."""
+    """More than fits in a compact netCDF-4 attribute (64 KiB)."""
     n = 8000
     make_layer("p.gpkg", POINTS[:1] * n, name=[f"block number {k}" for k in range(n)])
     case = at(case).replace(case={"boulders": 1}, output={"maps": None}, impact={"impact_limit": 1})
@@ -347,12 +347,12 @@ def test_what_cannot_be_is_refused_in_one_line(case, capsys, subtests):
         run_ensemble(at(case, "f.gpkg"))
 
 
-# ---- what commands make of it
+# ---- use by commands
 
 
 @pytest.fixture
 def described(case):
-    """A case whose layer says something of the boulders of some points."""
+    """Case whose layer gives the boulders of some points."""
     make_layer("p.gpkg", POINTS, **ABOUT)
     return at(case)
 
@@ -386,8 +386,8 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
 
 
 def test_scenarios_give_what_the_layer_does_not(case):
-    """A layer of drop heights leaves volumes to scenarios; what it says of each source comes
-    first; what it says of some is noted."""
+    """A layer of drop heights leaves volumes to scenarios. Attributes of all sources have priority;
+    attributes of some are reported."""
     both = case.replace(line=[], scenario=[
         {"name": "small", "frequency": 1.0, "volume": "fixed", "volume_mean": 0.1},
         {"name": "large", "frequency": 0.1, "volume": "fixed", "volume_mean": 4.0},
@@ -409,7 +409,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
 
 
 def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path):
-    """The same boulders in every number; without a layer, beside those of their cliff."""
+    """Equal boulders and statistics; without a layer, next to those of their cliff."""
     make_layer("cliffs.gpkg", CLIFFS, name=["left", "right"])
     result = rockfall.run(at(case, "cliffs.gpkg"))
     mine = result["source_feature"].values == 1

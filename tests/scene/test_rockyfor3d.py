@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Folders of Rockyfor3D run as they are: each of their files does what it is there for."""
+"""Rockyfor3D folders run without changes: each file has its effect."""
 
 import re
 from pathlib import Path
@@ -23,16 +23,16 @@ from rockfall.text.preview import preview
 from scenes import grid, status
 
 NY, NX, CELL = 50, 40, 5.0
-#: Row and column of the sources, and what their boulders are: shape, density, sides, volume.
+#: Row and column of the sources, and shape, density, sides, volume of their boulders.
 SOURCES = {
     (5, 12): (1, 2600.0, (0.5, 0.8, 1.5), 0.5 * 0.8 * 1.5),
     (5, 27): (2, 2900.0, (1.0, 1.2, 1.4), np.pi / 6 * 1.0 * 1.2 * 1.4),
 }
-BOULDERS = 60  # from each
+BOULDERS = 60  # boulders from each source
 
 
 def layers():
-    """The rasters of a folder: a slope of 40 degrees above a flat, soil 4 above soil 3."""
+    """Rasters of a folder: a slope of 40 degrees above a flat, soil 4 above soil 3."""
     y = (np.arange(NY)[::-1] + 0.5) * CELL
     z = np.repeat(np.interp(y, [0, 60, 250], [95, 100, 260])[:, None], NX, 1)
     found = {"dem": z, **{name: np.zeros(z.shape) for name in ("rockdensity", "blshape")}}
@@ -61,7 +61,7 @@ def forest():
 
 
 def net(energy=5000.0, height=9.0):
-    """A net across the slope."""
+    """Net across the slope."""
     number = np.zeros((NY, NX))
     number[35] = 7
     return {"net_number": number, "net_energy": energy * (number > 0),
@@ -77,13 +77,13 @@ def make_folder(path, **rasters):
 
 
 def imported(folder, **rasters):
-    """The case of a folder of such rasters, with some boulders."""
+    """Case from a folder with these rasters and some boulders."""
     rockfall.import_rockyfor3d(make_folder(folder / "rocky", **rasters), folder / "case")
     case = rockfall.read_case(folder / "case/case.nml")
     return case.replace(case={"boulders": BOULDERS, "threads": 1})
 
 
-# ---- what the files do
+# ---- effects of the files
 
 
 def test_each_source_has_boulders_of_its_own(tmp_path):
@@ -112,7 +112,7 @@ def test_the_density_of_the_case_where_no_raster_says_it(tmp_path):
     light, heavy = (
         rockfall.run(case.replace(boulder={"rock_density": None, "density": density}))
         for density in (1500.0, 3000.0)
-    )  # by impact sets, mass changes no way
+    )  # by impact sets, mass does not change paths
     assert np.allclose(heavy.energy_released, 2 * light.energy_released, rtol=1e-12)
 
 
@@ -231,7 +231,7 @@ def test_the_line_of_a_net(cells, x, y):
 
 
 def test_the_line_of_a_net_has_no_stairs():
-    """A straight net at any angle has two points, and passes its cells."""
+    """A straight net at any angle has two points, and passes through its cells."""
     dem = np.zeros((60, 60))
     for rise in (0.1, 0.3, 0.5, 0.77, 1.0):
         columns = np.arange(5, 40)
@@ -248,7 +248,7 @@ def test_the_line_of_a_net_has_no_stairs():
 
 
 def test_the_coordinate_system_of_a_folder_is_given(tmp_path):
-    """In the results and on their maps; one that is none is refused, and nothing written."""
+    """In results and on their maps; an invalid system is refused, and nothing is written."""
     folder, out = make_folder(tmp_path / "rocky"), tmp_path / "case"
     assert main(["import-rockyfor3d", str(folder), "-o", str(out), "--crs", "EPSG:2056"]) == 0
     case = rockfall.read_case(out / "case.nml")
@@ -285,7 +285,7 @@ def test_branches_of_a_net_are_told(tmp_path):
 
 
 def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
-    """On the terminal and in the case; not of a folder without soil types or trees."""
+    """In the terminal and in the case; not for a folder without soil types or trees."""
     folder = make_folder(tmp_path / "rocky", **forest())
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (
@@ -300,8 +300,8 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
 
 
 def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
-    """Impact sets where rocks have a size: smooth ground, and obstacles that stop everything, keep
-    their soil."""
+    """Impact sets apply where rocks have a size; smooth ground and absorbing obstacles keep their
+    soil."""
     rg = np.full((NY, NX), 0.2)
     rg[:, :8], rg[-3:] = 0.0, 100.0
     line = [{"name": "L", "x": [0.0, 200.0], "y": [150.0, 150.0]}]
@@ -318,7 +318,7 @@ def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
     assert own == pytest.approx(
         rockfall.line_statistics(rockfall.run(case)).set_index("quantity")["q95"]["energy_total"]
     )
-    assert by_sets > 2 * own  # the spread that the import alone does not show
+    assert by_sets > 2 * own  # spread that the import alone does not show
 
 
 # ---- both programs
@@ -406,7 +406,7 @@ def test_a_case_of_someone_else_is_not_overwritten(tmp_path):
 
 @pytest.mark.parametrize("row", ["1 2", "1,5;2,5;30", "1,5 2,5 30,5", "1 2 nan"])
 def test_rows_that_are_no_trees(tmp_path, row):
-    """Decimal commas would part a number in two."""
+    """Decimal commas would split a number in two."""
     folder = make_folder(tmp_path / "rocky")
     (folder / "trees.txt").write_text(f"x y dbh\n{row}\n")
     words = "line 2: must be x, y and DBH [cm], with decimal points"
@@ -436,7 +436,7 @@ def test_values_that_no_boulder_has(tmp_path, rasters, words):
 
 @pytest.mark.parametrize("name", ["rockdensity", "d1", "blshape"])
 def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
-    """The command that would put the raster on the cells of the DEM keeps them."""
+    """Values are kept by the command that puts the raster on the cells of the DEM."""
     raster = layers()[name][1:]
     with pytest.raises(RockfallError, match=r"are not on the cells .* --resampling nearest$"):
         read_scene(imported(tmp_path, **{name: raster}))

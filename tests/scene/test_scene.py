@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is read in blocks of rows is what the rasters hold, whichever way up their files are."""
+"""Reading by blocks of rows gives the contents of the rasters, whichever way up they are."""
 
 import numpy as np
 import pytest

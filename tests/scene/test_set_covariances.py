@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Covariances of impact sets: one rule for the kernel, the laboratory and the planes. What is no
-covariance is refused by file, line and entry; what is singular is drawn as it is."""
+"""Covariances of impact sets: one rule for kernel, laboratory and planes. Invalid covariances are
+refused with file, line and entry; singular covariances are used unchanged."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ from rockfall.errors import RockfallError
 from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.sets import read_sets, restitution
 
-LOSES = np.array([0.2, 0, 0, 0, -0.3, 0, 0, 0, 0.2])  # a mean far from the limits of a rebound
+LOSES = np.array([0.2, 0, 0, 0, -0.3, 0, 0, 0, 0.2])  # mean far from the limits of a rebound
 
 
 def of_rank(rank, seed, decades=0.0):
-    """A covariance of a rank, with standard deviations of 0.01, down to 10**-decades of it."""
+    """Covariance of a given rank, with standard deviations from 0.01 down to 10**-decades of it."""
     root = np.random.default_rng(seed).normal(size=(9, rank))
     deviation = 0.01 * 10 ** -np.linspace(0, decades, 9)
     root *= (deviation / np.linalg.norm(root, axis=1))[:, None]
@@ -39,7 +39,7 @@ def nearest(c):
 
 
 def with_entries(**entries):
-    """Zeros, but for entries such as c87=9e-9."""
+    """Zeros except for entries such as c87=9e-9."""
     c = np.zeros((9, 9))
     for name, value in entries.items():
         i, j = int(name[1]) - 1, int(name[2]) - 1
@@ -102,7 +102,7 @@ def test_the_product_of_a_root_is_the_nearest_covariance(name):
 
 @pytest.mark.parametrize("name", SINGULAR)
 def test_kernel_and_planes_draw_with_the_covariance(name, tmp_path):
-    """Covariances of V_out, by 4,000 first rebounds each, within 4.5 standard errors."""
+    """Covariances of V_out from 4,000 first rebounds each are within 4.5 standard errors."""
     c, n, v_in = SINGULAR[name], 4000, np.array([6.0, -4.0, 0.0])
     rebound = set_rebound(LOSES, c)
     planes = rebound(np.tile(v_in, (n, 1)), np.random.default_rng(7)).T
@@ -123,7 +123,7 @@ def check_scatter(out, c, v_in):
 
 
 def first_rebounds(folder, n):
-    """V_out (3, n) of the first rebounds on a plane, for one V_in."""
+    """V_out (3, n) of the first rebounds on a plane for one V_in."""
     z = 100 + np.tan(np.radians(30.0)) * 2.5 * np.mgrid[59:-1:-1, 0:20][0]
     case = rockfall.Case(
         folder=folder,
@@ -164,7 +164,7 @@ def test_what_is_no_covariance_is_refused_everywhere(name, tmp_path):
 @pytest.mark.parametrize("unit", [1e-6, 1e-3, 1e3])
 @pytest.mark.parametrize("name", REFUSED)
 def test_units_change_no_decision(name, unit):
-    """A W in other units changes its covariances alone."""
+    """W in other units only scales the covariances."""
     other = np.repeat([1.0, 1.0, unit], 3)
     with pytest.raises(RockfallError):
         covariance_root(REFUSED[name][0] * other * other[:, None])

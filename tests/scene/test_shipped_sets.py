@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The impact sets that are shipped."""
+"""Shipped impact sets."""
 
 import numpy as np
 import pytest

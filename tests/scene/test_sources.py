@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Steep cells as sources, and boulders by the true surface area of their cells."""
+"""Steep cells as sources, and boulders in proportion to the true surface area of their cells."""
 
 import re
 
@@ -21,24 +21,24 @@ LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
 
 def released(scene):
-    """Boulders of each source."""
+    """Number of boulders per source."""
     return np.array([len(scene.numbers_of(k)) for k in range(scene.x.size)])
 
 
 def steep(folder, line=LINE, **groups):
-    """A case with steep cells as sources."""
+    """Case with steep cells as sources."""
     groups["release"] = {"steep_cells": True} | groups.get("release", {})
     return make_case(folder, *sets(2.0), line=line, **{"terrain": {}, **groups})
 
 
 def plane(tangent, nx=9, ny=7, cell=2.5, towards=(0.6, 0.8), dtype="f8"):
-    """A plane that falls with a slope of this tangent."""
+    """Plane that falls with a slope of given tangent."""
     y, x = np.mgrid[ny - 1 : -1 : -1, 0:nx] * cell
     return (1000.0 - tangent * (towards[0] * x + towards[1] * y)).astype(dtype)
 
 
 def cells_of(scene):
-    """Which cells are sources."""
+    """Mask of source cells."""
     g, found = scene.grid, np.zeros(scene.grid.shape, bool)
     row, column = (g.north - scene.y) / g.cell, (scene.x - g.west) / g.cell
     found[row.astype(int), column.astype(int)] = True
@@ -50,7 +50,7 @@ def cells_of(scene):
 def test_a_plane_is_steep_above_the_threshold_and_not_below(tmp_path, degrees):
     z = plane(np.tan(np.radians(degrees)))
     inner = np.zeros(z.shape, bool)
-    inner[1:-1, 1:-1] = True  # others have no 3x3 window
+    inner[1:-1, 1:-1] = True  # cells without a 3x3 window
     below = steep(tmp_path, release={"slope_threshold": degrees - 1e-9})
     assert np.array_equal(cells_of(read_scene(below, dem=z, transform=grid(z, 2.5))), inner)
     above = steep(tmp_path, release={"slope_threshold": degrees + 1e-9})
@@ -143,7 +143,7 @@ def test_what_cannot_be_is_refused_in_one_line(
 
 
 def numbers_of(result):
-    """Boulders of each start, in the order of their numbers."""
+    """Boulder numbers by start, in ascending order."""
     start = result["start_x"].values + 1j * result["start_y"].values
     edges = np.flatnonzero(np.r_[True, start[1:] != start[:-1], True])
     return np.diff(edges)
@@ -152,7 +152,7 @@ def numbers_of(result):
 @pytest.mark.parametrize("n", [1, 7])
 @pytest.mark.parametrize("tangent", [0.0, 0.75, 2.0])
 def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
-    """Also at the edge, where there is no 3x3 window: a plane is a plane."""
+    """Also at the edge, without a 3x3 window: the area is that of a plane."""
     z = plane(tangent, nx=20, ny=15)
     release = {"steep_cells": None, "cells": "cells", "by_area": True}
     case = steep(tmp_path, case={"boulders": n}, release=release)
@@ -167,7 +167,7 @@ def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
 
 
 def weighted(folder, **groups):
-    """Steep cells of a rough slope that release by area, with trajectories of two hundred."""
+    """Steep cells of a rough slope that release by area, with two hundred trajectories."""
     output = {"maps": ["passages", "sources", "reach_probability_by_source"], "trajectories": 200}
     release = {"by_area": True, "slope_threshold": 44.0, "cells": "cells", "drop_height": 2.0}
     groups = {"case": {"boulders": 3}, "output": output, **groups}
@@ -194,7 +194,7 @@ def test_boulders_by_area_are_the_same_however_they_are_flown(tmp_path):
     number = whole["trajectory_boulder"].values[first]
     assert np.array_equal(whole["trajectory_x"].values[first], whole["start_x"].values[number - 1])
     begins = np.cumsum(each) - each
-    wanted = np.cumsum(each) * 200 // each.sum()  # of the sources up to each
+    wanted = np.cumsum(each) * 200 // each.sum()  # sources up to each
     expected = [
         np.arange(start, start + n)
         for start, n in zip(begins, np.diff(wanted, prepend=0), strict=True)

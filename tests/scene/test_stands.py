@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stands of trees from polygons, what thinnings leave of them, and lying logs."""
+"""Stands of trees from polygons, remaining trees after thinning, and lying logs."""
 
 import numpy as np
 import pytest
@@ -87,8 +87,8 @@ def test_a_stand_in_another_unit_than_the_others_is_told(tmp_path, columns, told
 
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_stems_are_as_many_as_the_area_says_in_cells_cut_by_an_edge_too(tmp_path, spread):
-    """Three stands next to each other with slanting edges, over many seeds: expected numbers in all
-    of each stand and in its part of the cells that its edge cuts, within 4 standard errors."""
+    """Three adjacent stands with oblique edges, over many seeds: expected numbers of stems in each
+    complete stand and in the part of its cells cut by the edge, within 4 standard errors."""
     shapes = [
         shapely.Polygon([(31, 47), (148, 52), (163, 341), (42, 333)]),
         shapely.Polygon([(148, 52), (271, 66), (252, 352), (163, 341)]),
@@ -126,13 +126,13 @@ def test_names_of_attributes_in_four_languages(tmp_path):
         columns = dict(zip(names, GIVEN.values(), strict=True))
         assert np.array_equal(stands_of(tmp_path, [ALL], **columns).trees, english.trees), names
     assert english.stands[0].name == "Hang"
-    for key, names in NAMES.items():  # none means two things, in shapefiles either
+    for key, names in NAMES.items():  # `none` has two meanings, also in shapefiles
         for name in names:
             assert [other for other in NAMES if matching(other, [name[:10]])] == [key]
 
 
 def test_species_of_a_stand(tmp_path):
-    """Several with percentages, in any language; without one, conifers and broadleaves."""
+    """Several species with percentages, in any language; without: conifers and broadleaves."""
     halves = [shapely.box(0, 0, 150, 400), shapely.box(150, 0, 300, 400)]
     scene = stands_of(tmp_path, halves, **columns_of(2), Baumart=["Fichte 60, Buche 40 %", None])
     west = scene.trees.factor[scene.trees.x < 150]
@@ -248,7 +248,7 @@ def test_a_thinned_stand_is_a_part_of_the_full_one(tmp_path):
 
 
 def test_clearings_take_stems_out_of_lists_and_stands(tmp_path):
-    """All of them, or a part by their attribute; the smaller where they overlap."""
+    """All stems or a fraction by attribute; where clearings overlap, the smaller remainder."""
     shapes = [shapely.box(0, 200, 150, 400), shapely.box(0, 100, 300, 300)]
     make_layer(tmp_path / "storm.gpkg", shapes, crs=None, Restanteil=[0.0, 0.4])
     storm = {"clearings": "storm.gpkg"}
@@ -305,8 +305,8 @@ def test_today_and_after_a_storm_are_compared_boulder_by_boulder(tmp_path):
 
 
 def test_logs_of_a_layer_are_low_barriers(tmp_path):
-    """As high as thick, or as their attribute says; as strong as a standing stem of their diameter
-    (38.7 DBH^2.31, spruce 0.9), a quarter less in each class of decay."""
+    """Height is the thickness or an attribute; strength is that of a standing stem of equal
+    diameter (38.7 DBH^2.31, spruce 0.9), a quarter less per decay class."""
     logs = [shapely.LineString([(100, y), (200, y)]) for y in (300.0, 250.0, 200.0)]
     make_layer(
         tmp_path / "logs.gpkg", logs, crs=None, diameter=[40.0, 40.0, 30.0],
@@ -343,13 +343,13 @@ def test_a_log_with_a_fault(tmp_path, keys, said):
     ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): is it in m"),
     ([12.0, 40.0], "40 cm at a mean of 30 cm"),
     ([12.0, 29.0], None),
-    ([0.0, 0.0], None),  # all of one diameter
+    ([0.0, 0.0], None),  # all with the same diameter
 ])  # fmt: skip
 def test_deviations_in_another_unit_are_told(tmp_path, std, told):
     half = [shapely.box(0, 0, 150, 400), shapely.box(150, 0, 300, 400)]
     scene = stands_of(tmp_path, half, **columns_of(2, dbh_std=std))
     mine = [line for line in scene.remarks if line.startswith("&forest dbh_std")]
     assert len(mine) == bool(told) and all(told in line for line in mine)
-    if told and std[0] == 12.0:  # the fraction of the stems that have it
+    if told and std[0] == 12.0:  # fraction of the stems with this attribute
         stands = scene.trees.x > 150.0
         assert f"({100 * stands.mean():.3g} % of the stems)" in mine[0]

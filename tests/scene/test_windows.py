@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain that does not fit in memory is read in windows; the result is the same, bit for bit."""
+"""Terrain that does not fit in memory is read by windows; results are bit-identical."""
 
 from dataclasses import replace
 
@@ -89,7 +89,7 @@ def refused(pattern):
     return pytest.raises(RockfallError, match=pattern)
 
 
-@pytest.mark.parametrize(  # bytes; the DEM has 79,200
+@pytest.mark.parametrize(  # [bytes]; the DEM has 79,200
     ("surface", "size"), [(None, 3_000), (make_zones, 9_000), (make_sizes, 60_000)]
 )
 def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
@@ -108,7 +108,7 @@ def test_windows_of_other_files(tmp_path, kind):
 
 
 def test_windows_of_boulders_that_break(tmp_path):
-    """A boulder is counted when all of its fragments stayed within the window, and only then."""
+    """A boulder is counted if and only if all its fragments stayed in the window."""
     breakage = {"at": "both", "release_fall": 8.0, "max_fragments": 20}
     case = case_in(tmp_path, case={"boulders": 2}, breakage=breakage)
     scene = read_scene(case, memory=3_000)
@@ -133,10 +133,10 @@ def test_windows_follow_the_sources_and_learn_how_far_boulders_go(tmp_path):
         assert top <= max(0, row - rim) and row + rim < top + ny
         assert left <= max(0, column - rim) and min(NX, column + rim) <= left + nx
         seen.append(window.rasters.at)
-    assert 2 < len(set(seen)) < len(seen) / 2  # one for many sources
+    assert 2 < len(set(seen)) < len(seen) / 2  # one window for many sources
     before = windows.margins.copy()
     run_scene(scene)
-    assert windows.margins[2] > before[2]  # southwards, where boulders go
+    assert windows.margins[2] > before[2]  # southwards, in the direction of boulders
     assert windows.margins[0] == before[0]
 
 
@@ -174,9 +174,7 @@ def test_parts_and_checkpoints(tmp_path):
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(
-        "rockfall.simulation.pilot.PILOT_REBOUNDS", 2000
-    )  # for the times that it says
+    monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)  # because of its times
     case = case_in(tmp_path, surface=make_zones(tmp_path))
     (tmp_path / "case.nml").write_text(case.text())
     assert main(["check", str(tmp_path / "case.nml"), "--memory", "30kB"]) == 0

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygons that say themselves what the ground is, from files and from GeoDataFrames: the scene is
-that of a table."""
+"""Polygons with ground attributes, from files and from GeoDataFrames: the scene equals that with a
+table."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def case(tmp_path, monkeypatch):
 
 
 def polygons(case, shapes=SHAPES, **columns):
-    """The case with these polygons as zones, without a table."""
+    """Case with given polygons as zones, without a table."""
     make_layer("ground.gpkg", shapes, **columns)
     return case.replace(surface={"zones": "ground.gpkg", "table": None})
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones, and whole cases, whose ground has a strength and a relief of its own: the run is that of
-the same numbers in a table of grounds."""
+"""Zones and complete cases whose ground has its own strength and relief: runs equal those with the
+same values in a ground table."""
 
 import csv
 import re
@@ -39,7 +39,7 @@ def write_pairs(case, rows=ROWS, head=HEAD):
 
 
 def by_table(case, pairs=PAIRS):
-    """The case with rows of a table of grounds of its own that have these numbers."""
+    """Case with rows of its own ground table that have the same values."""
     columns = [*next(iter(SHIPPED.rows.values())).cells]
     with open(case.folder / "grounds.csv", "w", newline="") as file:
         table = csv.DictWriter(file, columns)
@@ -57,7 +57,7 @@ def same_runs(one, other):
 
 
 def test_a_zone_is_the_ground_of_a_table_with_its_numbers(case):
-    """In every bit; the talus keeps the spread of its strength, and its rest angle."""
+    """Bit-identical; talus keeps the spread of its strength, and its rest angle."""
     one, other = rockfall.run(write_pairs(case)), rockfall.run(by_table(case))
     assert one["ground"].values.tolist() == NAMES
     same_runs(one, other)
@@ -134,7 +134,7 @@ def test_what_a_zone_cannot_give_is_refused(case, row):
 
 
 def test_numbers_beyond_the_tables_are_remarked(case):
-    """The nearest tables serve them; shipped grounds are within."""
+    """The nearest tables are used; shipped grounds are within range."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,25\n-2,0.3,meadow,3000,5\n"))
     said = [remark for remark in scene.remarks if "impact tables" in remark]
     assert [remark.partition(": ground ")[2] for remark in said] == [
@@ -151,7 +151,7 @@ def test_numbers_beyond_the_tables_are_remarked(case):
 
 
 def test_models_keep_the_ground_of_a_zone_with_numbers_of_its_own(case):
-    """The case's own ground is varied elsewhere alone."""
+    """The ground of the case is only varied outside the zone."""
     own = "talus (300000 Pa)"
     for ground, kept in (("", {own}), ("talus", {own})):
         zoned = write_pairs(case, f"4,0.3,{ground},3e5,\n-2,0.3,,,\n")
@@ -160,7 +160,7 @@ def test_models_keep_the_ground_of_a_zone_with_numbers_of_its_own(case):
         assert names == {"road", *kept}
 
 
-# ---- of a whole case
+# ---- values of a complete case
 
 
 OWN = {"ground_strength": 3e5, "ground_relief": 12.5}
@@ -182,7 +182,7 @@ def test_a_case_has_the_numbers_of_a_row_everywhere(case, groups):
 
 
 def test_zones_that_name_no_ground_have_them(case):
-    """And replace one of them; zones that name a ground keep its own numbers."""
+    """They replace one of them; zones with a named ground keep its values."""
     write_pairs(case, "4,0.3,,,14\n-2,0.3,talus,,\n")
     scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
     assert [rule.name for rule in scene.grounds] == ["talus (300000 Pa, 14 degrees)", "talus"]
@@ -227,7 +227,7 @@ def test_a_ground_without_strength_is_refused(case, ground):
 
 
 def test_models_vary_it_whole(case):
-    """Other models have other grounds, without its numbers."""
+    """Other models have other grounds, without these values."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus", "uniform_mean_radius": 0.3} | OWN)
     scenes = dict(variants(whole, ["road"], []))
     grounds = {name: [rule.name for rule in scene.grounds] for name, scene in scenes.items()}
@@ -239,7 +239,7 @@ def test_models_vary_it_whole(case):
 
 @pytest.mark.parametrize("boulder", [{"ground_strength_sigma": 0.4}, {"mean_radius_sigma": 0.4}])
 def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
-    """In place of leaving out themselves."""
+    """Instead of being omitted themselves."""
     ground = {} if "mean_radius_sigma" in boulder else {"ground": "talus"}
     whole = case.replace(surface=NO_ZONES | {"uniform_mean_radius": 0.3} | ground, boulder=boulder)
     scenes = dict(variants(whole, ["road"], []))
@@ -251,23 +251,23 @@ def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
 
 
 def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
-    """Its numbers are known."""
+    """Its values are known."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
     with pytest.raises(RockfallError, match="talus-ensemble'"):
         rockfall.ensemble(whole.replace(ensemble={"runs": 8, "sets": ["talus-ensemble"]}))
 
 
-# ---- what no evidence has calibrated
+# ---- values without calibration
 
 
 def smoother(scene):
-    """What remarks say of own grounds: relief to run too, by the name of the ground."""
+    """Remark on own grounds: the relief to run too, by name of the ground."""
     found = (re.search(r"ground '(.*)': near .* relief of (\S+) degrees", r) for r in scene.remarks)
     return {one[1]: float(one[2]) for one in found if one}
 
 
 def test_own_grounds_are_said_to_stop_boulders_too_early(case):
-    """With a relief 2 degrees smaller, if tables have it; shipped values are calibrated."""
+    """With a relief smaller by 2 degrees, if tables have it; shipped values are calibrated."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
     assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
     scene = read_scene(write_pairs(case, "4,0.3,talus,,7\n-2,0.3,talus,,13.5\n"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An open session gives the bits of fresh runs, whatever changed before, and stops when told."""
+"""An open session is bit-identical to fresh runs, whatever changed, and can be cancelled."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ MAPS = ("passages", "energy_mean", "energy_max", "speed_q95", "jump_height_max_m
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """A case in files, on a lively slope."""
+    """Case as files, on a lively slope."""
     monkeypatch.chdir(tmp_path)
     for k, seed in ("", 1), ("2", 2):
         make_raster(f"dem{k}.tif", scenes.rough(seed=seed, dtype="f4"))
@@ -99,7 +99,7 @@ def changes(rng):
 
 
 def last_of(session, *how, **more):
-    """The last batch of a run, whose batches are short."""
+    """Last batch of a run with short batches."""
     *_, batch = session.run(*how, batch_seconds=0.002, **more)
     return batch
 
@@ -113,7 +113,7 @@ def test_a_session_gives_the_bits_of_fresh_runs_after_any_changes(case, seed):
             try:
                 for change in several:
                     session.change(**change)
-            except rockfall.RockfallError as error:  # then a fresh run is refused in these words
+            except rockfall.RockfallError as error:  # a fresh run is then refused alike
                 with pytest.raises(rockfall.RockfallError) as other:
                     rockfall.run(session.case.replace(**change))
                 assert str(other.value) == str(error)
@@ -137,8 +137,8 @@ def test_boulders_of_a_run_are_those_of_a_total(case, threads):
 
 @pytest.mark.parametrize("maps", [[*MAPS], ["sources", "passages"]])
 def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
-    """Rows and crossings have the bits of the complete run, maps count what rows say."""
-    monkeypatch.setattr(batches.Batches, "_size", lambda _: 100)  # however fast the machine is
+    """Rows and crossings have the bits of the complete run, and maps count the rows."""
+    monkeypatch.setattr(batches.Batches, "_size", lambda _: 100)  # however fast the machine
     many = case.replace(case={"boulders_total": 600}, output={"maps": maps})
     complete = rockfall.run(many)
     with rockfall.open(many) as session:
@@ -150,14 +150,14 @@ def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
             assert same_bits(one[name].values, mine[name].values), name
         for name, values in at_lines(one).items():
             assert same_bits(values.values, at_lines(mine)[name].values), name
-        assert one["passages"].max() == one.sizes["boulder"]  # of the cell of the release
+        assert one["passages"].max() == one.sizes["boulder"]  # in the cell of the release
         assert int(one["rebounds"]) <= int(complete["rebounds"])
         assert set(one["trajectory_boulder"].values) <= set(one["boulder"].values)
     same(partial[-1], complete)
 
 
 def test_boulders_so_far_come_from_all_sources(case):
-    """The first of them alone would be those of the first sources."""
+    """Otherwise the first boulders would be from the first sources."""
     steep = case.replace(
         case={"boulders_total": 20_000}, release=NO_PLACE | {"steep_cells": True},
         output={"maps": None, "rebounds": False, "trajectories": 0},
@@ -224,7 +224,7 @@ def test_a_change_reads_only_what_depends_on_it(case, monkeypatch):
     assert made() == []
     assert made(line=[], barrier=[]) == []
     assert made(release={"x": [W + 90.0]}) == ["read_sources"]
-    assert made(boulder={"density": 2600.0}) == ["read_sources"]  # layers of sources may want it
+    assert made(boulder={"density": 2600.0}) == ["read_sources"]  # source layers may need it
     assert made(impact={"sets": "softer.nml"}) == ["read_rasters", "open_sets", "_digest"]
     assert made(output={"maps": None}) == []
     assert made(terrain={"dem": "dem2.tif"}) == [
@@ -319,7 +319,7 @@ def test_arrays_and_frames_may_be_given_and_changed(case):
 
 
 class Frame(pd.DataFrame):
-    """What rockfall wants of a GeoDataFrame."""
+    """Minimal GeoDataFrame for rockfall."""
 
     crs = CRS.from_user_input("EPSG:32632")
 
@@ -382,15 +382,15 @@ def test_a_cancel_ends_a_run_and_the_session_goes_on(case):
             if len(seen) == 3:
                 threading.Timer(0.01, cancel.set).start()
         assert 3 <= len(seen) and seen == sorted({*seen}) and seen[-1] < 10**6
-        assert list(session.run(10**6, cancel=cancel)) == []  # at once
+        assert list(session.run(10**6, cancel=cancel)) == []  # immediately
         same(last_of(session).dataset(), rockfall.run(case.replace(output={"trajectories": 0})))
 
 
-@pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # of the clock of computing time; of Windows'
+@pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # tick of the computing clock; on Windows
 @pytest.mark.parametrize("maps", [[], ["sources"]])
 def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, maps, tick):
-    """A cancel is answered between pieces: each has as many boulders as take 12 ms by the slowest
-    of late. Here a boulder takes 0.5 ms, and each of the later half 2 ms."""
+    """Cancelling works between pieces. Each piece has as many boulders as take 12 ms at the slowest
+    recent rate. Here a boulder takes 0.5 ms, in the second half 2 ms."""
     clock, times = [0.0], []
 
     def advance(run, scene, first, size, step=1):
@@ -408,7 +408,7 @@ def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, ma
         monkeypatch.setattr(batches, "time", Clocks)
         seen = [batch.boulders for batch in session.run(4096)]
     assert seen[-1] == 4096 and seen == sorted({*seen})
-    assert max(times[1:]) <= 0.05  # the first piece does not know how long a boulder takes
+    assert max(times[1:]) <= 0.05  # the time per boulder is unknown in the first piece
     assert np.mean(times) > 0.004
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders of several block shapes within a run: each goes as in a run of its shape alone, however
-the run is cut and whichever program runs it; shares are met; what cannot be meant is refused."""
+"""Boulders of several block shapes in a run: each behaves as in a run with only its shape, however
+the run is cut and in both programs; fractions are met; invalid input is refused."""
 
 import re
 
@@ -41,13 +41,13 @@ MIX = {"volume": "lognormal", "volume_mean": 0.6, "volume_std": 0.4}
 MIX |= {"block_shape": [*BLOCK_SHAPES], "block_shape_share": SHARES}
 SHAPES_OF_MIX = ("block_shape", "block_shape_share")
 ZONES = "zone,mean_radius,ground\n1,,talus\n2,0.3,rocky-slope\n3,0.3,\n4,,own.nc\n"
-#: Variables that a run sums over all boulders, and maps, which differ between parts of one.
+#: Row variables, without sums over all boulders and maps, which differ between parts of a run.
 ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "speed_max",
         "jump_height_max", "status", "impacts", "line_speed", "line_passing_height")  # fmt: skip
 
 
 def row_of(result, name):
-    """Values of each boulder, at the lines too."""
+    """Values of each boulder, including those at lines."""
     return (at_lines(result) if name.startswith("line_") else result)[name].values
 
 
@@ -57,13 +57,13 @@ def terrain():
 
 
 def striped():
-    """Terrain with stripes of zones from west to east: boulders cross several."""
+    """Terrain with zones in stripes from west to east: boulders cross several."""
     zones = np.repeat(np.arange(80)[:, None] // 7 % 4 + 1, 60, axis=1).astype("i4")
     return terrain() | {"zones": zones}
 
 
 def same_by_the_program(case, result, folder):
-    """What the standalone program prints of a case, whose result it has in every bit."""
+    """Output of the standalone program for a case; its result must be bit-identical."""
     prepare(case, folder)
     done = run_program("case.nml", "-o", "out.nc", cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -72,7 +72,7 @@ def same_by_the_program(case, result, folder):
 
 
 def mixed_case(folder, boulder=MIX, **groups):
-    """A case by tables of one for each shape, of one for all, in a file, and by impact sets."""
+    """Case with tables for single shapes, for all shapes, from a file, and with impact sets."""
     (folder / "zones.csv").write_text(ZONES)
     rows = [*plane_files("hard", "platy").values()]
     (folder / "own.nc").write_bytes(rows[0].read_bytes())
@@ -82,7 +82,7 @@ def mixed_case(folder, boulder=MIX, **groups):
 
 @pytest.fixture(scope="module")
 def mixed(gallery):
-    """A run of a mix, with every output."""
+    """Run of a mix with every output."""
     return gallery.value("mixed", made_of_mix)
 
 
@@ -92,7 +92,7 @@ def made_of_mix(folder):
 
 
 def write_parts(folder):
-    """Both halves of the run of a mix."""
+    """Write both halves of the run of a mix."""
     case = mixed_case(folder)
     for k in (1, 2):
         name = folder / f"{k}.nc"
@@ -116,7 +116,7 @@ def test_each_boulder_goes_as_in_a_run_of_its_shape(mixed):
             assert same_bits(values, others), (number, name)
     stops = [one["stop_y"].values for one in alone.values()]
     assert (stops[0] != stops[1]).mean() > 0.5  # shapes matter here
-    # what all boulders did is what those of each shape did
+    # totals over all boulders are the sum over shapes
     for name in ("passages", "deposits"):
         assert result[name].values.sum() < sum(one[name].values.sum() for one in alone.values())
     assert int(result["rebounds"]) == int(result["rebounds_by_ground"].sum())
@@ -137,7 +137,7 @@ def test_the_order_of_the_shapes_and_the_unit_share_do_not_matter(mixed):
 
 
 def test_shares_are_met():
-    """Within four standard errors, by boulders of any number of sources."""
+    """Within four standard errors, for boulders from any number of sources."""
     case = rockfall.Case(
         case={"boulders": 4000, "seed": 5}, impact={"table": "talus", "impact_limit": 1},
         boulder={**MIX, "block_shape_share": None},
@@ -151,7 +151,7 @@ def test_shares_are_met():
             part = (result["block_shape"].values == k).mean()
             assert abs(part - share) < 4 * error + 0.0004, (shares, k)
     shape, volume = result["block_shape"].values, result["volume"].values
-    assert abs(np.corrcoef(shape, volume)[0, 1]) < 4 / np.sqrt(n)  # draws of their own
+    assert abs(np.corrcoef(shape, volume)[0, 1]) < 4 / np.sqrt(n)  # independent draws
 
 
 def test_the_result_names_the_shapes(mixed, tmp_path):
@@ -180,7 +180,7 @@ def test_threads_chunks_and_parts_change_nothing(mixed):
 
 
 def full_case(folder, **boulder):
-    """A case in files for both programs, by tables on zones."""
+    """Case as files for both programs, with tables on zones."""
     case = make_full_case(
         folder, impact={"table": "talus", "sets": None}, boulder={**MIX, **boulder}
     )
@@ -221,7 +221,7 @@ def test_fragments_have_the_shape_of_their_boulder(tmp_path):
         assert same_bits(row_of(result, name)[..., own], row_of(alone, name)[..., own]), name
 
 
-# ---- shapes that layers and tables of sources say
+# ---- shapes given by source layers and tables
 
 NAMES = "name,x,y,block_shape,a,b,c\n"
 ROWS_OF_SOURCES = (
@@ -230,7 +230,7 @@ ROWS_OF_SOURCES = (
 
 
 def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
-    """A case with sources in a table."""
+    """Case with sources in a table."""
     (folder / "sources.csv").write_text(rows)
     release = {"points": "sources.csv", "drop_height": 5.0}
     impact = {"table": "talus", "sets": None}
@@ -239,7 +239,7 @@ def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
 
 
 def test_sources_say_the_shape_of_their_boulders(tmp_path):
-    """By name, or by the axes that were measured; the others have that of the case."""
+    """By name or by measured axes; other boulders have the shape of the case."""
     shapes = [3, 1, 2, 1]
     case = by_sources(tmp_path)
     result = rockfall.run(case, **terrain())
@@ -294,7 +294,7 @@ def test_shapes_of_polygons_hold_for_their_cells_in_both_programs(tmp_path):
      ((1, 0.77, 0.7), 1), ((1, 0.75, 0.68), 2)],
 )  # fmt: skip
 def test_axes_have_the_nearest_shape(axes, shape):
-    """In (b/a, c/b): compact (0.9, 0.89), elongated (0.62, 0.90), platy (0.8, 0.525)."""
+    """Nearest in (b/a, c/b): compact (0.9, 0.89), elongated (0.62, 0.90), platy (0.8, 0.525)."""
     assert _core.shapes_of_axes(np.array([axes], float).T).tolist() == [shape]
 
 
@@ -338,7 +338,7 @@ def test_shapes_of_sources_without_a_table_are_reported(tmp_path):
 
 
 SHAPE, SHARE = "block_shape", "block_shape_share"
-#: Values, the key that is refused, how the message goes on.
+#: Values, the refused key, and the end of the message.
 WRONG_MIXES = [
     ({SHAPE: ["compact", "round"]}, SHAPE, "(value 2) = 'round': must be one of: "),
     ({SHAPE: ["platy", "platy"]}, SHAPE, "= 'platy', 'platy': must list each shape once"),
@@ -376,7 +376,7 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
 
 
 def test_only_tables_that_boulders_need_are_loaded(tmp_path):
-    """Of two of three shapes, and of the shapes of sources alone."""
+    """For two of three shapes, and for shapes that only sources have."""
 
     def bytes_of(case):
         return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes
@@ -401,7 +401,7 @@ LISTED_SHAPES = np.array([1, 2, 3, 2])
 
 
 def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
-    """Two of them are equal volumes of different shapes."""
+    """Two volumes are equal but have different shapes."""
     case = full_case(tmp_path, **dict.fromkeys([*MIX, "volume_std"]) | LISTED, block_axes=AXES)
     result = rockfall.run(case)
     shape, volume = result["block_shape"].values, result["volume"].values
@@ -449,7 +449,7 @@ def test_axes_of_lists_that_cannot_be_are_refused(tmp_path, keys, message):
 
 
 def by_sides(folder, **boulder):
-    """A case with four sources whose boulders have their sides in rasters, in any order."""
+    """Case with four sources whose boulders have their sides in rasters, in any order."""
     sides = {"d1": [1.0, 0.5, 0.9, 1.0], "d2": [1.0, 1.0, 1.6, 0.4], "d3": [0.9, 0.55, 1.5, 1.0]}
     for name, values in sides.items():
         raster = np.ones((80, 60))
@@ -472,7 +472,7 @@ def test_sides_in_rasters_give_the_shape_where_the_case_asks_for_it(tmp_path):
     assert np.array_equal(result["block_shape"], expected[result["source"].values - 1])
     same_by_the_program(case, result, tmp_path / "ready")
     scene = read_scene(by_sides(tmp_path))
-    assert "block_shape" not in run_scene(scene)  # as ever, but for a remark
+    assert "block_shape" not in run_scene(scene)  # unchanged, except for a remark
     (text,) = (text for text in scene.remarks if "block_shape" in text)
     assert text.startswith("&boulder block_shape: 3 of 4 sources") and len(text.split()) <= 25
 
@@ -486,7 +486,7 @@ def test_sources_must_all_give_their_shape_where_the_case_has_none(tmp_path):
     assert np.array_equal(result["block_shape"], np.array([3, 2, 2, 1])[result["source"] - 1])
 
 
-# ---- what shows them
+# ---- output of shapes
 
 
 def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
@@ -586,7 +586,7 @@ def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, ke
                      "table for all shapes"] * says  # fmt: skip
 
 
-# ---- files: checkpoints go on, and what cannot be is refused
+# ---- files: checkpoints resume, and inconsistent files are refused
 
 
 def test_a_run_that_was_killed_goes_on(mixed, tmp_path, monkeypatch):
@@ -640,7 +640,7 @@ def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
 
 
 def moved_record(file):
-    """A table has a record less, the next one more: their numbers do not agree with the bins."""
+    """A table has one record less, the next one more: the numbers disagree with the bins."""
     shape = file["table_shape"][:]
     shape[:2, -1] += [-1, 1]
     file["table_shape"][:] = shape
@@ -691,7 +691,7 @@ def run_changed(tmp_path, change):
     return run_program("case.nml", "-o", "out.nc", cwd=tmp_path / "ready")
 
 
-DOUBTED = [  # keys, what is doubted
+DOUBTED = [  # keys, expected doubt
     ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder is platy: its share is 0"),
     (LISTED | dict.fromkeys((*SHAPES_OF_MIX, "volume_std")) | {"block_axes": [1.2, 0.9, 0.008] * 4},
      "block_axes: the longest axis of a block is 150 times the shortest: are all in one unit?"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What maps cannot hold is refused before the run, and nothing else is."""
+"""Runs that would overflow maps are refused before they start, and no other runs are."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ G = 9.81
 
 
 def scene_of(folder, maps=("energy_mean", "energy_max"), boulders=1, **groups):
-    """A point that releases boulders."""
+    """Scene with a point that releases boulders."""
     release = {"x": [150.0], "y": [350.0], "drop_height": 5.0} | groups.pop("release", {})
     groups = {"case": {"boulders": boulders}, "output": {"maps": list(maps)}} | groups
     case = make_case(folder, *sets(), terrain={}, release=release, **groups)
@@ -26,7 +26,7 @@ def check(scene):
 
 
 def fall(scene):
-    """From where a boulder could rise to, at most, to the lowest cell [m]."""
+    """Height from the maximum energy head to the lowest cell [m]."""
     return scene.survey().head[0] - Z.min()
 
 
@@ -34,11 +34,11 @@ def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):
     normal = {"volume": "normal", "volume_mean": 10.0, "volume_std": 3.0}
     check(scene_of(tmp_path, boulders=10**9, boulder=normal))
     wide = {"volume": "lognormal", "volume_mean": 10.0, "volume_std": 20.0}
-    check(scene_of(tmp_path, boulders=10**9, boulder=wide))  # one may have 14,000 m3, all have not
+    check(scene_of(tmp_path, boulders=10**9, boulder=wide))  # one may have 14,000 m3, not all
 
 
 def test_the_bound_is_that_of_63_bits(tmp_path):
-    """Boulders of one volume: the energy of the fall times their number."""
+    """Boulders of one volume: energy of the fall times their number."""
     scene = scene_of(tmp_path, boulders=1000)
     volume = 9.0e18 / (1000 * 2800 * G * fall(scene))
     for factor in 0.999, 1.001:
@@ -52,7 +52,7 @@ def test_the_bound_is_that_of_63_bits(tmp_path):
 
 
 def test_squares_have_126_bits(tmp_path):
-    """What needs more is refused; of a billion boulders of 10 m3 no number does."""
+    """Larger sums are refused; the sum for a billion boulders of 10 m3 never fits."""
     maps = {"maps": [f"{name}_std" for name in ("energy", "speed", "passing_height")]}
     check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 10.0}, **maps))
     with pytest.raises(rockfall.RockfallError, match="energy_std: the sum of 1000000000 .* J2 "):
@@ -66,11 +66,11 @@ def test_sums_of_other_quantities(tmp_path, name):
     check(scene_of(tmp_path, **many))
     with pytest.raises(rockfall.RockfallError, match=f"{name}_mean: the sum of 2000000000 "):
         check(scene_of(tmp_path, **many, **high))
-    check(scene_of(tmp_path, maps=["passages", "energy_q95"], **high))  # no sum, no maximum
+    check(scene_of(tmp_path, maps=["passages", "energy_q95"], **high))  # neither sums nor maxima
 
 
 def test_sums_over_hits_of_trees(tmp_path):
-    """A boulder may hit as many in a cell as it may have contacts; hits alone have room."""
+    """A boulder may hit trees in a cell up to its number of contacts; the hits themselves fit."""
     stand = {"uniform_stems": 9.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0}
     stand["uniform_conifers"] = 50.0
     wood = {"forest": stand, "boulders": 2 * 10**9}
@@ -92,7 +92,7 @@ def test_maxima_are_of_single_precision(tmp_path):
 
 
 def test_no_boulder_passes_the_bound(tmp_path):
-    """Neither its speed nor its energy; the largest come near it."""
+    """Neither in speed nor in energy; the largest come close to the bound."""
     scene = scene_of(tmp_path, boulders=300)
     result = run_scene(scene)
     assert result["energy_max"].max() <= 2800 * 0.8 * G * fall(scene) * (1 + 1e-6)

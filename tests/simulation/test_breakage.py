@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that break: the same bits however they are run, energy and blocks that add up, and
-nothing changed where none breaks."""
+"""Boulders that break: bit-identical results however they are run, conservation of energy and
+volume, and no change if nothing breaks."""
 
 import re
 
@@ -33,7 +33,7 @@ NET = {"name": "net", "x": [5.0, 295.0], "y": [120.0, 120.0], "height": 3.0, "ca
 
 
 def case(folder, boulders=60, scatter=2.0, obstacles=True, **groups):
-    """Two sources on a lively slope, by default with trees and a net."""
+    """Case with two sources on a lively slope, by default with trees and a net."""
     usual = {
         "case": {"boulders": boulders},
         "surface": {"uniform_mean_radius": 0.3},
@@ -106,7 +106,7 @@ def test_either_program_goes_on_from_a_checkpoint(batch, tmp_path, monkeypatch):
 
 
 def test_energy_adds_up(broken):
-    """What was released is what ground, trees, nets and breaking took, and what is left."""
+    """Energy released = absorbed by ground, trees, nets and breaking, plus the remainder."""
     taken = ["ground", "trees", "barriers", "left", "breakage"]
     total = sum(broken[f"energy_{name}"] for name in taken)
     assert np.abs(broken["energy_released"] - total).max() < 1e-9 * broken["energy_released"].max()
@@ -114,8 +114,8 @@ def test_energy_adds_up(broken):
 
 
 def test_breaking_takes_a_hundredth(folder):
-    """Of fragments that all set out with the velocity of the release, and without fines: kinetic
-    energy 0.5 m v2, of which 0.99 is left, but for that of fines."""
+    """All fragments start with the release velocity, without fines: kinetic energy is 0.5 m v2, of
+    which 0.99 remains."""
     result = run(
         case(
             folder, obstacles=False,
@@ -132,7 +132,7 @@ def test_breaking_takes_a_hundredth(folder):
 
 
 def test_a_boulder_that_does_not_break_is_as_without_breakage(folder):
-    """All variables that both have: the release's fall is too small, and impacts break nothing."""
+    """All common variables: the fall at release is too small, and impacts break nothing."""
     for at, fall in (("release", 0.01), ("impact", None)):
         breakage = {"at": at, "min_area_ratio": 0.99, "min_volume": 10.0, "release_fall": fall}
         result = run(case(folder, breakage=breakage))
@@ -146,7 +146,7 @@ def test_a_boulder_that_does_not_break_is_as_without_breakage(folder):
 
 def test_maps_count_a_release_once_and_deposits_each_fragment(bare):
     boulders = bare.sizes["boulder"]
-    assert bare["passages"].max() == boulders  # the cell of a source
+    assert bare["passages"].max() == boulders  # in the cell of a source
     assert (bare["hits"] <= boulders).all() and (bare["reach_probability"] <= 1).all()
     assert bare["deposits"].sum() > boulders
     assert bare["deposits"].sum() <= bare["fragments"].sum()
@@ -156,7 +156,7 @@ def test_maps_count_a_release_once_and_deposits_each_fragment(bare):
 
 
 def test_the_row_of_a_boulder_is_its_recorded_path(bare):
-    """The recorded trajectory is that of the fragment that came farthest, from the release on."""
+    """The recorded trajectory is that of the farthest fragment, from the release on."""
     for number in np.unique(bare["trajectory_boulder"]):
         mine = bare["trajectory_boulder"].values == number
         path = np.stack([bare[f"trajectory_{axis}"].values[mine] for axis in "xyz"])
@@ -213,7 +213,7 @@ def test_limits_are_refused(tmp_path, monkeypatch, capsys):
 
 
 def test_what_statistics_count_is_said(folder, bare):
-    """The remarks name the validity of the rule, the fragments at lines, and the cap."""
+    """Remarks give the validity of the rule, the fragments at lines, and the limit."""
     texts = [one.text for one in model_remarks(bare, case_of(bare)) if one.is_warning]
     assert any(text.startswith("Breakage follows an unvalidated rule") for text in texts)
     (counted,) = (text for text in texts if " broke, into " in text)
@@ -225,7 +225,7 @@ def test_what_statistics_count_is_said(folder, bare):
 
 
 def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
-    """Blocks at rest are not the fragments that came farthest: refused, or said."""
+    """Blocks at rest are not the farthest fragments: refused or reported."""
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
     with pytest.raises(
@@ -237,17 +237,17 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
 
 
 def test_heights_at_a_line_use_the_fragment(bare):
-    """The upper edge is a radius of the fragment above its centre."""
+    """The upper edge is one fragment radius above its centre."""
     upper = line_values(bare, "upper_edge", 0) - at_lines(bare)["line_passing_height"].values[0]
     radius = np.cbrt(0.75 / np.pi * at_lines(bare)["line_volume"].values[0])
     np.testing.assert_allclose(upper, radius, rtol=1e-9)
 
 
 def test_splits_are_the_published_rule(folder):
-    """The kernel's fragments of a block against the rule, written down once more."""
+    """The kernel's fragments of a block compared with an independent implementation of the rule."""
     keys = {"at": "impact", "min_area_ratio": 0.25, "min_volume": 1e-4, "max_fragments": 10000}
     made = case(folder, obstacles=False, breakage=keys)
-    volume, energy = 2.0, 1.2e4  # A_r = 0.26: one series
+    volume, energy = 2.0, 1.2e4  # A_r = 0.26: a single series
     split = split_blocks(made, np.array([volume]), np.array([energy]))
     area = 0.0031 * energy**0.7562
     ratio = area / (area + 6 * volume ** (2 / 3))

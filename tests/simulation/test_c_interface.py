@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The library with the C interface gives the bits of the Python package."""
+"""The C library is bit-identical to the Python package."""
 
 import ctypes
 from pathlib import Path
@@ -19,7 +19,7 @@ MESSAGE, TEXT = 1024, 256
 
 
 class Library:
-    """A scene and a run of the library, by ctypes."""
+    """Scene and run of the library, by ctypes."""
 
     def __init__(self, scene, text):
         self.calls = ctypes.CDLL(LIBRARY)

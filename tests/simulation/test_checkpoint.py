@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoints: a run that was killed, at any instant, goes on to the same bits."""
+"""Checkpoints: a run killed at any instant resumes with bit-identical results."""
 
 import os
 import re
@@ -24,7 +24,7 @@ Z = rough()
 
 @pytest.fixture(autouse=True)
 def no_rest(monkeypatch):
-    """Every chunk is saved."""
+    """Save every chunk."""
     monkeypatch.setattr(checkpoint, "REST", 0.0)
 
 
@@ -46,12 +46,12 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
     saved = Checkpoint(tmp_path / "c", 0.0)
     result = simulate.run_scene(scene, chunk=20, threads=2, checkpoint=saved)
     same(result, whole)
-    assert sum(flown) == 403 - 4 * 3 * 20  # what was done is not done again
+    assert sum(flown) == 403 - 4 * 3 * 20  # completed boulders are not run again
     assert result.attrs["cpu_seconds"] > 0
 
 
 def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch):
-    """The clock stands but for saves, which take a second each."""
+    """The clock only advances during saves, which take one second each."""
     now, begun = [0.0], []
 
     def slow(*_):
@@ -71,8 +71,8 @@ def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch
 
 
 def crash_at(monkeypatch, step):
-    """The process ends before it brings a file to disk, names or removes it, for the n-th time;
-    returns how often it has done so."""
+    """End the process before the n-th time that it syncs, renames or removes a file; return the
+    number of these calls."""
     count = []
 
     def crashing(do):
@@ -84,14 +84,14 @@ def crash_at(monkeypatch, step):
 
         return call
 
-    monkeypatch.setattr(os, "fsync", lambda _: None)  # what is written outlives a process
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # written data outlives a process
     for name in "replace", "fsync", "unlink":
         monkeypatch.setattr(checkpoint.os, name, crashing(getattr(os, name)))
     return count
 
 
 def interrupted(run, *arguments, **how):
-    """A run that Ctrl-C ends before its first chunk."""
+    """Run that Ctrl-C ends before its first chunk."""
 
     @contextmanager
     def at_once():
@@ -103,7 +103,7 @@ def interrupted(run, *arguments, **how):
 
 
 def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
-    """Each after an interrupt right after `--resume`, and with another before it goes on."""
+    """After an interrupt right after `--resume`, and with another interrupt before it continues."""
     whole, step, steps = simulate.run_scene(scene), 0, []
     before = tmp_path / "before"
     with monkeypatch.context() as patch, pytest.raises(Killed):
@@ -113,7 +113,7 @@ def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
     def run(output):
         return simulate.run_scene(scene, chunk=200, checkpoint=Checkpoint(output, 0.0))
 
-    while len(steps) == step:  # until a run has come to its end
+    while len(steps) == step:  # until a run is complete
         step += 1
         output = tmp_path / f"{step}"
         shutil.copy(f"{before}.checkpoint", f"{output}.checkpoint")
@@ -124,7 +124,7 @@ def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
                 run(output)
         interrupted(run, output)
         same(run(output), whole)
-    assert step > 2 * 3  # saves, steps of each
+    assert step > 2 * 3  # saves times steps per save
 
 
 def test_a_full_disk_is_said_once_and_the_run_goes_on(scene, tmp_path, monkeypatch):
@@ -164,14 +164,14 @@ def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_p
     same(simulate.run_scene(scene, threads=2, checkpoint=Checkpoint(tmp_path / "c", 0.0)), whole)
 
 
-# ---- the files beside an output: for one run alone, and nobody else's
+# ---- files next to an output: for a single run and owner
 
 
 RUN = ["run", "case.nml", "--quiet"]
 
 
 def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
-    """Who held it ends between our open and our lock: the file that we have open has no name."""
+    """The previous owner ends between opening and locking: the opened file no longer has a name."""
     fcntl = pytest.importorskip("fcntl", reason="POSIX has these locks")
     output, flock, tries = tmp_path / "c", fcntl.flock, []
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Chunks are given the sources of their own boulders alone, which no result shows; a run is written
-without loading what it does not need."""
+"""Chunks receive only the sources of their own boulders, without effect on results; a result is
+written without loading unused packages."""
 
 import copy
 import pickle
@@ -60,8 +60,8 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("maps", [["passages", "energy_max"], ["passages", "hits"]])
 def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch, maps, threads):
-    """In lanes and one by one: a call takes a batch for each thread, and the results are those of
-    one call."""
+    """In lanes and one by one: a call takes one batch per thread, and results equal those of a
+    single call."""
     case = case_in(tmp_path, boulders=40).replace(output={"maps": maps})
     whole, sizes = run(case, chunk=10**6), []
     advance = Run.advance
@@ -86,7 +86,7 @@ def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, mon
 
 
 def test_a_run_does_not_load_dask(tmp_path):
-    """It would take longer to load than to write the result."""
+    """Loading it would take longer than writing the result."""
     pytest.importorskip("dask.array")
     make_raster(tmp_path / "dem.tif", rough(), crs=None, transform=Affine(5, 0, 0, 0, -5, 400))
     case = case_in(tmp_path).replace(terrain={"dem": "dem.tif"})
@@ -108,12 +108,12 @@ def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):
     back = rockfall.read_result(tmp_path / "out.nc")
     assert "kind" in back.coords
     assert back["kind"].values.tolist() == result["kind"].values.tolist()
-    del result.attrs["model_warnings"]  # which no file keeps
+    del result.attrs["model_warnings"]  # not stored in files
     xr.testing.assert_identical(back.drop_vars("kind"), result.drop_vars("kind"))
 
 
 def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
-    """As on a Dask worker with several threads: parts with maps, and trajectories beside them."""
+    """As on a Dask worker with threads: parts with maps and trajectories at the same time."""
     case = make_case(
         tmp_path, *sets(), release={"x": [150.0], "y": [350.0], "drop_height": 5.0},
         case={"boulders": 400, "threads": 1}, output={"maps": ["passages"], "trajectories": 60},
@@ -126,7 +126,7 @@ def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
 
 
 def test_a_process_whose_threads_have_run_scenes_ends(place):
-    """OpenMP releases what it holds of a thread when that ends: without a fault, and for good."""
+    """OpenMP releases a thread's data when the thread ends, without a fault."""
     code = """if True:
         import faulthandler, threading, rockfall
         faulthandler.enable()

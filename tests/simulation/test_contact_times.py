@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contacts by tables of impacts last as long as those of the laboratory, on slopes of any gradient,
-for boulders of any size."""
+"""Contacts from impact tables last as long as in the laboratory, on any slope and for boulders of
+any size."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from rockfall.result.motion import motion_of
 from scenes import grid
 
 G = 9.81
-#: Ground, gradient and R_b [m]: flatter than the rest angle, so that all boulders that stop rest.
+#: Ground, gradient and R_b [m]: flatter than the rest angle, so that all stopping boulders rest.
 CONTACTS = [
     ("talus", 0.0, 0.57), ("talus", 0.3, 0.57), ("talus", 0.3, 0.05), ("talus", 0.55, 3.0),
     ("talus", 0.7, 0.27), ("meadow", 0.2, 0.4), ("meadow", 0.45, 1.8), ("meadow platy", 0.3, 0.8),
@@ -23,7 +23,7 @@ CONTACTS = [
 
 
 def thrown(table, gradient, radius):
-    """Recorded boulders that are thrown at 8 m/s down a plane."""
+    """Recorded boulders thrown at 8 m/s down a plane."""
     name, _, shape = table.partition(" ")
     y = np.mgrid[99:-1:-1, 0:40][0] * 2.5
     z = 500 + gradient * y
@@ -38,7 +38,7 @@ def thrown(table, gradient, radius):
 
 
 def table_met(table, radius):
-    """The table that boulders of a size meet."""
+    """Table for boulders of a given size."""
     name, _, shape = table.partition(" ")
     if name in shipped_tables():
         return open_table(shipped_tables()[name])
@@ -47,15 +47,15 @@ def table_met(table, radius):
 
 
 def durations(table, radius):
-    """Durations [s] that the records of a table have for boulders of a size."""
+    """Durations [s] in the records of a table, for boulders of a given size."""
     table = table_met(table, radius)
     duration = table.record[:, FIELDS.index("duration")].astype(float)
     unit = np.sqrt(radius / G)
     parts = len(table.size) * len(table.relief)
     bins = (len(table.first) - 1) // parts
     flights = int(np.prod(table.bins["flight"]))
-    known = [duration * unit]  # of those that roll on, or are copied
-    if table.ground.strength:  # of those from flights, at equal speed over that at which it yields
+    known = [duration * unit]  # records of rolling or copied contacts
+    if table.ground.strength:  # records after flights, at equal speed over the yield speed
         size = table.ground.sizes(np.array(radius))
         for part in range(parts):
             own = slice(table.first[part * bins], table.first[part * bins + flights])
@@ -66,11 +66,11 @@ def durations(table, radius):
 
 @pytest.mark.parametrize(("table", "gradient", "radius"), CONTACTS)
 def test_a_contact_lasts_as_long_as_one_of_the_laboratory(table, gradient, radius):
-    """To the last digits, with what it slides and what it waits. A quarter of the slides down talus
-    of a gradient of 0.3 lasted longer than 2 sqrt(R_b/g), up to 20."""
+    """Exactly, including sliding and waiting. A quarter of the slides down talus with a gradient of
+    0.3 once lasted longer than 2 sqrt(R_b/g), up to 20."""
     result = thrown(table, gradient, radius)
     motion = motion_of(result)
-    last = motion.vertex[np.diff(motion.boulder, append=-1) != 0]  # may leave the terrain
+    last = motion.vertex[np.diff(motion.boulder, append=-1) != 0]  # it may leave the terrain
     motion = motion.take((motion.gravity == 0) & ~np.isin(motion.vertex, last))
     contact, piece = np.unique(motion.vertex, return_inverse=True)
     lasts = np.bincount(piece, motion.end[3] - motion.start[3])

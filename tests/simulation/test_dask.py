@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs on a Dask cluster: the same bits, also when a worker dies in the middle."""
+"""Runs on a Dask cluster: bit-identical, also if a worker dies during the run."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ distributed = pytest.importorskip("distributed")
 
 @pytest.fixture(scope="module")
 def workers():
-    """A cluster of two processes, and a client of it."""
+    """Cluster of two processes, and its client."""
     about = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
     with (
         distributed.LocalCluster(**about, processes=True) as local,
@@ -40,7 +40,7 @@ def test_the_result_is_that_of_a_run_here(workers, few_boulders):
         assert found.attrs[name] == here.attrs[name]
 
 
-@pytest.mark.all  # seconds of the library's processes
+@pytest.mark.all  # takes seconds in the library's processes
 def test_a_worker_that_dies_in_the_middle_is_done_without(workers, few_boulders, monkeypatch):
     scene = scene_of(few_boulders, 5000)
     address, client = workers
@@ -48,7 +48,7 @@ def test_a_worker_that_dies_in_the_middle_is_done_without(workers, few_boulders,
 
     def add_and_kill(joined, part):
         add(joined, part)
-        if not killed:  # one of the two, which flies another part now
+        if not killed:  # one of the two workers, which now runs another part
             pid = min(client.run(os.getpid).values())
             os.kill(pid, signal.SIGKILL)
             killed.append(pid)
@@ -94,7 +94,7 @@ def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.all
 def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
-    """Others on the machine see the port, and have no credentials."""
+    """Other users of the machine can see the port, but have no credentials."""
     pytest.importorskip("cryptography")
     with cluster._client("local:1") as client:
         address = client.scheduler.address

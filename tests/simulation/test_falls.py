@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders by tables of impacts that fall from a height: rebounds beyond the records of a table are
-counted, and boulders from a greater height come as far."""
+"""Boulders by impact tables that fall from a height: rebounds beyond the records of a table are
+counted, and boulders from a greater height travel as far."""
 
 import itertools
 
@@ -30,21 +30,21 @@ from rockfall.grounds.impact_tables import (
     shipped_tables,
 )
 
-#: Slopes on which some boulders stop [degree].
+#: Slopes on which some boulders stop [degrees].
 STEADY = {"firm": 19.0, "hard": 18.0, "rocky-slope": 32.0}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory):
-    """A folder with a table of these grounds."""
+    """Folder with a table for each of these grounds."""
     place = tmp_path_factory.mktemp("grounds")
     write_grounds(place)
     return place
 
 
 def fastest(name, shape, slope, radius=RADIUS, density=DENSITY):
-    """Speeds [m/s] of the fastest records, of each part of a table that the boulders meet, hit as a
-    boulder that falls vertically without spin."""
+    """Speeds [m/s] of the fastest records in each part of a table used by the boulders, at the
+    incidence and spin of a vertical fall."""
     unit = np.sqrt(GRAVITY * radius)
     if name == "rocky-slope":
         data = open_table(shipped_tables()[name])
@@ -56,14 +56,14 @@ def fastest(name, shape, slope, radius=RADIUS, density=DENSITY):
     assert len(data.size) <= 2 and len(data.relief) <= 2
     parts = itertools.product(range(len(data.relief)), range(len(data.size)))
     return [
-        unit * np.sqrt(data.size[column] / own)  # the ground yields to rho V^2
+        unit * np.sqrt(data.size[column] / own)  # the ground yields at rho V^2
         * _fastest_of_part(data, row * len(data.size) + column, slope)
         for row, column in parts
     ]  # fmt: skip
 
 
 def _fastest_of_part(data, part, slope):
-    """Scaled with its own R_b."""
+    """Scaled with the R_b of the part."""
     sine2, no_spin = np.cos(np.radians(slope)) ** 2, 0.0
     i = int((data.edges["flight_edge_1"][part] < sine2).sum())
     j = int((data.edges["flight_edge_2"][part, i] < no_spin).sum())
@@ -75,7 +75,7 @@ def _fastest_of_part(data, part, slope):
 
 
 def beyond(folder, name, shape, speed, slope, radius=RADIUS, density=DENSITY):
-    """Number of boulders, of 50, whose first rebound is beyond the records."""
+    """Number of 50 boulders whose first rebound is beyond the records."""
     result = fall(
         folder, name, slope, 0.001, boulders=50, speed=speed, impact={"impact_limit": 1},
         boulder={"volume_mean": 4 / 3 * np.pi * radius**3, "density": density,
@@ -96,7 +96,7 @@ SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
     + [(g, "compact", s) for g in GROUNDS for s in SIZES[1:]],
 )
 def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
-    """Sizes and densities have limits of their own."""
+    """Sizes and densities have separate limits."""
     if name == "rocky-slope":
         size = (RADIUS, size[1])
     slope = (STEADY | YIELDS)[name]
@@ -109,7 +109,7 @@ def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
 
 def test_boulders_that_fall_too_fast_are_warned_of(folder):
     result = fall(folder, "scree", 28.0, 130.0)
-    assert result["rebounds_out_of_speed"] >= BOULDERS  # at least their first
+    assert result["rebounds_out_of_speed"] >= BOULDERS  # at least the first rebound of each
     said = [
         remark
         for remark in model_remarks(result, case_of(result))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`--resume` onto what is finished, and a second merge: exit 0, one line, no byte changes."""
+"""`--resume` of finished runs, and a repeated merge: exit 0, one line, no byte changes."""
 
 import contextlib
 import subprocess
@@ -18,7 +18,7 @@ FINISHED = "is finished already, from the same case; nothing was changed"
 
 
 def prepare(folder):
-    """The small case, the same ready for rockfall-batch, and what both make of it."""
+    """Small case, the same prepared for rockfall-batch, and the results of both."""
     slope_case.write_slope(folder)
     with contextlib.chdir(folder):
         assert by_python("-o", "rockfall.nc") == 0
@@ -29,7 +29,7 @@ def prepare(folder):
 
 @pytest.fixture
 def case(gallery, tmp_path, monkeypatch):
-    """The small case, and the same ready for rockfall-batch."""
+    """Small case, and the same prepared for rockfall-batch."""
     monkeypatch.chdir(tmp_path)
     gallery.copy("finished", prepare, tmp_path)
     for path in Path().glob("rockfall*.nc"):
@@ -67,7 +67,7 @@ def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
 
 @pytest.mark.parametrize("shard", [(), ("--shard", "2/2")])
 def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
-    """But a part with all boulders is no result."""
+    """A part with all boulders is not a result."""
     assert by_batch("-o", "a.nc", *shard) == 0
     assert by_python("-o", "a.nc", "--resume", *shard) == (0 if shard else 2)
     said = FINISHED if shard else "already exists; not overwritten (--overwrite replaces it)"
@@ -133,9 +133,9 @@ def test_a_second_merge_changes_nothing(case, capfd):
     for again in (words, [words[0], words[2], words[1], *words[3:]]):
         assert main(again) == 0
         assert capfd.readouterr() == ("", f"rockfall: out.nc: {FINISHED}\n")
-    assert by_python("-o", "out.nc", "--resume") == 0  # the run in one piece is the same
+    assert by_python("-o", "out.nc", "--resume") == 0  # the undivided run is the same
     assert everything(Path()) == before
-    assert main([*words, "--overwrite"]) == 0  # merged again, as requested
+    assert main([*words, "--overwrite"]) == 0  # merged again on request
     assert main(["merge", "part1of2", "-o", "out.nc"]) == 2  # boulders are missing
     assert "boulders 11 to 20 are missing" in capfd.readouterr().err
     assert by_python("-o", "other.nc", "--seed", "8") == 0

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs over several grounds: the same bits however they are cut, in both programs; counts that add
-up; and what holds of every classical rebound."""
+"""Runs over several grounds: bit-identical however they are cut, in both programs; consistent
+counts; and properties of all classical rebounds."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ road,3,constant,0.9,,,4,0.4,test
 
 
 def mixed(folder, **groups):
-    """A full case on `rough` with stripes of all models, and of the case's sets."""
+    """Full case on `rough` with stripes of all models and of the case's sets."""
     (folder / "grounds.csv").write_text(OWN)
     surface = {"uniform_mean_radius": 0.1, "ground_map": "given", "ground_table": "grounds.csv"}
     return case_in(folder, surface=surface, **place(), **groups)
@@ -73,7 +73,7 @@ TABLES = "impact tables of rockfall's laboratory"
 
 
 def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
-    """In English in its file, whatever is spoken; a case may name sets that it does not follow."""
+    """In English in the file, whatever the language; a case may have sets that it does not use."""
     classical = "rockyfor3d; pfeiffer bowen; constant; bourrier hungr"
     _, result = whole
     start, _, last = result.attrs["source"].partition("classical models: ")
@@ -134,7 +134,7 @@ def test_a_written_result_is_read_as_it_was(whole, tmp_path):
 
 @pytest.mark.parametrize("way", ["zones", "map", "everywhere", "windows"])
 def test_both_programs_give_the_same_bits(batch, tmp_path, way):
-    """Grounds by zones with a set of their own, by a raster, everywhere; and in windows."""
+    """Grounds by zones with their own set, by a raster, everywhere, and in windows."""
     (tmp_path / "grounds.csv").write_text(OWN)
     (tmp_path / "calm.nml").write_text(CALM_SETS)
     rows = "zone,mean_radius,ground\n4,0.25,{}\n-2,,{}\n77,inf,\n"
@@ -187,7 +187,7 @@ def test_energy_never_grows_and_is_accounted_for(whole):
 
 
 def test_a_mirrored_scene_has_mirrored_boulders(tmp_path):
-    """East for west: headings turn the other way, all else stays."""
+    """East and west exchanged: headings turn the other way, everything else is unchanged."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
     found = []
     for side in (1, -1):
@@ -209,7 +209,7 @@ def test_a_mirrored_scene_has_mirrored_boulders(tmp_path):
 
 
 def test_no_random_number_of_anything_else_changes(tmp_path):
-    """Boulders have the same volumes; those that keep to the case's own ground the same ways."""
+    """Boulders have the same volumes; those on the case's own ground have the same paths."""
     z = rough()
     ids = np.zeros(z.shape, np.int32)
     ids[40:] = 3
@@ -250,7 +250,7 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
 @pytest.mark.parametrize("lanes", [0, 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
-    """On a plane of 33 degrees: on talus, not on meadow; a rest angle of the case stands in."""
+    """On a plane of 33 degrees: on talus, not on meadow; the case's rest angle has priority."""
 
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]
@@ -267,6 +267,6 @@ def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes)
 
     assert resting("talus") > (0.3 if form == "matrix" else 0)
     assert resting("meadow") == 0
-    if form == "matrix":  # by the table none stops there to begin with
+    if form == "matrix":  # with the table, no boulder stops there at any rest angle
         assert resting("meadow", rest_angle=38.0) > 0
     assert resting("talus", rest_angle=27.0) == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of passing heights: of the centre, vertical, as at the lines."""
+"""Maps of passing heights: of the centre, vertically, as at the lines."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_on_a_plane_the_centre_is_r_over_cos_above_the_boulders_point(tmp_path):
     above = 1.25 * RADIUS
     for of, jump in (("max", "max_map"), ("mean", "mean")):
         higher = (result[f"passing_height_{of}"] - result[f"jump_height_{jump}"]).values
-        assert higher[np.isfinite(higher)] == pytest.approx(above, abs=2e-3)  # of whole mm
+        assert higher[np.isfinite(higher)] == pytest.approx(above, abs=2e-3)  # in integer mm
     spread = (result["passing_height_std"] - result["jump_height_std"]).values
     assert abs(spread[np.isfinite(spread)]).max() < 2e-3 and np.isfinite(spread).any()
     at_line = (

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What must hold on a slope of thousands of boulders: threads and chunks change nothing; totals add
-up. What holds on any scene, moved, turned, mirrored or scaled: tests/fuzz/test_properties.py.
-"""
+"""Properties of a slope with thousands of boulders: threads and chunks have no effect, totals add
+up. Properties of any scene, shifted, rotated, mirrored or scaled: tests/fuzz/test_properties.py."""
 
 import numpy as np
 import pytest
@@ -29,21 +28,21 @@ ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories":
 
 
 def slope():
-    """Rough ground with a hole of nodata."""
+    """Rough ground with a nodata hole."""
     z = scenes.rough()
     z[60:64, 25:28] = np.nan
     return z
 
 
 def river():
-    """Rocks of random size, with a river across the foot that absorbs."""
+    """Rocks of random size, with an absorbing river across the foot."""
     rocks = np.random.default_rng(8).uniform(0.1, 0.6, SHAPE).astype("f4")
     rocks[74:76, :35] = np.inf
     return rocks
 
 
 def make_case(folder, boulders=500, scatter=2.0, **groups):
-    """A case on `slope` with `river`, by default one that has every status."""
+    """Case on `slope` with `river`, by default with every status."""
     usual = {
         "case": {"boulders": boulders},
         "surface": {"mean_radius": "given"},
@@ -70,13 +69,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def crowd(folder):
-    """5000 boulders with everything asked for, on one thread, in one chunk."""
+    """5000 boulders with every output, on one thread, in one chunk."""
     return run(make_case(folder, 5000, **ALL), threads=1, chunk=5000)
 
 
 @pytest.fixture(scope="module")
 def plain(folder):
-    """Boulders with nothing asked for."""
+    """Boulders without optional outputs."""
     return run(make_case(folder))
 
 
@@ -144,7 +143,7 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
     low, p, high = (
         crowd[f"reach_probability{of}"].values.astype("f8") for of in ("_low", "", "_high")
     )
-    for limit in low, high:  # the roots of (p - limit)**2 = z**2 limit (1 - limit)/n
+    for limit in low, high:  # roots of (p - limit)**2 = z**2 limit (1 - limit)/n
         inside = (limit > 1e-9) & (limit < 1 - 1e-9)
         assert inside.any()
         p_in, root = p[inside], limit[inside]
@@ -155,7 +154,7 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
 
 
 def _limits_are_those_of_the_lines(result, alone, name):
-    """Between order statistics, within a bin of them; none where these have none, and both from
+    """Between order statistics, within one of their bins. No limit if these have none; both from
     `thin_below` passages on."""
     level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625, "p": 0.0625}[name[0]]
     low, high = (result[f"{name}_{end}"].values for end in ("low", "high"))
@@ -173,7 +172,7 @@ def _limits_are_those_of_the_lines(result, alone, name):
 
 
 def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
-    """Each boulder alone gives its greatest values in each cell."""
+    """Each boulder alone gives its maxima in each cell."""
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
     z = slope()
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
@@ -220,7 +219,7 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
 
 
 def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
-    """They have it where there is less than all cells would take; else a line says so."""
+    """Memory suffices if there is less than all cells would need; otherwise one line reports it."""
     z, case = slope(), make_case(folder, 100, output={"maps": MAPS})
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
     whole = simulate.run_scene(scene)
@@ -254,7 +253,7 @@ def ways(result):
 
 
 def cells_under(x, y):
-    """Cells (row, column) under a polyline in plan."""
+    """Cells (row, column) below a polyline in plan."""
     found = set()
     for k in range(len(x) - 1):
         cuts = [0.0, 1.0]
@@ -282,7 +281,7 @@ def test_passages_are_the_cells_under_the_trajectories(folder):
 
 @pytest.mark.parametrize(("limit", "at_start"), [(4, False), (5, True), (8, False), (10, True)])
 def test_greatest_speed_is_that_of_the_trajectory(folder, limit, at_start):
-    """Speed is greatest at an end of a flight; where spin turns into speed, even at its start."""
+    """Speed has its maximum at an end of a flight; if spin turns into speed, also at its start."""
     quarter, k = np.sqrt(0.5), np.sqrt(0.4)
     fixed = np.array([quarter, 0, -quarter * k, 0.2, -0.3, 0, quarter / k, 0, quarter])
     z = scenes.rough(relief=0.0)
@@ -301,7 +300,7 @@ def test_greatest_speed_is_that_of_the_trajectory(folder, limit, at_start):
 
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
-    """They are those of the trajectories; with both rules each rebound has the range of its set."""
+    """Counts equal the trajectories'; with both rules, rebounds use the range of their set."""
     case = make_case(folder, 300, impact={"ratio": ratio}, output={"trajectories": 300})
     result = run(case)
     size, in_t, in_n = (result[f"trajectory_{name}"].values for name in ("ratio", "in_t", "in_n"))
@@ -323,7 +322,7 @@ def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
 
 
 def test_what_a_set_was_fitted_on_changes_no_boulder(folder):
-    """And a set that does not say it was fitted on everything."""
+    """A set without ranges counts as fitted on everything."""
     told = run(make_case(folder, 200, **ALL))
     untold = run(make_case(folder, 200, more=scenes.lateral, **ALL))
     counts = {"rebounds_out_of_speed", "rebounds_out_of_angle"}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`&output kept`: statistics of boulders whose rows are not kept are those of the rows, and parts,
-threads, kills and the standalone program change no bit of them."""
+"""`&output kept`: statistics of boulders without rows equal those from rows, and are bit-identical
+for parts, threads, kills and the standalone program."""
 
 import netCDF4
 import numpy as np
@@ -31,8 +31,8 @@ from rockfall.text.summary import summary
 from same import same, same_numbers
 from scenes import case_in, grid, rough
 
-SOURCES = 60  # more than are parts of their own
-UNIT = 1e-3  # [m], [m/s], [rad/s]; of energies 1 J, of shares 1e-6
+SOURCES = 60  # more than there are single parts
+UNIT = 1e-3  # [m], [m/s], [rad/s]; energies 1 J, fractions 1e-6
 Z = rough()
 
 
@@ -72,7 +72,7 @@ def test_statistics_are_those_of_the_rows(full, counted):
         assert (apart <= unit + 0.005 * of_rows[name].abs()).all(), name
     for name in ("fraction", "mean", "std", "q50", "q95"):  # lengths of intervals
         lengths = [table[f"{name}_high"] - table[f"{name}_low"] for table in (of_rows, of_counts)]
-        alike = of_rows["quantity"] != "position"  # this depends on the source within coarse bins
+        alike = of_rows["quantity"] != "position"  # this varies between sources within coarse bins
         assert np.allclose(*(one[alike] for one in lengths), rtol=0.02, atol=2 * UNIT), name
         assert (lengths[1] / lengths[0]).between(0.95, 1.2).all(), name
     levels = [rockfall.return_levels(one, [10, 100]) for one in (full, counted)]
@@ -80,7 +80,7 @@ def test_statistics_are_those_of_the_rows(full, counted):
 
 
 def test_counts_with_a_tail_are_values(unit=1000.0):
-    """Of numbers of both signs, more than are kept themselves, from sources that differ."""
+    """Values of both signs, more than are stored individually, from different sources."""
     random = np.random.default_rng(1)
     source = Sources.of(np.arange(20_000) % 40)
     values = random.normal(5.0 + source.number / 10, 4.0)
@@ -136,7 +136,7 @@ def test_neither_chunks_threads_nor_parts_change_a_bit(case):
 
 
 def killed(scene, output, monkeypatch, chunks):
-    """The checkpoint of a run that is killed after some chunks."""
+    """Checkpoint of a run killed after some chunks."""
     with monkeypatch.context() as patch:
         killed_after(patch, chunks)
         with pytest.raises(Killed):
@@ -185,7 +185,7 @@ def test_the_standalone_program_gives_the_same_bits_and_goes_on_with_a_part(batc
 
 
 def test_sources_that_are_many_share_groups_and_intervals_are_no_shorter(tmp_path):
-    """Neighbours share a stratum, which holds what they differ by, too."""
+    """Neighbours share a stratum, which includes their differences."""
     x = np.linspace(100.0, 200.0, 1500)
     release = {"x": x, "y": np.full(x.size, 380.0), "drop_height": 5.0}
     case = case_in(tmp_path, case={"boulders": 2}, release=release, output={})
@@ -231,7 +231,7 @@ NET = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "ca
 
 
 def kept_with_a_net(case):
-    """A run that keeps rows of 60 of its 3,000 boulders, with a net."""
+    """Run that keeps rows of 60 of its 3,000 boulders, with a net."""
     return run(case.replace(output={"kept": 60}, barrier=[NET]))
 
 
@@ -249,7 +249,7 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     assert f"Warning: {note}" in design_text(rockfall.design(result))
     assert note in summary(result).split("  barrier ")[1]
     page = report(ReportInputs(result))
-    assert page.count(f"{note}</") == 2  # at the sheet, and at what barriers did
+    assert page.count(f"{note}</") == 2  # at the sheet, and at the barrier outcomes
     assert kept_note(run(case)) == rockfall.design(run(case)).kept == ""
     openpyxl, docx = pytest.importorskip("openpyxl"), pytest.importorskip("docx")
     rockfall.write_result(result, file)
@@ -259,7 +259,7 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
             page = report(ReportInputs(result))
         assert page.count(f"{said}</") == 2 and (said == note) == (language == "en"), language
         if language not in ("en", "de"):
-            continue  # documents take their texts as the page does
+            continue  # documents use the same texts as the page
         folder, words = tmp_path / language, ["--tables", "xlsx", "docx", "--language", language]
         assert main(["design", str(file), "-o", str(folder), *words]) == 0
         assert main(["export", str(file), str(folder / "export"), *words]) == 0

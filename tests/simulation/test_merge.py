@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of a run: joined, they are the run itself; anything else is refused by name."""
+"""Parts of a run: merged, they equal the run; anything else is refused with the file's name."""
 
 import shutil
 import warnings
@@ -45,7 +45,7 @@ def test_parts_joined_in_any_order_are_the_run(tmp_path, case, of):
 
 
 def test_the_run_is_dated_by_its_last_part(case):
-    """Whatever their order and time zones; one without a date, of an older program, is no bar."""
+    """For any order and time zones; a part without a date, from an older version, is accepted."""
     dates = ["2026-11-23T23:30:00+01:00", "2026-11-23T23:00:00+00:00", ""]
     parts = [
         run(case, shard=(k, 3)).assign_attrs(date_created=date)
@@ -102,7 +102,7 @@ def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     with refused(f"merge: boulders 101 to 201 occur twice: {paths[1]}"):
         rockfall.merge([*paths, paths[1]])
     other = tmp_path / "other.nc"
-    rockfall.write_result(run(case, shard=(100, BOULDERS)), other)  # boulder 100 alone
+    rockfall.write_result(run(case, shard=(100, BOULDERS)), other)  # only boulder 100
     with refused(f"merge: boulders 100 to 100 occur twice: {other}"):
         rockfall.merge([*paths, other])
     rockfall.write_result(run(case.replace(case={"seed": 5}), shard=(2, 4)), other)
@@ -150,11 +150,11 @@ def test_a_wrong_shard_is_refused_in_one_line(few_boulders, tmp_path, monkeypatc
     assert not list(tmp_path.glob("*.nc"))
 
 
-# ---- what was read counts, not only the named files
+# ---- contents read from files count, not only the named files
 
 
 def change_table(folder):
-    """The .dbf beside a shapefile: its ids, from 1 to 2."""
+    """The .dbf next to a shapefile: changes its ids from 1 to 2."""
     path = folder / "zones.dbf"
     content = path.read_bytes()
     assert content.endswith(b"1\x1a")
@@ -162,14 +162,14 @@ def change_table(folder):
 
 
 def change_statistics(folder):
-    """An offset for the elevations, as GDAL keeps it beside a raster."""
+    """An offset for the elevations, stored next to a raster as by GDAL."""
     (folder / "tile.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Offset>1</Offset></PAMRasterBand></PAMDataset>'
     )
 
 
 def change_mask(folder):
-    """A mask in a file of its own."""
+    """Mask in a separate file."""
     (folder / "other").mkdir()
     shutil.copy(folder / "tile.tif", folder / "other")
     mask = np.full((80, 60), 255, "u1")
@@ -186,7 +186,7 @@ def make_shapefile(folder):
     shapely = pytest.importorskip("shapely")
     wkb = np.array([shapely.to_wkb(shapely.box(0, 0, 300, 400))], object)
     how = {"geometry_type": "Polygon", "driver": "ESRI Shapefile", "crs": None}
-    with warnings.catch_warnings(action="ignore"):  # it has no CRS, as the terrain has none
+    with warnings.catch_warnings(action="ignore"):  # no CRS, like the terrain
         pyogrio.raw.write(folder / "zones.shp", wkb, [np.array([1], "i4")], ["zone"], **how)
     (folder / "zones.csv").write_text("zone,mean_radius\n1,0.25\n2,0.5\n")
     return {"zones": "zones.shp", "table": "zones.csv"}

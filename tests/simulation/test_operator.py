@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which random operator a case follows where it does not say it, and what names of grounds mean."""
+"""Default random operator of a case, and the meaning of ground names."""
 
 from pathlib import Path
 
@@ -86,14 +86,14 @@ def test_a_ground_of_a_table_needs_no_form():
 
 
 def models(folder, surface=(), **impact):
-    """Rebound models of a scene whose ground is named."""
+    """Rebound models of a scene with a named ground."""
     case = case_in(folder, impact=impact, surface=SIZE | dict(surface), **place())
     scene = read_scene(case, dem=rough(), transform=grid(rough()))
     return [ground.model for ground in scene.grounds]
 
 
 def uncertain(folder, surface, *names, **impact):
-    """What is uncertain of a scene, by these names in &ensemble sets."""
+    """Uncertain inputs of a scene with given names in &ensemble sets."""
     case = case_in(
         folder, surface=SIZE | surface, impact=impact, ensemble={"sets": [*names], "runs": 8},
         **place(),
@@ -123,7 +123,7 @@ def test_rows_of_ones_own_table_come_first(tmp_path):
 
 
 def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
-    """Zones that name the row would follow the table."""
+    """Zones that name the row would use the table."""
     (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,meadow\n2,0.2,\n")
     zones = {"zones": "given", "table": "zones.csv", "ground_table": "own.csv"}
@@ -149,7 +149,7 @@ def test_a_file_of_a_table_is_a_ground(tmp_path):
 
 
 def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
-    """Each draw is the run by its sets and its table."""
+    """Each draw equals the run with its sets and its table."""
     write_sets(tmp_path / "other.nml", *sets(1.5))
     ground = {"ground": "talus"}
     case = case_in(
@@ -168,7 +168,7 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
-    """They would be alternatives, and not drawn together."""
+    """They would be alternatives and not be drawn together."""
     says = "is an impact table, but laboratory-spheres is none: it can replace a table only"
     for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
@@ -176,7 +176,7 @@ def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
 
 
 def test_a_name_that_has_no_effect_is_warned_of(tmp_path):
-    """Beside a ground for all; an own form alone says nothing."""
+    """Next to a ground for everything; a form alone causes no warning."""
     mine = str(write_sets(tmp_path / "mine.nml", *sets(1.5)))
     for key, name in ("table", "unknown"), ("sets", mine):
         scene = read_scene(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Libraries that have started threads of their own OpenMP in the process: the same bits, and as
-many threads as the case says."""
+"""Other libraries that have started OpenMP threads in the process: bit-identical results, with the
+number of threads given in the case."""
 
 import importlib.util
 import os
@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-#: What each does before rockfall is loaded: it computes on its threads.
+#: Code run before rockfall is loaded: it computes on its own threads.
 FIRST = {
     "torch": "import torch; torch.set_num_threads(2); torch.ones(500, 500) @ torch.ones(500, 500)",
     "sklearn": """

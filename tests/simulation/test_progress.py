@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress in a log: a line every ten seconds, with the time left."""
+"""Progress in a log: one line every ten seconds, with the remaining time."""
 
 import re
 
@@ -16,7 +16,7 @@ LINE = re.compile(r"rockfall: ([\d,]+) of ([\d,]+) (\w+), ([\d,]+) s left")
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Seconds, which a test sets."""
+    """Seconds set by a test."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     monkeypatch.delenv("ROCKFALL_PROGRESS", raising=False)
@@ -92,7 +92,7 @@ def test_products_announce_the_steps_that_they_do(words, tmp_path, monkeypatch):
     monkeypatch.setattr(progress, "_Work", Work)
     assert main(words.split()) == 0
     (work,) = works
-    assert 2 <= work.announced <= work.made <= work.announced + 4  # of first pages, of inputs
+    assert 2 <= work.announced <= work.made <= work.announced + 4  # reading first pages of inputs
 
 
 def test_stepped_items_are_those_that_are_given(clock):

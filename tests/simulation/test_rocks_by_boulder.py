@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rocks of each boulder's own size (`&boulder mean_radius_sigma`): the ratio R_b/R_m that its
-rebounds have, its distribution, the same bits however a run is made, and where the key is
-refused."""
+"""Separate rock sizes for each boulder (`&boulder mean_radius_sigma`): R_b/R_m of rebounds, its
+distribution, bit-identical results, and refusals."""
 
 import numpy as np
 import pytest
@@ -36,8 +35,8 @@ def first_ratios(result):
     ({"uniform_mean_radius": 0.25}, {"breakage": {"at": "impact", "min_area_ratio": 0.3}}),
 ], ids=["between", "nearest", "method A", "rocky-slope", "fragments"])  # fmt: skip
 def test_a_boulder_has_the_bits_of_a_run_on_its_own_rocks(tmp_path, surface, groups):
-    """Of median radius times exp(-s z), where z is its strength of the ground; its fragments
-    too."""
+    """Rocks have the median radius times exp(-s z), where z is the boulder's ground strength; also
+    for fragments."""
     z = rough()
     arrays = {"dem": z, "transform": grid(z)}
     case = case_in(tmp_path, surface=surface, case={"boulders": 40}, **place(), **groups)
@@ -73,7 +72,7 @@ def test_ratios_are_lognormal(tmp_path):
 
 
 def mixed(folder):
-    """A case on impact sets, a table of impacts, and a classical ground, with rows and arrays."""
+    """Case with impact sets, an impact table and a classical ground, with rows and arrays."""
     (folder / "zones.csv").write_text(
         "zone,mean_radius,ground\n1,0.25,\n2,0.4,talus\n3,0.2,soil_4\n4,0.3,rocky-slope\n"
     )
@@ -104,7 +103,7 @@ def test_no_bit_depends_on_lanes(spread, lanes):
 
 @pytest.mark.parametrize("output", [{}, {"maps": None, "trajectories": None}])
 def test_lanes_with_impact_sets_alone(tmp_path, output):
-    """Whose copy of the tracer has no other ground."""
+    """Their version of the tracer has no other ground."""
     case = case_in(tmp_path, boulder={"mean_radius_sigma": SIGMA}, **place())
     z = rough()
     scene = read_scene(case.replace(output=output), dem=z, transform=grid(z))
@@ -150,7 +149,7 @@ def test_classical_grounds_keep_their_obstacles(tmp_path):
         "zone,mean_radius,ground\n1,0.25,soil_4\n2,0.4,talus\n3,0.2,soil_4\n4,0.3,\n"
     )
     arrays["zones"] = arrays["zones"] % 3 + 1
-    arrays["zones"][0, 0] = 4  # where no boulder comes: the key would have no effect otherwise
+    arrays["zones"][0, 0] = 4  # where no boulder passes; otherwise the key would have no effect
     same_numbers(
         rockfall.run(case, **arrays).drop_vars("trajectory_ratio"),
         rockfall.run(case.replace(boulder={"mean_radius_sigma": None}), **arrays).drop_vars(
@@ -160,7 +159,7 @@ def test_classical_grounds_keep_their_obstacles(tmp_path):
 
 
 def test_the_preview_has_neutral_slopes_of_all_boulders(tmp_path):
-    """Brackets for boulders that meet small and large rocks, although all have one volume."""
+    """Ranges for boulders with small and large rocks, although all have the same volume."""
     z = rough()
     case = case_in(tmp_path, **place()).replace(case={"boulders": 20})
     plain, wide = (

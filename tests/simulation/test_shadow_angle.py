@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shadow angles: from the apex of the talus, the foot of the cliff, to the end of each boulder."""
+"""Shadow angles: from the apex of the talus, at the cliff's foot, to each boulder's end."""
 
 import numpy as np
 import pytest
@@ -13,27 +13,27 @@ from rockfall.simulation.simulate import run_scene
 from same import same
 from scenes import grid, make_case, sets
 
-SIDE = 640.0  # [m] of the terrain
+SIDE = 640.0  # side of the terrain [m]
 CLIFF, TALUS = 60.0, 35.0  # [degree]
-EDGE, FOOT, TOE = 60.0, 120.0, 330.0  # [m] along the fall line
+EDGE, FOOT, TOE = 60.0, 120.0, 330.0  # distances along the fall line [m]
 OBSERVED = {"shadow_angle": 30.0}
 
 
 def profile(s, *slopes):
-    """Elevation [m] at a distance along the fall line: slopes [degree] between EDGE, FOOT, TOE."""
+    """Elevation [m] along the fall line [m], with slopes [degree] between EDGE, FOOT, TOE."""
     falls = np.diff([EDGE, FOOT, TOE, 2 * SIDE]) * np.tan(np.radians(slopes))
     return np.interp(s, [-SIDE, EDGE, FOOT, TOE, 2 * SIDE], 900 - np.cumsum([0, 0, *falls]))
 
 
 def along(x, y, azimuth=180.0):
-    """Distance along the fall line [m], which goes through the middle of the terrain."""
+    """Distance along the fall line [m] through the middle of the terrain."""
     across, up = x - SIDE / 2, y - SIDE / 2
     east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
     return SIDE / 2 + across * east + up * north
 
 
 def place(s, azimuth=180.0):
-    """Coordinates of a place on the fall line through the middle."""
+    """Coordinates of a point on the fall line through the middle."""
     away = s - SIDE / 2
     return (SIDE / 2 + away * np.sin(np.radians(azimuth)),
             SIDE / 2 + away * np.cos(np.radians(azimuth)))  # fmt: skip
@@ -75,15 +75,15 @@ def test_the_apex_is_the_foot_of_the_cliff(tmp_path, cell, azimuth):
     assert beyond.sum() > 30
     low, high = np.sort(bounds, axis=0)[:, beyond]
     assert (low <= angles[beyond]).all() and (angles[beyond] <= high).all()
-    assert (high - low).max() < 1.5 * cell  # so that these are bounds at all
+    assert (high - low).max() < 1.5 * cell  # the bounds must be narrow
 
 
 def test_a_node_at_the_break_is_the_apex(tmp_path):
-    """Cells of 5 m whose centres lie at the break: the angle is that of the line, to the bit."""
+    """Cells of 5 m with centres at the break: the angle is exactly that of the line."""
     source, z = place(EDGE + 12.5), slope()
     rows = SIDE - 5.0 * (np.arange(len(z)) + 0.5)
     z = np.repeat(profile(SIDE - rows + 2.5, CLIFF, TALUS, 0.0)[:, None], len(z), 1)
-    foot = FOOT - 2.5  # the profile is half a cell higher up: its break is at a centre
+    foot = FOOT - 2.5  # the profile is half a cell higher up: the break is at a cell centre
     result = run(tmp_path, z, source)
     apex = (*place(foot), profile(FOOT, CLIFF, TALUS, 0.0))
     np.testing.assert_allclose(result["shadow_angle"], by_hand(result, apex, source), rtol=1e-9)
@@ -149,7 +149,7 @@ def test_a_source_below_the_cliff_is_its_own_apex(tmp_path):
 
 @pytest.mark.parametrize("slopes", [(CLIFF, -CLIFF, 0.0), (CLIFF, CLIFF, CLIFF)])
 def test_a_pit_or_the_end_of_the_terrain_gives_no_number(tmp_path, slopes):
-    """A cliff down to a pit, and one that goes on to the edge."""
+    """A cliff down to a pit, and a cliff that continues to the edge."""
     result = run(tmp_path, slope(slopes=slopes), place(EDGE + 12.5), boulders=20)
     assert np.isnan(result["shadow_angle"]).all()
     (text,) = [r.text for r in model_remarks(result, case_of(result))
@@ -185,7 +185,7 @@ def test_parts_and_windows_find_the_same_apex(tmp_path):
 
 def test_a_run_agrees_with_shadow_angles_or_not(tmp_path):
     source = place(EDGE + 12.5)
-    z = slope(slopes=(CLIFF, TALUS, -20.0))  # a counter slope: all stay on the terrain
+    z = slope(slopes=(CLIFF, TALUS, -20.0))  # counter-slope: all boulders stay on the terrain
     result = run(tmp_path, z, source, boulders=1000)
     case, angles = case_of(result), result["shadow_angle"].values
     lowest = float(np.quantile(angles, 0.01))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The job array, run by hand: a loop over SLURM_ARRAY_TASK_ID, then the merge."""
+"""Job array run manually: a loop over SLURM_ARRAY_TASK_ID, then the merge."""
 
 import os
 import stat
@@ -15,7 +15,7 @@ from rockfall.cli import main
 
 @pytest.fixture
 def commands(tmp_path):
-    """What a job finds: `sbatch`, and none of our programs on its PATH."""
+    """Environment of a job: `sbatch`, and none of our programs in PATH."""
     folder = tmp_path / "bin"
     folder.mkdir()
     (folder / "sbatch").write_text('#!/bin/sh\necho "$@" >>jobs.txt\necho 4711\n')
@@ -27,7 +27,7 @@ def commands(tmp_path):
 def test_the_array_run_by_hand_gives_the_run(
     program, few_boulders, commands, tmp_path, monkeypatch, capsys
 ):
-    case = few_boulders.rename(few_boulders.with_name("part1of3.nml"))  # as a part is called
+    case = few_boulders.rename(few_boulders.with_name("part1of3.nml"))  # named like a part
     whole = rockfall.run(rockfall.read_case(case))
     if program == "batch":
         if not find_program():

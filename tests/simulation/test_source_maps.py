@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How many sources feed a cell, and reach probability by source: exact, however they are flown."""
+"""Number of sources that reach a cell, and reach probability by source: exact in any run."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
 
 def scattered(sources):
-    """Source cells near each other, so that they feed common cells."""
+    """Source cells near each other, so that they reach common cells."""
     cells = np.zeros(Z.shape, int)
     rows, columns = 4 + np.arange(sources) // 30, 15 + np.arange(sources) % 30
     cells[rows, columns] = 1
@@ -30,7 +30,7 @@ def case_of(folder, n, maps=MAPS, **release):
 
 
 def by_brute_force(case, arrays):
-    """Sources and their boulders, from runs of the boulders of each source alone."""
+    """Sources and their boulders, from separate runs for each source."""
     scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
     sources, released = np.zeros((2, *Z.shape), int)
     for source in range(scene.x.size):
@@ -129,7 +129,7 @@ def test_an_interrupted_run_tells_of_the_boulders_done(tmp_path, monkeypatch):
 
 
 class _after:
-    """Interrupts that come after so many chunks."""
+    """Interrupt after a number of chunks."""
 
     def __init__(self, chunks):
         self.left = chunks

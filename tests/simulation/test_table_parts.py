@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which parts of a table of impacts boulders take, by tables whose parts tell themselves: those
-beside their size and relief, on ground whose strength differs from boulder to boulder."""
+"""Parts of an impact table used by boulders, from tables with identifiable parts: parts adjacent to
+their size and relief, on ground with strength that varies between boulders."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from scenes import grid
 
 G, DENSITY = 9.81, 2700.0
 COLUMNS, ROWS = (0.001, 0.004, 0.02), (8.0, 12.0, 20.0)
-STRENGTH = 2e6  # of the ground of coded tables [Pa]
+STRENGTH = 2e6  # strength of the ground in coded tables [Pa]
 
 
 def volume_of(radius):
@@ -29,13 +29,13 @@ def volume_of(radius):
 
 
 def radius_of(size):
-    """R_b [m] of a boulder of DENSITY and a size over STRENGTH."""
+    """R_b [m] of a boulder with DENSITY and a given size over STRENGTH."""
     return size * STRENGTH / (DENSITY * G)
 
 
 def coded_table(path, ground, columns=COLUMNS, rows=ROWS):
-    """Write a table whose parts tell themselves: part k lets V_n become code(k) |V|, and stops all
-    other motion."""
+    """Write a table with identifiable parts: part k changes V_n to code(k) |V|, and stops all other
+    motion."""
     parts = len(columns) * len(rows)
     record = np.zeros((2 * parts, len(FIELDS)), "f4")
     speed = FIELDS.index("speed_in")
@@ -57,7 +57,7 @@ def code(part):
 
 
 def parts_met(result):
-    """Parts of a coded table that each recorded boulder took, a list for each, in order."""
+    """Parts of a coded table used by each recorded boulder, in order."""
     found = []
     for t, n, out in vertices_of(result, "in_t", "in_n", "out_n"):
         met = np.hypot(t, n) > 0
@@ -68,7 +68,7 @@ def parts_met(result):
 
 
 def first_parts(result):
-    """Column and row of the part that each boulder takes first, and nobody changes its mind."""
+    """Column and row of the first part used by each boulder; it must not change."""
     parts = parts_met(result)
     assert len(parts) == result.sizes["boulder"]
     assert all((one == one[0]).all() for one in parts)
@@ -81,7 +81,7 @@ def plane(slope=30.0, cell=2.5):
 
 
 def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
-    """Boulders of a radius that meet a coded table a few times."""
+    """Boulders of a given radius that contact a coded table several times."""
     coded_table(folder / "coded.nc", ground)
     usual = {
         "case": {"boulders": boulders, "seed": 7},
@@ -95,7 +95,7 @@ def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
 
 
 def near(count, n, p):
-    """A number of n boulders, each of probability p, within four binomial errors."""
+    """Return whether a number of n boulders with probability p is within four binomial errors."""
     return abs(count - n * p) <= 4 * np.sqrt(n * p * (1 - p)) + 1e-9
 
 
@@ -105,7 +105,7 @@ def weights(values, x):
     return np.array([np.interp(x, values, row) for row in np.eye(len(values))])
 
 
-# ---- the part that a boulder takes
+# ---- part for a boulder
 
 
 @pytest.mark.parametrize("part", [0.0, 0.2, 0.5, 0.9])
@@ -124,7 +124,7 @@ def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
 
 @pytest.mark.parametrize("relief", [3.0, 8.0, 9.0, 13.0, 19.0, 30.0])
 def test_boulders_take_the_rows_beside_their_relief_linearly(tmp_path, relief):
-    """And independently of the column."""
+    """Independently of the column."""
     own = np.sqrt(COLUMNS[0] * COLUMNS[1])
     ground = YieldingGround(38.0, STRENGTH, relief=relief)
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())
@@ -155,8 +155,8 @@ def test_ratios_of_rocks_are_interpolated_likewise(tmp_path):
 
 
 def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
-    """Strength in proportion to R_b: the column is that of any size. A relief of exponent 0.6: a
-    boulder four times as large as that of the relief meets 4^-0.4 of its slope."""
+    """Strength proportional to R_b: the column is the same for any size. Relief with exponent 0.6:
+    a boulder four times as large meets 4^-0.4 of its slope."""
     ground = YieldingGround(
         38.0, STRENGTH, strength_radius=0.5, relief=18.0, relief_radius=0.5, hurst=0.6
     )
@@ -174,7 +174,7 @@ def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
 
 @pytest.mark.parametrize(("k", "m"), [(3.0, 1.0), (1.0, 0.7), (5.0, 1.2)])
 def test_size_density_and_strength_are_one_axis(tmp_path, k, m):
-    """R_b times k, the density times m, the strength times k m: the same parts."""
+    """R_b times k, density times m, strength times k m: the same parts."""
     found = []
     for k_, m_ in ((1.0, 1.0), (k, m)):
         ground = YieldingGround(38.0, k_ * m_ * STRENGTH, 0.6, relief=11.0)
@@ -192,13 +192,13 @@ def test_gravity_is_part_of_the_axis(tmp_path):
     assert np.array_equal(*found)
 
 
-# ---- strength from boulder to boulder
+# ---- strength between boulders
 
 
 @pytest.mark.parametrize("sigma", [0.3, 1.0])
 def test_strengths_are_lognormal(tmp_path, sigma):
-    """Columns are taken as often as a lognormal strength has it; by each boulder, one of the two
-    beside its own."""
+    """Columns are used as often as by a lognormal strength, by each boulder one of the two adjacent
+    columns."""
     own = COLUMNS[1]
     ground = YieldingGround(38.0, STRENGTH, sigma, relief=ROWS[0])
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())
@@ -242,7 +242,7 @@ def test_the_strength_of_boulders_is_standard_normal(tmp_path):
 
 
 def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
-    """However the run is cut, merged, written, or its boulders chosen."""
+    """However the run is cut, merged or written, or its boulders selected."""
     case = coded_case(tmp_path, YieldingGround(38.0, STRENGTH), 90, radius=0.4)
     whole = rockfall.run(case, **plane())
     z = rockfall.ground_strength(whole)
@@ -260,7 +260,7 @@ def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
 
 
 def striped(folder, grounds, rows=7):
-    """Zones from north to south, that name tables in turn."""
+    """Zones from north to south that use tables in turn."""
     names = "".join(f"{k},{name}\n" for k, name in enumerate(grounds, start=1))
     (folder / "zones.csv").write_text(f"zone,ground\n{names}")
     zones = np.arange(80)[:, None] // rows % len(grounds) + np.ones((1, 40), np.int64)
@@ -276,13 +276,13 @@ def test_who_meets_strong_ground_does_so_on_all_grounds(tmp_path):
     case = coded_case(tmp_path, ground, 300, radius=0.3, surface=surface,
                       impact={"impact_limit": 40})  # fmt: skip
     result = rockfall.run(case, **arrays)
-    columns, rows = first_parts(result)  # and all the others
+    columns, rows = first_parts(result)  # the remaining boulders and parts
     assert {*columns} == {0, 1, 2} and {*rows} == {0, 1}
     assert (result["rebounds_by_ground"] > 200).all()
 
 
 def test_fragments_meet_the_ground_of_their_boulder(tmp_path):
-    """Of strength in proportion to R_b, where size does not choose the part."""
+    """With strength proportional to R_b, so that size does not determine the part."""
     ground = YieldingGround(38.0, STRENGTH, 0.7, strength_radius=0.3, relief=11.0)
     case = coded_case(
         tmp_path, ground, 300, radius=1.0, impact={"impact_limit": 30},
@@ -297,7 +297,7 @@ def test_fragments_meet_the_ground_of_their_boulder(tmp_path):
     assert len({*zip(columns[broken], rows[broken], strict=True)}) > 3
 
 
-# ---- tables of users that are damaged
+# ---- damaged tables of users
 
 
 SOUND = YieldingGround(38.0, STRENGTH, 0.5, 0.3, 11.0, 0.3, 0.8)

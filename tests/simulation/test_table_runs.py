@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs by a table of impacts: the same bits however they are cut, in both programs; no energy from
-nothing; what the table knows is what boulders do; refusals."""
+"""Runs by an impact table: bit-identical however they are cut, in both programs; no gain of energy;
+boulders behave like the table; refusals."""
 
 import shutil
 from dataclasses import replace
@@ -39,7 +39,7 @@ MEADOW = YieldingGround(24.0, 4e5, relief=9.0, relief_radius=0.4, hurst=0.8)
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder with a table of one's own: shipped records on a ground of another strength."""
+    """Folder with a user's table: shipped records on a ground of another strength."""
     folder = tmp_path_factory.mktemp("made")
     table = open_table(shipped_tables()["ploughed-compact-9"])
     save_table(replace(table, ground=MEADOW), folder / "meadow.nc")
@@ -48,7 +48,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(made):
-    """A run with every output, over stripes of the table and of the case's grounds."""
+    """Run with every output, over stripes of the table and of the case's grounds."""
     case = case_in(made, impact=BY_TABLE, **place())
     return case, rockfall.run(case, **terrain())
 
@@ -70,7 +70,7 @@ def test_no_bit_depends_on_lanes(whole, lanes):
 
 @pytest.mark.parametrize("lanes", [1, 2, 3])
 def test_cells_along_contacts_are_the_same_in_lanes(whole, lanes):
-    """Without maps by source boulders go in lanes, which record cells and hits on the ground."""
+    """Without maps by source, boulders run in lanes, which record cells and hits on the ground."""
     maps = ["passages", "energy_mean", "passing_height_max", "travel_time_min"]
     output = {"maps": [*maps, "hits_energy_exceeded"], "rebounds": True, "trajectories": 0}
     scene = read_scene(whole[0].replace(output=output), **terrain())
@@ -135,7 +135,7 @@ def test_energy_that_was_released_is_accounted_for(made):
 
 
 def test_a_boulder_rolls_on_over_a_bench(made):
-    """Contacts that go on are followed: some boulders are in contact several times at a place."""
+    """Continuing contacts are followed: some boulders have several contacts at one place."""
     result = on_plane(made, 15.0)
     assert int(result["rebounds"]) > 10 * result.sizes["boulder"]
 
@@ -218,7 +218,7 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
 
 
 def on_rocks(folder, ratio, **groups):
-    """A run by the shipped table of rocks, at R_b/R_m."""
+    """Run by the shipped rock table at a given R_b/R_m."""
     radius = np.cbrt(0.75 / np.pi * 0.27)
     of_rocks = {"impact": {"form": "table", "table": "rocky-slope"}}
     of_rocks |= {"surface": {"uniform_mean_radius": radius / ratio}}
@@ -241,7 +241,7 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
 
 @pytest.mark.parametrize("ratio", [1.5, 7.9])
 def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
-    """Not from heights that have added up over the facets that they rolled on: 61 R_b once."""
+    """Not from heights accumulated over the facets they rolled on: once 61 R_b."""
     result = on_rocks(tmp_path, ratio, output={"trajectories": 100})
     names = ("x", "y", "z", "velocity_x", "velocity_y", "velocity_z", "time", "in_t", "in_n")
     rises = []
@@ -278,7 +278,7 @@ def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
 
 
 def test_where_terrain_ends_within_a_contact_all_is_known(made):
-    """Boulders that roll over the edge of the terrain, or into a hole in it."""
+    """Boulders that roll over the edge of the terrain, or into a hole."""
     z = 500 + np.tan(np.radians(25.0)) * 2.5 * np.mgrid[79:-1:-1, 0:40][0]
     z[60:63, 10:14] = np.nan
     case = rockfall.Case(
@@ -294,7 +294,7 @@ def test_where_terrain_ends_within_a_contact_all_is_known(made):
 
 
 def test_the_ground_is_an_uncertain_input(made, tmp_path):
-    """A draw of an ensemble is the run by that table, bit for bit."""
+    """A draw of an ensemble is bit-identical to the run by its table."""
     case = case_in(
         tmp_path, case={"seed": 5, "boulders": 40}, impact={"form": "table", "table": "talus"},
         ensemble={"sets": ["meadow", "soft-soil"], "runs": 8}, output={"maps": None}, **place(),
@@ -315,7 +315,7 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
 
 @pytest.mark.parametrize("name", ensemble_names())
 def test_each_draw_of_an_ensemble_is_a_run_on_its_ground(tmp_path, name):
-    """That of the user's row with the values of the draw, in every bit."""
+    """The user's row with the values of the draw, bit for bit."""
     of = name.removesuffix("-ensemble")
     shipped = shipped_rows().rows[of].cells
     case = case_in(
@@ -341,7 +341,7 @@ def quoted(cell):
 
 
 def test_ensembles_of_several_grounds_come_together(tmp_path):
-    """Each draw of one with each of the other, for their own grounds and no other."""
+    """Each draw of one ground with each of the other, for their own grounds only."""
     names = ensemble_names()
     case = case_in(
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},

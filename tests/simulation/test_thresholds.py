@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of thresholds, energy lines and times: they are what boulders, one by one, did."""
+"""Maps of thresholds, energy lines and times agree with single boulders."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def result(tmp_path_factory):
 
 
 def test_counts_are_those_of_the_boulders_one_by_one(tmp_path, result):
-    """A map of maxima of one boulder alone (a shard) says by itself which thresholds it exceeds."""
+    """Map of maxima of a single boulder (a shard), which shows the thresholds it exceeds."""
     counts = np.zeros(result.energy_exceeded.shape, int)
     case = make_case(tmp_path, ["energy_max"])
     for number in range(1, BOULDERS + 1):
@@ -47,7 +47,7 @@ def test_counts_are_those_of_the_boulders_one_by_one(tmp_path, result):
         energy[part["tally_cell"].values] = part["tally_maxima"].values[0]
         counts += energy.reshape(counts[0].shape) > 1000 * np.array(THRESHOLDS)[:, None, None]
     assert (result.energy_exceeded.values == counts).all()
-    assert counts[-1].max() > 3  # boulders, above the highest threshold
+    assert counts[-1].max() > 3  # boulders above the highest threshold
 
 
 def test_every_boulder_that_passes_exceeds_nothing(result):
@@ -64,7 +64,7 @@ def test_the_thresholds_are_a_coordinate_in_joule(result, tmp_path):
     rockfall.write_result(result, tmp_path / "a.nc")
     again = rockfall.read_result(tmp_path / "a.nc")
     result = result.copy()
-    del result.attrs["model_warnings"]  # which no file keeps
+    del result.attrs["model_warnings"]  # not stored in files
     assert again.identical(result)
 
 
@@ -74,7 +74,7 @@ def test_each_threshold_is_a_map_in_plan_for_files_and_figures(result):
     assert [name for name in flat.data_vars if "exceeded" in name] == names
     for name, layer in zip(names, result.energy_exceeded, strict=True):
         assert flat[name].dims == ("y", "x") and (flat[name].values == layer.values).all()
-    assert list(flat.data_vars)[-3:] == list(result.data_vars)[-3:]  # order stays
+    assert list(flat.data_vars)[-3:] == list(result.data_vars)[-3:]  # the order is unchanged
 
 
 def test_a_map_that_is_not_asked_for_changes_no_other(tmp_path, result):
@@ -87,7 +87,7 @@ def test_a_map_that_is_not_asked_for_changes_no_other(tmp_path, result):
 
 
 def test_energy_lines_are_between_those_of_sources_and_cells(result):
-    """The line of every source that reaches a cell; with both, the steeper and the flatter one."""
+    """For one source, the line to each cell; for two sources, the steeper and the flatter line."""
     z = scenes.rough()
     angles = []
     for k in range(2):
@@ -105,7 +105,7 @@ def test_energy_lines_are_between_those_of_sources_and_cells(result):
     of_one = [np.minimum(abs(one - low), abs(one - high)) for one in (steep[passed], flat[passed])]
     assert max(np.max(one) for one in of_one) < near
     assert (steep[passed] > flat[passed]).any()
-    cells = (result.passages.values > 0) & ~passed  # those of the releases
+    cells = (result.passages.values > 0) & ~passed  # cells of the releases
     assert 1 <= cells.sum() <= 2
 
 
@@ -119,7 +119,7 @@ def test_times_grow_from_the_release_to_the_last_stop(result):
 
 
 def test_time_at_a_line_is_that_of_its_cells(tmp_path):
-    """Boulders that cross a line along cell sides come to the cells below it at that moment."""
+    """Boulders that cross a line along cell sides reach the cells below at the same moment."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}]
     case = make_case(tmp_path, ["travel_time_min", "passages"], line=line)
     result = run(case)

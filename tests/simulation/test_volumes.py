@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Larger boulders reach a road more often, and no volume is a step: `ratio = 'between'`."""
+"""Larger boulders reach a road more often, and no volume causes a step: `ratio = 'between'`."""
 
 from functools import cache
 
@@ -15,13 +15,13 @@ VOLUMES, BOULDERS = 200, 40_000
 
 @cache
 def reaching(**impact):
-    """Number of boulders and fraction that reaches the road, by class of volume: 0.1 to 4 m3, on
-    rocks of 0.2 m; R_b/R_m = 1.4 to 4.9."""
+    """Number of boulders and fraction that reaches the road, by volume class: 0.1 to 4 m3, on rocks
+    of 0.2 m; R_b/R_m = 1.4 to 4.9."""
     return volumes.reaching(BOULDERS, VOLUMES, seed=5, **impact)
 
 
 def rising(number, fraction):
-    """The nearest fractions that nowhere fall (neighbours that do share their mean)."""
+    """Nearest fractions that never decrease (decreasing neighbours share their mean)."""
     blocks = []
     for block in zip(fraction, number, np.ones(fraction.size, int), strict=True):
         blocks.append(block)
@@ -32,7 +32,7 @@ def rising(number, fraction):
 
 
 def misfit(**impact):
-    """Chi-square of the fractions beside such that nowhere fall, over the number of classes."""
+    """Chi-square of the fractions relative to non-decreasing fractions, per class."""
     number, fraction = reaching(**impact)
     near = rising(number, fraction)
     variance = np.maximum(near * (1 - near), 1 / number) / number
@@ -44,13 +44,13 @@ def test_reach_rises_with_the_volume_within_noise():
 
 
 def test_sets_that_are_not_smooth_are_told():
-    """By the sets of spheres large boulders stop where the set of ratio 5 serves."""
+    """With the sphere sets, large boulders stop where the set of ratio 5 applies."""
     assert misfit(sets="laboratory-spheres", ratio="nearest") > 10
 
 
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
-    """Beside R_b/R_m = 4.5, by the sets of spheres, of which those of 4 and 5 differ most."""
+    """Near R_b/R_m = 4.5 with the sphere sets, where sets 4 and 5 differ most."""
     number, fraction = reaching(sets="laboratory-spheres", ratio=ratio)
     edges = np.linspace(volumes.SMALLEST, volumes.LARGEST, VOLUMES + 1)
     at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * volumes.ROCKS) ** 3)

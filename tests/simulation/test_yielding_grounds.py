@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs on grounds by planes of tables of impacts: boulders that are alike go alike, of any size;
-the same bits however they are run, and by any parts within reach; whose rows may ask for them."""
+"""Runs on planes of impact tables: similar boulders of any size behave alike; bit-identical results
+however they are run and by any parts within reach; rows of users."""
 
 import itertools
 
@@ -32,7 +32,7 @@ from scenes import case_in, grid, place, rough
 
 G, DENSITY = 9.81, 2700.0
 
-# ---- the same bits however it is run
+# ---- reproducibility, however it is run
 
 
 OWN_HEAD = "name,model,strength,strength_sigma,strength_radius,relief,relief_radius,hurst,"
@@ -42,7 +42,7 @@ OWN_ROWS = "loose,ploughed,3e5,0.7,0.6,14.5,,,36,x\nfirm,ploughed,1.5e6,0.4,,12,
 
 @pytest.fixture(scope="module")
 def spread(tmp_path_factory):
-    """A run of all sizes over two grounds that differ from boulder to boulder, of every output."""
+    """Run of all sizes with every output over two grounds that vary between boulders."""
     folder = tmp_path_factory.mktemp("spread")
     (folder / "own.csv").write_text(OWN_HEAD + OWN_ROWS)
     (folder / "zones.csv").write_text("zone,ground,mean_radius\n1,loose,\n2,firm,\n")
@@ -89,7 +89,7 @@ def test_both_programs_give_the_same(tmp_path):
 
 
 def on_row(folder, cells, boulders=60, *, scale=1.0, **groups):
-    """A run on a user's row, `scale` times as large in every length."""
+    """Run on a user's row, with all lengths multiplied by `scale`."""
     columns = [*dict.fromkeys(("name", "model", "source", *cells))]
     values = {"name": "mine", "source": "x"} | cells
     row = ",".join(f'"{values[column]}"' for column in columns)
@@ -114,7 +114,7 @@ LOOSE = {"model": "ploughed", "strength": 4e5, "relief": 14.3, "rest_angle": 36.
     LOOSE, LOOSE | {"strength_sigma": 0.8}, {**LOOSE, "model": "hard", "strength": 2e7},
 ])  # fmt: skip
 def test_a_boulder_16_times_as_large_goes_16_times_as_far(tmp_path, cells):
-    """On ground 16 times as strong and a terrain 16 times as large, four times as fast."""
+    """On ground 16 times as strong and terrain 16 times as large, four times as fast."""
     velocity = np.array([1.5, -4.0, 0.5])
     small, large = (
         on_row(
@@ -135,7 +135,7 @@ def test_a_boulder_16_times_as_large_goes_16_times_as_far(tmp_path, cells):
 
 def test_no_sigma_is_a_sigma_of_zero(tmp_path):
     usual = on_row(tmp_path, LOOSE)
-    usual = usual.drop_vars("ground_block_radius")  # of the parts within reach
+    usual = usual.drop_vars("ground_block_radius")  # by the parts within reach
     same_numbers(on_row(tmp_path, LOOSE | {"strength_sigma": 0.0}), usual)
     spread = LOOSE | {"strength_sigma": 0.6}
     same_numbers(on_row(tmp_path, spread, boulder={"ground_strength_sigma": 0.0}), usual)
@@ -147,7 +147,7 @@ def test_no_sigma_is_a_sigma_of_zero(tmp_path):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
-    """By its own name, by another, and by the name of the table."""
+    """By its own name, by another name, and by the name of the table."""
     cells = {key: cell for key, cell in shipped_rows().rows[name].cells.items() if cell}
     mine = on_row(tmp_path, cells | {"name": "mine"})
     shipped = on_row(tmp_path, cells, surface={"ground": name, "ground_table": None})
@@ -164,7 +164,7 @@ def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
 @pytest.mark.parametrize("sigma", [0.0, 0.7])
 @pytest.mark.parametrize("model", ["ploughed", "hard"])
 def test_parts_beyond_the_reach_change_nothing(tmp_path, model, sigma):
-    """The bits by all parts of a plane are those by the parts that enclose the boulders."""
+    """All parts of a plane give the same bits as the parts that enclose the boulders."""
     strength = {"ploughed": 6e5, "hard": 4e6}[model]
     ground = YieldingGround(33.0, strength, sigma, 0.7, 14.1, 0.5, 0.8)
     paths = plane_files(model, "compact")
@@ -221,7 +221,7 @@ def part_of(row, column):
 
 @pytest.mark.parametrize("density, gravity", [(1000.0, 9.81), (7000.0, 9.81), (2700.0, 1.62)])
 def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
-    """Not of usual boulders: their part must be among the columns that the kernel chooses from."""
+    """For unusual boulders, their part must be among the columns that the kernel chooses from."""
     boulder = {"volume": "fixed", "volume_mean": 0.27, "density": density}
     case = rockfall.Case(
         case={"boulders": 1}, impact={"form": "table", "table": "meadow"}, boulder=boulder,
@@ -234,7 +234,7 @@ def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
 
 
 def test_followers_stay_those_of_their_records():
-    """In any selection of parts a record is followed by the same contact."""
+    """In any selection of parts, a record is followed by the same contact."""
     model, ground = yielding_ground(shipped_rows().rows["talus"])
     follower = FIELDS.index("follower")
     rows = [open_table(path) for path in plane_files(model, "compact").values()]
@@ -251,11 +251,11 @@ def test_followers_stay_those_of_their_records():
     assert len(pairs(some)) > 1000 and pairs(some) <= pairs(whole)
 
 
-# ---- rows of users that are refused
+# ---- refused rows of users
 
 
 GOOD = {"model": "ploughed", "strength": "3e5", "relief": "14"}
-BOUNDS = {  # of each parameter: values beyond, and how the range is spelt
+BOUNDS = {  # for each parameter: values out of range, and the text of the range
     "strength": (("0", "999", "1.1e9", "-3e5"), "1000 to 1e9 [Pa]"),
     "strength_sigma": (("-0.1", "1.6"), "0 to 1.5"),
     "strength_radius": (("-1", "101"), "0 to 100 [m]"),
@@ -329,7 +329,7 @@ def test_a_sigma_that_cannot_be_is_refused(value, said):
         )  # fmt: skip
 
 
-# ---- between the reliefs thrown
+# ---- between simulated reliefs
 
 
 @pytest.mark.parametrize(("model", "n", "relief", "slope", "thrown"), [
@@ -339,8 +339,8 @@ def test_a_sigma_that_cannot_be_is_refused(value, said):
 def test_with_the_relief_advised_no_fewer_boulders_pass_than_as_thrown(
     tmp_path, model, n, relief, slope, thrown
 ):
-    """200 m along a plane near its neutral slope; `thrown`: by a table of the laboratory for this
-    relief (docs/archive/field_protocol.md)."""
+    """200 m along a plane near its neutral slope; `thrown`: by a laboratory table for this relief
+    (docs/archive/field_protocol.md)."""
     radius, cell, rows = 0.4, 5.0, 64
     fall = np.tan(np.radians(slope))
     z = np.repeat(500 + fall * cell * np.arange(rows)[::-1, None], 40, axis=1)
