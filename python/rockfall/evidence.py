@@ -64,7 +64,7 @@ def evidence(
 
 
 def only(site: str, place: str, quantity: str, model: str) -> Evidence:
-    """The only row with these columns; a LookupError if there is none or more than one."""
+    """The only row with these columns; a LookupError if there are none or several."""
     rows = evidence(site, place, quantity, model)
     if len(rows) != 1:
         raise LookupError(f"{len(rows)} rows of {site}, {place}, {quantity}, {model}")

@@ -17,12 +17,12 @@ def kernel_numbers(name: str) -> np.ndarray:
 Z = _core.constant("z_95")  # two-sided 95 % quantile of the normal distribution
 PIECE = int(_core.constant("piece"))  # values per checksum in parts and scenes
 limit_ranks = _core.limit_ranks  # ranks of the binomial interval of a quantile of n values
-USUAL_DENSITY = _core.constant("usual_density")  # of boulders on impact tables [kg/m3]
+USUAL_DENSITY = _core.constant("usual_density")  # boulder density on impact tables [kg/m3]
 USUAL_WEIGHT = _core.constant("usual_weight")  # unit weight of these boulders [N/m3]
 decimal = _core.decimal  # parse a number in a text, by the rules of all files; NaN if invalid
-EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # of barrier classes 0 to 7 [J]
+EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # barrier classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # outcomes of boulders that reach a barrier
-line_quantities = _core.line_quantities  # from motion (6, n), volumes, masses
+line_quantities = _core.line_quantities  # arguments: motion (6, n), volumes, masses
 points_along = _core.points_along  # points on a line at given distances
 # Constants of the sample sums (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))

@@ -94,7 +94,8 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Catalogue for a language code, with or without a region; RockfallError if unknown."""
+    """Catalogue for a language code, with or without a region; raises a RockfallError if
+    unknown."""
     name, dash, region = language.partition("-")
     if name not in LANGUAGES or (dash and region not in REGIONS):
         raise RockfallError(

@@ -56,7 +56,8 @@ if sys.platform == "win32":
         return []
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; BlockingIOError if another process has locked it."""
+        """Lock an open file until it closes; raises BlockingIOError if another process has locked
+        it."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError as error:
@@ -113,7 +114,8 @@ else:
         return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; BlockingIOError if another process has locked it."""
+        """Lock an open file until it closes; raises BlockingIOError if another process has locked
+        it."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def has_locks(path: str) -> bool:

@@ -87,7 +87,7 @@ def _rule(key: tuple[str, str, str]) -> str:
 
 
 def cost_table(cost: pd.DataFrame) -> Table:
-    """Table of Monte Carlo errors, and of the cost of small errors."""
+    """Table of Monte Carlo errors and the cost of reducing them."""
     targets = [f"boulders for +- {100 * target:g} %" for target in TARGETS]
     rows = []
     for row in cost.itertuples(index=False):

@@ -304,7 +304,7 @@ def _frequency(hazard: xr.Dataset, place: Place) -> Estimate:
 
 
 def period_table(dossier: Dossier) -> Table:
-    """Table of the energy of the return period at each place, with a column for each variant."""
+    """Table of energies at the return period for each place, with a column for each variant."""
     at = dossier.first["event_period"].values.tolist().index(dossier.period)
     rows = [
         (

@@ -18,7 +18,7 @@ from rockfall.tables.lines import HEADLINE, Numbers, Rows, estimate, in_unit, ro
 from rockfall.text.summary import remark_lines
 
 INDICES = ("first_order", "total")
-PER_LINE = 1 + len(INDICES)  # tables of each line
+PER_LINE = 1 + len(INDICES)  # number of tables for each line
 UNDECIDED = "word.undecided"
 LEAST_EXCESS = 0.005  # minimum difference of two indices that shows in whole per cent
 
@@ -79,7 +79,7 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
-    """Table of both uncertainties of the numbers at a line. If `detailed`, it includes the mean
+    """Table of both uncertainties at a line. If `detailed`, it includes the mean
     over draws, and the number of runs with too few passing boulders."""
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []

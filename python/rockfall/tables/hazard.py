@@ -24,7 +24,7 @@ from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
 
 MOST = 20  # objects or segments listed individually
-NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # in segments
+NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # segment columns
 
 
 def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
@@ -40,7 +40,7 @@ def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
 
 
 def scenario_table(hazard: xr.Dataset) -> Table:
-    """Table of the annual frequency and number of boulders of each scenario."""
+    """Table with the annual frequency and the number of boulders for each scenario."""
     columns = (hazard[name].values.tolist() for name in ("scenario", "frequency", "boulders"))
     rows = [
         (name, yearly, 1 / yearly, boulders)
@@ -128,7 +128,7 @@ def segment_table(hazard: xr.Dataset) -> Table:
 
 
 def risk_table(hazard: xr.Dataset) -> Table:
-    """Table of the risk of objects, by decreasing individual risk, then damage; with sums."""
+    """Table of object risks, by decreasing individual risk, then damage; with sums."""
     layer = ["layer"] * has_layers(hazard)
     frame = pd.DataFrame({"object": hazard["object"].values, **dict(risk_columns(hazard))})
     keys = [-np.nan_to_num(frame[name].to_numpy()) for name in ("damage", "individual_risk")]
@@ -190,7 +190,7 @@ def class_within(row: Mapping[str, Any]) -> str:
 
 
 def _frequencies(hazard: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Columns and heads of the frequency of all boulders, and of those above each threshold."""
+    """Columns and heads for the frequency of all boulders, and above each threshold."""
     thresholds = hazard["threshold"].values.tolist()
     energies = [Number(shown("threshold", value, " ")) for value in thresholds]
     titles = [say("hazard.above", energy=energy) for energy in energies]

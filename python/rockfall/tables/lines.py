@@ -138,8 +138,7 @@ def level_table(levels: pd.DataFrame, *, short: bool = False) -> Table:
 
 
 def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
-    """Table of the precision of the numbers at a line, and of the boulders needed for higher
-    precision."""
+    """Table of the precision at a line, and of the boulders needed for higher precision."""
     shown = []
     for quantity, name in NUMBERS:
         row = numbers["speed" if quantity == "fraction" else quantity]

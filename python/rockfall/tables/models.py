@@ -27,7 +27,7 @@ TITLES = {
     "lateral_std": "lateral std", "ks": "KS", "p": "p", "wasserstein": "Wasserstein",
     "log_density": "mean logarithm",
 }  # fmt: skip
-BARE = ("ks", "p", "log_density")  # labels without a unit
+BARE = ("ks", "p", "log_density")  # statistics without a unit
 ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
 PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 

@@ -39,7 +39,7 @@ ENDED = {  # message id of each status
 
 
 def ends_table(result: Held) -> Table:
-    """Table of the outcomes of boulders."""
+    """Table of boulder outcomes."""
     boulders = simulated(result)
     rows = [
         (say(ENDED[name]), int(n), percent(n / boulders)) for name, n in ended(result).items() if n
@@ -114,7 +114,7 @@ def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[T
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
-    """Table of the provenance of a result, with the command that reproduces it, if known."""
+    """Provenance table of a result, with the command that reproduces it, if known."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}

@@ -147,7 +147,7 @@ def _signed(value: float) -> Number:
 
 
 def measures_table(cases: Mapping[str, Case], costs: Mapping[str, float]) -> Table:
-    """Table of the measures of each variant, from its case, with costs."""
+    """Table of measures by variant, from each case, with costs."""
     rows = [[say("variants.terrain"), *(_dem(case) for case in cases.values())]]
     rows.append([say("variants.barriers"), *(_barriers(case) for case in cases.values())])
     rows.append([say("variants.dams"), *(_dams(case) for case in cases.values())])

@@ -47,7 +47,7 @@ def loads_table(sheet: YearlyDesign) -> Table:
 
 
 def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Tables of barriers of each class, for the lines that need a barrier."""
+    """Tables of barriers by class, for the lines that need a barrier."""
     heads = (
         say("yearly.class"), Column(say("yearly.capacity"), "kJ", 0),
         Column(say("yearly.least_height"), "m", 1), say("yearly.behind"), say("yearly.through"), "",
@@ -66,7 +66,7 @@ def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Table of the barriers of the case; empty list without barriers."""
+    """Table of the case's barriers; empty list without barriers."""
     if len(sheet.checks):
         came = sheet.loads.set_index("line")
         rows = [
