@@ -41,7 +41,7 @@ class _Pending:
 
     document: Document | None = None
     revision: int = 0
-    error: Refused | None = None  # of the latest edit
+    error: Refused | None = None  # error of the latest edit
     view: View | None = None
 
 
@@ -53,8 +53,8 @@ class Live:
         self.language, self.running = language, True
         maps = document.settings.get("output", {}).get("maps", [])
         self.view = View(next((name for name in maps if name in self.maps), FIRST_MAP))
-        self.error: Refused | None = None  # of the latest edit
-        self.offer: Offer | None = None  # objects at risk
+        self.error: Refused | None = None  # error of the latest edit
+        self.offer: Offer | None = None  # selected objects at risk
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._closing = Event()
         self._pending = _Pending(document=document)
@@ -124,7 +124,7 @@ class Live:
             self._wake.notify()
 
     def latest(self) -> tuple[Document, int]:
-        """Document and its revision; Refused if the latest edit was refused."""
+        """Document and its revision; raises Refused if the latest edit was refused."""
         with self._wake:
             if self.error is not None:
                 raise self.error

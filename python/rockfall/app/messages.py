@@ -86,7 +86,7 @@ def _no_number(token: str) -> float:
 
 
 def _finite(token: str) -> float:
-    """Parse a JSON number; ValueError if it is too large."""
+    """Parse a JSON number; raises ValueError if it is too large."""
     value = float(token)
     if not math.isfinite(value):
         raise ValueError(f"{token} is too large")

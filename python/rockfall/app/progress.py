@@ -42,7 +42,7 @@ class Progress:
         self._ground, self._terrain, self._send = ground, terrain, send
         self._language = language
         self._every_line = aside  # for a variant: its page shows all lines
-        self._table: LineTable | None = None  # from the last message
+        self._table: LineTable | None = None  # table of the last message
         self._sent: set[int] = set()  # boulders whose trajectories were sent
         self._begun = time.perf_counter()
         self._due = self._begun + FIRST  # kernel time of the next message

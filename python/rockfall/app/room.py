@@ -54,7 +54,7 @@ STALE = {
     "state": ("batch", "lines", "trajectories", "section", "net", "hazard", "origins"),
     "batch": ("lines",),
     "hazard": ("origins",),
-}  # message kinds that end earlier kinds
+}  # message kinds that make earlier kinds obsolete
 
 NOTHING = Given()
 

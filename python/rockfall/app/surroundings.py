@@ -78,7 +78,7 @@ class Offers(NamedTuple):
 
 def basemap_message(path: Path | None, label: str, grid: Grid) -> Message:
     """Message `basemap`: the part of a picture on the terrain, transparent outside the picture.
-    RockfallError if it is unreadable, or if the picture or the terrain has no CRS."""
+    Raises a RockfallError if it is unreadable, or if the picture or the terrain has no CRS."""
     if path is None:
         return binary_message("basemap", {}, chosen="")
     if grid.crs is None:
@@ -109,8 +109,8 @@ def offered_objects(folder: Path, given: Given) -> list[Offer]:
 
 
 def objects_message(offer: Offer | None, grid: Grid) -> Message:
-    """Message `objects`: names as in a hazard, and shapes; empty without an offer. RockfallError
-    for an unreadable layer."""
+    """Message `objects`: names as in a hazard, and shapes; empty without an offer. Raises a
+    RockfallError for an unreadable layer."""
     import shapely
 
     remarks: list[str] = []

@@ -33,7 +33,7 @@ from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.simulation.tally import Tally
 
 REPORT, EXPORT, SIMULATE = "report", "export", "simulate"
-TELL_SECONDS = 0.25  # between progress messages
+TELL_SECONDS = 0.25  # interval between progress messages
 SAVE_SECONDS = 60.0  # between checkpoints
 MAX_UNFINISHED = 5  # maximum number of runs offered
 

@@ -16,8 +16,8 @@ _HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?")
 
 
 def origin_of(url: str) -> str:
-    """Scheme, host and port of a WMS address, or "" without an address. RockfallError if the
-    address is not valid or has no layers."""
+    """Scheme, host and port of a WMS address, or "" without an address. Raises a RockfallError if
+    the address is not valid or has no layers."""
     parts = urlsplit(url)
     if not url:
         return ""
@@ -34,7 +34,7 @@ def _of(url: str) -> str:
 
 def web_map(url: str, grid: Grid) -> dict[str, str] | None:
     """Address and layers of a WMS, and the CRS of the terrain, as sent to the page; None without a
-    WMS. RockfallError if the CRS has no EPSG code."""
+    WMS. Raises a RockfallError if the CRS has no EPSG code."""
     if not origin_of(url):
         return None
     code = grid.crs.to_epsg() if grid.crs is not None else None

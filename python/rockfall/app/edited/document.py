@@ -46,7 +46,7 @@ class Document:
 class Variants:
     """The &variant groups of an opened case."""
 
-    groups: list[dict[str, Any]] = field(default_factory=list)  # as in the case file
+    groups: list[dict[str, Any]] = field(default_factory=list)  # groups as in the case file
     cases: dict[str, Case] = field(default_factory=dict)
     base: Document | None = None  # the case without variants
     documents: dict[str, Document] = field(default_factory=dict)  # displayable variants
@@ -62,7 +62,7 @@ class Site:
     grid: Grid
     settings_forms: dict[str, Form]
     layer_forms: dict[str, Form]
-    opened: Settings  # as opened; keys that name files keep their values
+    opened: Settings  # state when opened; keys that name files keep their values
     kept: dict[str, Any] = field(default_factory=dict)  # groups and keys not sent to the page
     mode: str = "case"
     variants: Variants = field(default_factory=Variants)
@@ -147,7 +147,7 @@ class Runnable(NamedTuple):
 
 
 def runnable(site: Site, document: Document) -> Runnable:
-    """Case and layers made from a document; Refused without sources or ground."""
+    """Case and layers made from a document; raises Refused without sources or ground."""
     groups = {group: dict(values) for group, values in document.settings.items()}
     for group, kept in site.kept.items():
         groups[group] = kept if isinstance(kept, list) else {**kept, **groups.get(group, {})}  # type: ignore[assignment]

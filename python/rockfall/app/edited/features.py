@@ -18,7 +18,7 @@ from rockfall.app.messages import Refused
 from rockfall.language import say
 
 LAYERS = ("sources", "lines", "barriers", "dams", "zones")
-SHAPES = {"sources": ("Point", "Polygon"), "zones": ("Polygon",)}  # the other layers: LineString
+SHAPES = {"sources": ("Point", "Polygon"), "zones": ("Polygon",)}  # other layers have LineString
 MAX_FEATURES = 10_000
 MAX_VERTICES = 200_000
 MAX_PLACE = 1e9  # maximum coordinate [m]

@@ -65,7 +65,7 @@ def ground_choices() -> list[dict[str, Any]]:
 
 
 def open_site(path: Path) -> tuple[Site, Document]:
-    """Site and document of a case or a DEM; a RockfallError if it cannot be read."""
+    """Site and document of a case or a DEM; raises a RockfallError if it cannot be read."""
     return _open_case(path) if path.suffix.lower() == ".nml" else _open_dem(path)
 
 
