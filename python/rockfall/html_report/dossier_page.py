@@ -237,7 +237,7 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
 
 
 def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
-    """Sections of page 1 and of the following pages, with all numbers."""
+    """Sections of page 1, and of the following pages."""
     notes = [question(dossier), *answers(dossier, designs)]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:

@@ -30,10 +30,10 @@ from rockfall.tables.lines import Rows
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 25.4  # inch [mm]
+MM = 25.4  # millimetres per inch
 SHEET = 263.0  # height between the margins [mm], which templates/page.css sets
 FIXED = 41.0  # height of labels, date, program, headings, signature and gaps [mm]
-WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 6, 4, 6, 20  # maximum numbers of lines
+WARNING_LINES, ANSWER_LINES, SURE_LINES, BESIDE_LINES = 6, 4, 6, 20  # maximum lines of each part
 HEAD = 3  # rows for the caption and header of a table
 CHARACTERS = {
     "title": 62,

@@ -46,7 +46,7 @@ RADII = {
     "rg10": "Rg10 [m]",
 }
 UNITS = {"ground_strength": "Pa", "ground_relief": "degree"}
-MATERIALS = 12  # maximum number drawn in separate colours
+MATERIALS = 12  # maximum grounds in separate colours
 
 
 class Parties(NamedTuple):
@@ -138,7 +138,8 @@ def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
-    """Table of rock sizes on the slope, by zone. RockfallError if a file cannot be read."""
+    """Table of rock sizes on the slope, by zone. Raises a RockfallError if a file cannot be
+    read."""
     case = case_of(result)
     surface = case.surface
     if "table" in surface and surface["table"] != FROM_ARRAY:
@@ -187,7 +188,8 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None if there is only one. RockfallError if a file cannot be read."""
+    """Map of the grounds; None if there is only one. Raises a RockfallError if a file cannot be
+    read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None

@@ -38,7 +38,7 @@ MAX_CELLS = 4_000_000  # total size of all map images; keeps a page at a few MB
 PRINTED = np.array([0.18, 0.2])  # maximum width and height of a map on paper [m]
 NAME_DEPTH = 6  # number of times a line is halved to find places for its name
 MAX_POINTS = 3000  # maximum number of stops drawn
-FINEST = 1 / 400  # minimum cell side of the source outline, over the longer window side
+FINEST = 1 / 400  # minimum cell side of the source outline / longer window side
 
 
 class Window(NamedTuple):

@@ -16,10 +16,10 @@ from rockfall.simulation.progress import add_steps, step
 if TYPE_CHECKING:
     from weasyprint import Document
 
-PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # Debian packages
+PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # Debian packages of Pango
 FONTS = "fonts-dejavu-core"
 OPTIONS: dict[str, Any] = {"pdf_version": "1.4"}  # later versions compress the creator metadata
-CSS_PIXELS = 96 / 25.4  # per millimetre
+CSS_PIXELS = 96 / 25.4  # CSS pixels per millimetre
 BOTTOM = 16.0  # bottom margin of a sheet [mm], as in templates/page.css
 
 

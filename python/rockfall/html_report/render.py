@@ -108,7 +108,7 @@ def _saved(figure: Figure, ending: str) -> bytes:
 
             drawn = Image.open(path).convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE)
             palette: np.ndarray = np.reshape(drawn.getpalette() or [], (-1, 3))
-            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # white, like the page
+            palette[(palette >= NEARLY_WHITE).all(axis=1)] = 255  # exactly white, like the page
             drawn.putpalette(palette.ravel().tolist())
             drawn.save(path)
         return path.read_bytes()

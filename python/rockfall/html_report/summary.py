@@ -33,7 +33,7 @@ from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers
 
 YEARS = 100.0  # return period on page 1
 MOST_LINES = 3  # maximum lines with a sentence
-ONE_SIDED = ("interval.from", "interval.up_to")  # message ids
+ONE_SIDED = ("interval.from", "interval.up_to")  # message ids of one-sided intervals
 
 
 def question(rows: Rows, has_hazard: bool) -> str:

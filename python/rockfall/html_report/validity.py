@@ -28,7 +28,7 @@ SHIPPED = {  # impact sets described in docs/impact_sets.md
 }
 OWN = "validity.the_impact_set_is_the_users"
 AS_GIVEN = "validity.terrain_ground_sources_and_volumes_are"
-NOT_DRAWN = "validity.not_drawn"  # used for an ensemble
+NOT_DRAWN = "validity.not_drawn"  # message for an ensemble
 ABSENT = {  # message by the missing group of the case
     "forest": "validity.the_case_has_no_trees",
     "barrier": "validity.the_case_has_no_nets_or",
@@ -37,7 +37,7 @@ ABSENT = {  # message by the missing group of the case
 FOREST = "validity.stems_are_vertical_and_as_thick"
 FOREST_AND_LOGS = "validity.stems_and_logs"
 BARRIER = "validity.a_barrier_takes_as_much_at"
-BREAKS = {  # message by the value of &breakage at
+BREAKS = {  # value of &breakage at -> message
     "none": "validity.whole",
     "release": "validity.whole_after_release",
     "impact": "validity.whole_at_release",

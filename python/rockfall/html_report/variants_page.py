@@ -33,8 +33,10 @@ BESIDE_FIRST = 4  # maximum variants next to the first in a table on paper
 class Given(NamedTuple):
     """Details of the variants that results do not contain."""
 
-    frequencies: pd.DataFrame | None = None  # over the scenarios, from `yearly_variants`
-    costs: Mapping[str, float] = {}  # by variant, in any unit
+    frequencies: pd.DataFrame | None = (
+        None  # frequencies over the scenarios, from `yearly_variants`
+    )
+    costs: Mapping[str, float] = {}  # cost of each variant, in any unit
     title: str = ""  # page title; "": title of the first result
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
