@@ -33,8 +33,8 @@ def open_session(case: Case, *, threads: int | None = None, **arrays: Any) -> Se
     """Open a case for repeated runs: a Session that keeps the inputs in memory.
 
     `arrays` (dem, zones, lines, ...) are as in `rockfall.run` and must not be changed in place.
-    `threads` applies to all runs (default: the case's). A terrain that needs more than half of the
-    memory raises a RockfallError. Likely mistakes in the case give a UserWarning.
+    `threads` applies to all runs (default: as in the case). A terrain that needs more than half of
+    the memory raises a RockfallError. Likely mistakes in the case give a UserWarning.
 
     >>> import rockfall
     >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -63,7 +63,7 @@ class Session:
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
         self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
-        self._boulders: int | None = None  # for all runs; None: the case's
+        self._boulders: int | None = None  # threads of all runs; None: as in the case
         self._case, self._arrays = case, arrays
         self._scene: Scene | None = None
         try:
