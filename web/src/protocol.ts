@@ -117,7 +117,7 @@ export interface Welcome {
   forms: Forms;
   grounds: GroundChoice[];
   maps: MapName[];
-  scenarios: number; // number available for a hazard
+  scenarios: number; // number of scenarios available for a hazard
   offers: { objects: string[]; basemaps: string[] };
   wms: WebMap | null;
   view: Wanted;

@@ -7,7 +7,7 @@ import { rangeOf, type Terrain } from '../terrain';
 import { PlotLayer, type Plan } from './plot_layer';
 
 const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
-const LINES = 40; // approximate maximum number
+const LINES = 40; // approximate maximum number of contours
 const INDEX = 5; // every fifth contour is thicker
 const TOUCH = 1e-6; // cells
 const ROOM = 160; // minimum length of a contour with a label [px]

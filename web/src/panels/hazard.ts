@@ -6,7 +6,7 @@ import { Chart } from '../section/chart';
 import { tableOf } from '../tables';
 import { decimal, say } from '../texts';
 
-const [WIDTH, HEIGHT] = [320, 190]; // curve size [px]
+const [WIDTH, HEIGHT] = [320, 190]; // size of the curve [px]
 const RAREST = 1e-5; // lowest frequency shown, relative to the highest
 
 interface Actions {

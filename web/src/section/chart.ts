@@ -19,7 +19,7 @@ export class Chart {
     private readonly height: number,
     private readonly along: Range,
     private readonly up: Range,
-    private readonly scale: 'linear' | 'log' = 'linear', // of both axes
+    private readonly scale: 'linear' | 'log' = 'linear', // scale of both axes
   ) {
     this.root = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title });
     const [right, foot] = [width - RIGHT, height - BOTTOM];

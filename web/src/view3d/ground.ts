@@ -9,7 +9,7 @@ import { elevationAt, rangeOf, type Extent, type Shade, type Terrain } from '../
 
 const MAX_SIDE = 500; // maximum number of vertices along the longer side of the mesh
 const FLAT_SHADE = 180;
-const CONTOURS = 30; // approximate number over the whole relief
+const CONTOURS = 30; // approximate number of contours over the whole relief
 
 const VERTEX = /* glsl */ `
   attribute float wall;

@@ -136,7 +136,7 @@ export class View3d {
     this.camera.resize(width, height);
     if (this.paths) this.camera.propose(this.paths.sample, this.paths.fall);
     this.setViewports();
-    this.draw(performance.now()); // at once, because resizing clears the picture
+    this.draw(performance.now()); // immediate, because resizing clears the picture
   }
 
   /** Mark parts of the scene for rebuilding before the next frame; a hidden view costs nothing. */
