@@ -16,7 +16,7 @@ from rockfall.io.atomic import atomic_write
 NAMING = ("name", "object")  # attributes drawn as text
 TEXT_HEIGHT = 5.0  # [m]
 DARK = 64  # grey value, 0 to 255
-METRES = 6  # code of $INSUNITS
+METRES = 6  # value of $INSUNITS
 
 
 def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, Style]) -> Path:

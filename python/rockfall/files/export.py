@@ -133,7 +133,7 @@ def put_export(
 
 
 def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
-    """Formats in the order of `allowed`; RockfallError if empty or not allowed."""
+    """Formats in the order of `allowed`; raises a RockfallError if empty or not allowed."""
     for name in formats:
         if name in GONE:
             raise RockfallError(f"--formats {name}: {GONE[name]}")

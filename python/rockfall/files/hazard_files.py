@@ -52,7 +52,7 @@ from rockfall.result.variables import ENDS
 
 #: Colours of hazard (as on Swiss hazard maps) and of intensity, from pale to dark.
 HAZARD_COLOURS = ("#ffffff", "#fff9c4", "#ffe14d", "#5b8ff9", "#e03131")
-WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity (red, green, blue)
+WEAKEST, STRONGEST = (200, 230, 201), (27, 94, 32)  # intensity colours (red, green, blue)
 DOUBTFUL = "#ff8c00"
 GEOMETRY = {
     "POINT": "point",
@@ -60,7 +60,7 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
-MOST_PLACES = 20  # maximum number of places of each kind with a source layer
+MOST_PLACES = 20  # maximum places of each kind with a source layer
 HAZARD = "hazard.nc"  # file name in the folder of a hazard
 NO_CELL = 255  # nodata value of yes-no rasters
 
@@ -81,7 +81,7 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 
 def read_hazard(path: str | Path) -> xr.Dataset:
-    """Read a hazard from a file hazard.nc; RockfallError for other files."""
+    """Read a hazard from a file hazard.nc; raises a RockfallError for other files."""
     try:
         dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:

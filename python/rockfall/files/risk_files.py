@@ -15,7 +15,7 @@ from rockfall.analysis.objects.risk import CLASSES, SUMMED
 from rockfall.files.vector_style import Style, fill, marker, plain_type, thick
 from rockfall.result.variables import ENDS
 
-#: Colours of the classes of individual risk, from none to highest.
+#: Class colours of individual risk, from none to highest.
 COLOURS = ("#bdbdbd", "#4daf4a", "#ffe14d", "#ff8c00", "#e03131")
 LAYERS = {"Point": "risk_points", "LineString": "risk_lines", "Polygon": "risk_polygons"}
 SYMBOLS = {"Point": marker, "LineString": thick, "Polygon": fill}
@@ -27,7 +27,7 @@ def has_risk(hazard: xr.Dataset) -> bool:
 
 
 def class_words() -> np.ndarray:
-    """Readable names of the classes of individual risk."""
+    """Readable class names of individual risk."""
     return np.array([word.replace("_", " ") for word in CLASSES], dtype=object)
 
 

@@ -37,7 +37,7 @@ def trajectory_features(
     _, contacts = np.unique(sampled.motion.boulder[first], return_counts=True)
     return lines_zm(paths), {
         "boulder": boulder.astype(np.int64),
-        "vertices": np.minimum(contacts + 1, recorded).astype(np.int64),  # including the end
+        "vertices": np.minimum(contacts + 1, recorded).astype(np.int64),  # includes the end
         "travel_time": np.array([path[-1, 3] for path in paths]),
     }
 

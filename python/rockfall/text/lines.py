@@ -42,7 +42,7 @@ crosses the line."""
 
 
 def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> str:
-    """Text lines with statistics and return levels of the first lines of a result."""
+    """Text with statistics and return levels for the first lines of a result."""
     shown = [*scenario_note(case_of(result)), ABOUT, *_by_line(statistics, levels, result)]
     if is_ensemble(result):
         shown += ["", ensemble_summary(result)]
