@@ -18,7 +18,7 @@ from rockfall.io.zone_table import MATERIAL
 from rockfall.language import Text, say
 from rockfall.scene.scene import Scene
 
-GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # case group of each
+GROUPS = {"lines": "line", "barriers": "barrier", "dams": "dam"}  # layer -> case group
 KEYS = {
     "zones": ("surface", "zones"), "trees": ("forest", "trees"), "stands": ("forest", "polygons"),
     "clearings": ("forest", "clearings"),

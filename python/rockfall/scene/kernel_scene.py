@@ -16,7 +16,7 @@ from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
-ARRAYS: dict[str, list[str]] = {}  # by type ("" for alternatives): dimensions, units, name
+ARRAYS: dict[str, list[str]] = {}  # type ("" for alternatives) -> dimensions, units, name
 while _text := _core.table_row("scene", len(ARRAYS) + 1).decode().strip():
     _name, *ARRAYS[_name] = _text.split("|")
 NO_TERRAIN = np.zeros((1, 1), "f4")  # placeholder for a scene read in windows
@@ -119,7 +119,7 @@ def terrain_of(rasters: Rasters) -> Iterator[int]:
 
 
 def area_ratios(rasters: Rasters, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Surface area over plan area (Horn 1981) of the cells at points [m]."""
+    """Ratio of surface area to plan area (Horn 1981) of the cells at points [m]."""
     with terrain_of(rasters) as terrain:
         return _core.area_ratios(terrain, x, y)
 

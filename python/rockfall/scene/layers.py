@@ -29,9 +29,11 @@ class Inputs:
 
     case: Case
     grid: Grid
-    arrays: dict[str, Any] = field(default_factory=dict)  # instead of rasters; removed once read
-    checksums: dict[str, str] = field(default_factory=dict)  # by input file
-    remarks: list[str] = field(default_factory=list)  # a line for each
+    arrays: dict[str, Any] = field(
+        default_factory=dict
+    )  # arrays given instead of rasters; removed once read
+    checksums: dict[str, str] = field(default_factory=dict)  # keys: input files
+    remarks: list[str] = field(default_factory=list)  # remarks, one per line
 
     def blocks(
         self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True

@@ -20,7 +20,7 @@ from rockfall.scene.stages import FRESH, Stages
 
 OF_LAYER = {"name", "x", "y", "file", "layer", "field"}  # keys that do not come from attributes
 RECORDED = {"line", "barrier"}  # groups whose names appear in results
-LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # as vector formats write it
+LOGICAL = {"true": True, "1": True, "false": False, "0": False}  # spelling in vector formats
 STRENGTH = {*fields("strength")}  # a barrier needs exactly one
 
 

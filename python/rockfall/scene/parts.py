@@ -69,8 +69,8 @@ class SourceBoulders(NamedTuple):
 
     volume: np.ndarray  # [m3]
     inertia: np.ndarray  # I/(m R**2) [-]
-    density: np.ndarray | None = None  # [kg/m3]; None: the case's
-    shape: np.ndarray | None = None  # int8: block shape from the axes, from 1; None: the case's
+    density: np.ndarray | None = None  # [kg/m3]; None: as in the case
+    shape: np.ndarray | None = None  # int8: block shape from the axes, from 1; None: as in the case
 
 
 class Features(NamedTuple):
@@ -78,21 +78,25 @@ class Features(NamedTuple):
 
     names: list[str]
     number: np.ndarray  # int32: feature number of each source, from 1
-    law: np.ndarray | None = None  # int32: distribution, from 1; 0: the case's; None: not given
+    law: np.ndarray | None = (
+        None  # int32: distribution, from 1; 0: as in the case; None: none given
+    )
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
-    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: the case's; None: not given
+    shape: np.ndarray | None = (
+        None  # int8: block shape, from 1; 0: as in the case; None: none given
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
     """Release points, with weights and boulder properties."""
 
-    x: np.ndarray  # of each source [m]
+    x: np.ndarray  # source positions [m]
     y: np.ndarray
-    area: np.ndarray | None = None  # surface over plan area, for release by area
+    area: np.ndarray | None = None  # ratio of surface to plan area, for release by area
     frequency: np.ndarray | None = None  # weight of each source in boulders_total
     features: Features | None = None  # features of the source layer
-    source_boulders: SourceBoulders | None = None  # if sources define their boulders
+    source_boulders: SourceBoulders | None = None  # set if sources define their boulders
     #: Negative values found in source cells.
     source_values: ExtremeCount = field(default_factory=ExtremeCount)
 

@@ -35,7 +35,7 @@ OF_RASTERS = {field.name for field in fields(Rasters)}
 class Findings:
     """Warnings about a scene, shared with scenes derived from it."""
 
-    warnings: list[InputWarning] | None = None  # from `plausible.input_warnings`; None: not checked
+    warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not checked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,12 +45,12 @@ class Scene(Sources):
     case: Case
     rasters: Rasters
     trees: Trees | None = None
-    stands: tuple[Stand, ...] = ()  # of a polygon layer, with numbers of stems
+    stands: tuple[Stand, ...] = ()  # stands of a polygon layer, with numbers of stems
     sets: SetFile = SetFile(b"", "")
-    dams: tuple[DamShape, ...] = ()  # as rasterised
-    checksums: dict[str, str] = field(default_factory=dict)  # by input file
-    decoded: dict[str, str] = field(default_factory=dict)  # decoded inputs: see `digest`
-    remarks: tuple[str, ...] = ()  # of the readers, a line for each
+    dams: tuple[DamShape, ...] = ()  # dams as rasterised
+    checksums: dict[str, str] = field(default_factory=dict)  # keys: input files
+    decoded: dict[str, str] = field(default_factory=dict)  # checksums of decoded inputs
+    remarks: tuple[str, ...] = ()  # remarks of the readers, one per line
     windows: Windows | None = None  # terrain read in windows; the scene then has no rasters
     findings: Findings = field(default_factory=Findings)
     stages: Stages = FRESH  # results of stages that an open session reuses
@@ -111,8 +111,8 @@ class Scene(Sources):
 
     @property
     def source_shape(self) -> np.ndarray | None:
-        """Number of the block shape of each source's boulders, from 1 (0: the case's). None if no
-        source gives a shape, or no ground has an impact table."""
+        """Number of the block shape of each source's boulders, from 1 (0: as in the case). None if
+        no source gives a shape, or no ground has an impact table."""
         features, own = self.features, self.source_boulders
         if all(ground.model not in TABLES for ground in self.grounds):
             return None
@@ -128,7 +128,7 @@ class Scene(Sources):
         own, shapes = self.source_shape, {*possible_shapes(self.case)}
         by_axes = "block_axes" in self.case.boulder
         if by_axes and self.features is not None and self.features.law is not None:
-            shapes |= {*self.case.boulder["block_shape"]}  # volumes outside all lists
+            shapes |= {*self.case.boulder["block_shape"]}  # some volumes are outside all lists
         if own is None:
             return sorted(shapes) if by_axes or len(shapes) > 1 else []
         given = {BLOCK_SHAPES[number - 1] for number in np.unique(own) if number}

@@ -27,7 +27,7 @@ from rockfall.scene.layers import Inputs
 MAX_STEMS = 1e8  # maximum stems in a forest
 THINNEST = 20.0  # stems per hectare (22 m apart); fewer are single trees, not a stand
 DECIMALS = 2  # decimals of a diameter in cm
-NARROW, WIDE = 0.05, 1.0  # standard deviation over mean of diameters; real stands have 0.2 to 0.7
+NARROW, WIDE = 0.05, 1.0  # standard deviation / mean of diameters; real stands have 0.2 to 0.7
 DENSER, REMAINS = 0, 1  # indices of the random numbers for the stand of a stem and for thinning
 
 
@@ -87,7 +87,7 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = inputs.grid.cell**2 / HECTARE
     for rows, block in _densities(inputs, stands):
-        density = np.nan_to_num(np.asarray(block, float))  # no trees without a density
+        density = np.nan_to_num(np.asarray(block, float))  # no trees where the density is missing
         _check(inputs, "stems", density)
         total += density.sum() * per_cell
         densest = max(densest, density.max(initial=0.0))

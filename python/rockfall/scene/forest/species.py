@@ -20,7 +20,7 @@ class Species:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.factors: dict[str, float] = {}  # by plain name
+        self.factors: dict[str, float] = {}  # keys: plain names
         self._shown: list[str] = []  # names used in messages
         where, columns, rows = read_table(path)
         for column in ("species", "factor"):

@@ -34,7 +34,11 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand layer
 WHOLE = 1.0  # tolerance for the sum of a stand's species [%]
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # smaller: per m2, in m, fraction?
+SMALLEST = {
+    "stems": 1.0,
+    "dbh_mean": 4.0,
+    "conifers": 1.0,
+}  # smaller values suggest m-2, m, fractions
 
 
 class Mixture(NamedTuple):
@@ -48,7 +52,7 @@ class Stands(NamedTuple):
     """Stands in the order of their layer."""
 
     names: list[str]
-    shapes: np.ndarray  # clipped to the terrain, without overlaps
+    shapes: np.ndarray  # polygons clipped to the terrain, without overlaps
     density: np.ndarray  # stems per hectare
     values: dict[str, np.ndarray]  # dbh_mean, dbh_std, conifers, if the layer has them
     mixtures: list[Mixture | None]  # None: conifers and broadleaves only

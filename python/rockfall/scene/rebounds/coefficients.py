@@ -32,7 +32,7 @@ class SetFile(NamedTuple):
 
     text: bytes
     name: str  # used in messages
-    draw: int = 0  # from 1; 0: the file must have exactly one draw
+    draw: int = 0  # 1-based; 0: the file must have exactly one draw
 
     @property
     def checksum(self) -> str:

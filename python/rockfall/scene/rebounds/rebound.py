@@ -9,7 +9,7 @@ from rockfall._core import rockfall_f2py as _core
 
 INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
 MAX_DRAWS = int(_core.constant("max_draws"))  # maximum draws of a rebound; then it is limited
-MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound over the incident speed
+MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 
 _Volume = TypeVar("_Volume", float, np.ndarray)
 

@@ -52,7 +52,7 @@ class Sets:
 
 
 def read_sets(source: str | Path) -> list[Sets]:
-    """Draws in a set file, or in an included set by name: one, or several for an ensemble."""
+    """Draws in a set file, or in a shipped set by name: one, or several for an ensemble."""
     path = shipped_sets().get(str(source), Path(source))
     error = _errors(read_text(path), path)
     draws = [own.read("past_aspect")[0] for own in draws_in(path, "past_aspect")]  # rule unused

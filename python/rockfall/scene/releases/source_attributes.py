@@ -19,12 +19,12 @@ from rockfall.io.vectors.layers import attribute, named_attribute, plain
 from rockfall.result.variables import fields
 from rockfall.scene.parts import Features
 
-VALUES = fields("feature")  # in the kernel's order: volume distributions first
+VALUES = fields("feature")  # kernel order: volume distributions first
 VOLUMES = tuple(name for name in VALUES if name.startswith("volume_"))
 VELOCITY = tuple(name for name in VALUES if name.startswith("velocity_"))
 DENSITY = VALUES.index("density")
 LAWS = tuple(fields("distribution")[:4])  # distributions, numbered from 1
-AXES = ("a", "b", "c")  # of a block, as in surveys
+AXES = ("a", "b", "c")  # block axes, as in surveys
 MAX_AXIS_RATIO = 20.0  # longest over shortest axis; no block exceeds it
 RANGE = re.compile(r"\s*([0-9.eE+]+)\s*(?:-|to)\s*([0-9.eE+]+)\s*")  # a volume class [m3]
 
@@ -126,7 +126,7 @@ def _key(name: str) -> tuple[str, str]:
 
 
 def _laws(case: Case, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """Volume distribution of each feature (0: the case's), and its numbers (4, features)."""
+    """Volume distribution of each feature (0: as in the case), and its numbers (4, features)."""
     boulder, law = case.boulder, np.zeros(table.size, int)
     given = np.array([table.numbers(name) for name in VOLUMES])
     usual = boulder["volume"] if boulder["volume"] in LAWS else "fixed"
