@@ -45,7 +45,7 @@ class Key(NamedTuple):
     unit: str
     meaning: str
     file: str = ""  # file type: raster, layer, raster layer (either), table, sets
-    low: float | None = None  # limits of numbers
+    low: float | None = None  # range of allowed numbers
     high: float | None = None
 
     @property

@@ -87,7 +87,7 @@ def _hazard(groups: Groups) -> Broken:
         yield "frequency_factor", "must enclose 1"
     if not groups["scenario"]:
         return
-    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # in increasing order
+    classes = keys_of("hazard")["matrix"].allowed.split(", ")  # ascending
     numbers = np.array([classes.index(word) for word in hazard["matrix"]])
     intensities = len(hazard["thresholds"]) + 1
     if numbers.size != intensities * len(periods):

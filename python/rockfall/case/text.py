@@ -13,7 +13,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.errors import RockfallError, check_kernel
 
 WIDTH = 72  # columns, after which a list continues on the next line
-VALUE_COLUMN = 44  # column of comments
+VALUE_COLUMN = 44  # column at which comments start
 KEPT = 8  # number of texts whose values are cached
 
 
