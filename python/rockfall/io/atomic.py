@@ -35,7 +35,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
             try:
                 replace(part, path)
             except OSError as error:
-                if not part.exists():  # nothing was written
+                if not part.exists():  # the block wrote nothing
                     raise
                 kept = keep_next_to(path, part)
                 stays.append(kept)

@@ -28,9 +28,9 @@ os.environ.setdefault(_LOCKING, "FALSE")
 
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
-    """Open a netCDF-4 file. RockfallError for files that are not regular, for names that netCDF
-    cannot open, and for classic netCDF: with a header that claims too much, the library would
-    allocate too much memory and abort the process.
+    """Open a netCDF-4 file. Raises a RockfallError for files that are not regular, for names that
+    netCDF cannot open, and for classic netCDF: with a header that claims too much, the library
+    would allocate too much memory and abort the process.
     """
     import netCDF4
 

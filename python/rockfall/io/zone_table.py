@@ -31,7 +31,7 @@ class NamedGround(NamedTuple):
     """Name of a ground, and a strength [Pa] and relief [degree] that replace its own."""
 
     name: str
-    pair: Mapping[str, float] = MappingProxyType({})  # by column name in a table of grounds
+    pair: Mapping[str, float] = MappingProxyType({})  # keys: columns of a ground table
 
     def __str__(self) -> str:
         units = {"strength": "Pa", "relief": "degrees"}
@@ -43,7 +43,7 @@ class Zone(NamedTuple):
     """A row of a zone table."""
 
     sizes: tuple[float, ...]  # [m] in the order of RADII; NaN: not given, inf: absorbs
-    ground: str = ""  # ground for rebounds; "": the case's
+    ground: str = ""  # ground for rebounds; "": as in the case
     strength: float = math.nan  # strength of the ground [Pa]; NaN: not given
     relief: float = math.nan  # relief of the ground [degree]; NaN: not given
     where: str = ""  # position of the row, used in messages
@@ -51,13 +51,13 @@ class Zone(NamedTuple):
 
     @property
     def pair(self) -> dict[str, float]:
-        """Strength and relief of the zone, if given, by column name in a table of grounds."""
+        """Strength and relief of the zone, if given, by column name of a ground table."""
         given = {"strength": self.strength, "relief": self.relief}
         return {name: value for name, value in given.items() if not math.isnan(value)}
 
     @property
     def names_ground(self) -> bool:
-        """Return True if the zone has a ground other than the case's."""
+        """Return True if the zone has another ground than the case."""
         return bool(self.ground or self.pair)
 
     def ground_in(self, usual: NamedGround) -> NamedGround:

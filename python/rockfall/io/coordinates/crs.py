@@ -410,7 +410,7 @@ def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
 
     source = _ellipsoidal(_source(crs))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about lost parameters, in some versions
+        warnings.simplefilter("ignore")  # some versions warn of lost parameters
         parameters = source.to_cf()
         parameters.pop("crs_wkt", None)
         name, parallel = parameters.get("grid_mapping_name"), parameters.get("standard_parallel")
@@ -455,7 +455,7 @@ def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], lis
     import pyproj
 
     nowhere = [math.nan] * len(x)
-    if max(map(abs, (*x, *y))) > 1e8:  # PROJ would never return
+    if max(map(abs, (*x, *y))) > 1e8:  # for these, PROJ would never return
         return nowhere, nowhere
     try:
         to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)

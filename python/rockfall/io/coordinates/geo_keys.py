@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""GeoTIFF keys in TIFF and LAS files that define the unit of heights.
+"""GeoTIFF keys in TIFF and LAS files that define the height unit.
 
 GDAL ignores the unit key unless the system is user-defined, and laspy ignores both.
 """

@@ -30,7 +30,7 @@ def stated_units(raster: RasterFile) -> list[Stated]:
         key: value
         for key, value in (*source.tags().items(), *source.tags(1).items())
         if "#" not in key or key.startswith("NC_GLOBAL#")
-    }  # except attributes of coordinates
+    }  # attributes of coordinates are left out
     if tags.get("positive", "").lower() == "down":
         raise RockfallError(f"{raster.path}: has depths (positive = down): elevations are needed")
     stated = [Stated(unit_of(unit), "band unit") for unit in source.units[:1] if unit]

@@ -139,7 +139,7 @@ def _value(where: str, key: str, text: str) -> float:
         if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
             raise RockfallError(f"{where}: must be an integer > 0")
     elif key == "nodata_value":
-        if _OVERFLOW.fullmatch(text):  # the largest double, rounded up
+        if _OVERFLOW.fullmatch(text):  # the text of the largest double is rounded up
             return math.copysign(math.inf, -1 if text.startswith("-") else 1)
         if math.isnan(value) and text.lower() != "nan":
             raise RockfallError(f"{where}: must be a number or nan")

@@ -37,7 +37,7 @@ def write_geotiff(
     }  # fmt: skip
     packed = {
         "driver": "COG", "blocksize": _TILE, "compress": "deflate", "bigtiff": "IF_SAFER",
-        "resampling": "nearest",  # for overviews
+        "resampling": "nearest",  # method for overviews
         "predictor": "yes" if array.dtype.kind == "f" or array.dtype.itemsize < 8 else "no",
     }  # fmt: skip
     # Python writes the bytes, because GDAL does not report a full disk on closing.

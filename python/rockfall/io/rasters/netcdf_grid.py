@@ -152,7 +152,10 @@ class _Validity:
         if given.dtype.kind not in "iuf" or many not in (None, given.size):
             raise RockfallError(f"{problem}: must be {f'{many} numbers' if many else 'numbers'}")
         alike = given.dtype.kind == self.dtype.kind
-        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # from _Unsigned, or small numbers
+        if (given.dtype.kind, self.dtype.kind) == (
+            "i",
+            "u",
+        ):  # unsigned by _Unsigned, or small numbers
             alike = True
             given = np.where(given < 0, given.astype(object) + 256**self.dtype.itemsize, given)
         with np.errstate(all="ignore"):

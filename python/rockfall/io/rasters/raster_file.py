@@ -236,7 +236,7 @@ def raster_files(path: str | Path) -> set[str]:
             files |= set(filter(os.path.exists, _opened(str(path), stack).source.files))
         except RockfallError:
             pass
-        except _faults():  # evaluated last, because it imports GDAL
+        except _faults():  # evaluated only on an error, because it imports GDAL
             pass
     return files
 

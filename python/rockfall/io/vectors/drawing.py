@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from shapely import Geometry
 
 TOLERANCE = 0.01  # maximum deviation of chords [m]
-COARSEST = 1e-6  # tolerance over the size of a curve, which limits the number of chords
+COARSEST = 1e-6  # minimum tolerance relative to the size of a curve; limits the number of chords
 CURVES = 16  # cubic curves that approximate an arc, within 1e-7 of its radius
 MAX_PARTS = 50_000  # maximum entities of inserted blocks
 MAX_DEPTH = 16  # maximum nesting of blocks
@@ -102,7 +102,7 @@ def is_drawing(path: str | Path) -> bool:
 
 
 def read_drawing(path: str | Path) -> Drawing:
-    """Read a DXF file; RockfallError for other or damaged files."""
+    """Read a DXF file; raises a RockfallError for other or damaged files."""
     need("DXF needs", "cad", "ezdxf")
     file = plain_file(path)
     check_text_file(path)
@@ -135,7 +135,7 @@ def _read(path: str, file: str, *_: int) -> Drawing:
         )
     except RockfallError as error:
         raise RockfallError(str(error) if path in str(error) else f"{path}: {error}") from error
-    except (  # raised by ezdxf for damaged files
+    except (  # errors of ezdxf for damaged files
         ezdxf.DXFError, OSError, ValueError, LookupError, TypeError, AttributeError,
         ArithmeticError, RuntimeError, StopIteration, AssertionError,
     ) as error:  # fmt: skip
@@ -159,7 +159,7 @@ def _taken_apart(
             yield own, entity
             continue
         for insert in entity.multi_insert() if entity.mcount > 1 else [entity]:
-            if next(of_blocks) >= MAX_PARTS:  # also counts empty blocks
+            if next(of_blocks) >= MAX_PARTS:  # includes empty blocks
                 raise RockfallError(f"its blocks have more than {MAX_PARTS:,} entities")
             yield from _taken_apart(insert.virtual_entities(), own, depth + 1, of_blocks)
 

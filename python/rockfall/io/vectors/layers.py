@@ -56,12 +56,12 @@ _DRIVERS = {"GPKG", "GeoJSON", "ESRI Shapefile", "FlatGeobuf"}
 _SHAPES = (b"\0\0\x27\x0a", b"fgb\x03fgb")  # shapefiles and FlatGeobuf
 _GEOPACKAGE = (b"GPKG", b"GP10", b"GP11")  # application ids, at byte 68
 _CRS_NAME = re.compile(r"(urn:ogc:def:crs:)?(EPSG|OGC):[0-9.]*:?(CRS84|[0-9]{1,7})", re.IGNORECASE)
-_UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # in a GeoPackage
+_UNDEFINED = re.compile(r'\["Undefined (geographic |Cartesian )?SRS"')  # GeoPackage
 _POLYGONS = {"Polygon", "MultiPolygon"}
 _LINES = {"LineString", "MultiLineString"}
 _POINTS = {"Point", "MultiPoint"}
 _FEATURES = {*_POINTS, *_LINES, *_POLYGONS}
-_TYPES = (  # ordered by number
+_TYPES = (  # sorted by type number
     "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
 )  # fmt: skip
 SHORT = 10  # maximum length of attribute names in shapefiles
@@ -121,7 +121,7 @@ def layer_names(path: str | Path) -> list[str]:
         return drawing.layers
     try:
         layers = pyogrio.list_layers(_plain_layer(str(path)))
-    except (RuntimeError, UnicodeDecodeError) as error:  # raised by GDAL
+    except (RuntimeError, UnicodeDecodeError) as error:  # errors of GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     return [str(name) for name, shape in layers if shape is not None]
 
@@ -197,7 +197,7 @@ def _parts(shape: Any) -> list[np.ndarray]:
 
     parts = shapely.get_parts(shape)
     merged = shapely.get_parts(shapely.line_merge(shape))
-    if len(merged) < len(parts):  # otherwise kept as drawn
+    if len(merged) < len(parts):  # otherwise the line is kept as drawn
         parts = merged
     return [shapely.get_coordinates(part) for part in parts]
 
@@ -413,10 +413,14 @@ def _read(
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
-    except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
+    except (
+        RuntimeError,
+        UnicodeDecodeError,
+        shapely.errors.ShapelyError,
+    ) as error:  # errors of GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     by_name = dict(zip(about_read["fields"], values, strict=True))
-    # in layer order: pyogrio 0.11 sorts columns by name
+    # layer order, because pyogrio 0.11 sorts columns by name
     return info, shapes, {name: by_name[name] for name in names}
 
 
@@ -556,7 +560,7 @@ def _no_number(token: str) -> None:
 
 
 def _collection(data: Any) -> dict[str, Any]:
-    """FeatureCollection reduced to supported members; ValueError for anything else."""
+    """FeatureCollection reduced to supported members; raises ValueError for anything else."""
     kind = data.get("type") if isinstance(data, dict) else type(data).__name__
     if kind == "FeatureCollection":
         features = data.get("features")

@@ -40,8 +40,11 @@ MAX_POINTS = 20_000_000  # maximum points in memory
 MAX_INDEX = 2**31  # maximum index of a square along an axis
 _HEADER = struct.Struct("<4s20xBB68xHIIBHI")  # signature, version, sizes, records, format, points
 _V14 = struct.Struct("<QIQ")  # at byte 235: extended records and their number, points
-_PLACE, _TABLE = struct.Struct("<q"), struct.Struct("<II")  # LAZ: offset and head of the chunks
-_RECORD, _EXTENDED = 54, 60  # bytes of the heads of records
+_PLACE, _TABLE = (
+    struct.Struct("<q"),
+    struct.Struct("<II"),
+)  # LAZ: offset and header of the chunk table
+_RECORD, _EXTENDED = 54, 60  # header sizes of records [bytes]
 _WITHHELD = "withheld"
 _WKT, _DESCRIPTION = 2112, 3  # LAS records: coordinate system, text area
 
@@ -151,7 +154,7 @@ def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
-    """CRS shared by all files, or None; RockfallError for different CRSs."""
+    """CRS shared by all files, or None; raises a RockfallError for different CRSs."""
     named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:

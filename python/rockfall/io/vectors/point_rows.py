@@ -31,7 +31,7 @@ def read_point_rows(
     """Columns and rows of a point layer in the form of `rockfall.io.tables.read_table`: x and y
     [m] in the CRS of the grid, and the attributes with names in lower case.
 
-    Reprojections are noted in `remarks`. RockfallError for an invalid layer.
+    Reprojections are noted in `remarks`. Raises a RockfallError for an invalid layer.
     """
     points = read_points(path, grid, remarks)
     columns = {name.lower(): values for name, values in points.values.items()}

@@ -49,7 +49,7 @@ class _Layout(NamedTuple):
     separator: str
     columns: tuple[int, int, int]  # indices of x, y and z
     total: int  # number of columns
-    head: int  # header lines
+    head: int  # number of header lines
     named: bool = True
 
 
@@ -63,7 +63,7 @@ def is_point_text(path: str | Path) -> bool:
     cells, _ = _cells(line)
     names = [cell.lower().lstrip("#/") for cell in cells]
     if path.suffix.lower() == ".txt" and re.search("[,;]", line):
-        return False  # it is a table
+        return False  # the file is a table
     return is_row(line) or {"x", "y", "z"} <= set(names)
 
 
@@ -101,7 +101,7 @@ def text_chunks(path: str | Path) -> Iterator[np.ndarray]:
                 yield table[list(layout.columns)].to_numpy()
     except pd.errors.EmptyDataError:
         return
-    except RockfallError:  # also a ValueError
+    except RockfallError:  # subclass of ValueError
         raise
     except (ValueError, OverflowError, MemoryError) as error:  # includes ParserError
         if longer := _LONGER.search(str(error)):

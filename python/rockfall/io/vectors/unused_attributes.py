@@ -16,8 +16,8 @@ _BOOKKEEPING = frozenset({
 })  # fmt: skip
 #: Numbers that programs write for missing values; negative ones are out of range anyway.
 _MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
-_APART = 0.5  # largest other number over the mark; with a higher ratio, the mark counts as data
-_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # without range checks
+_APART = 0.5  # ratio of the largest other number to the mark; above it, the mark counts as data
+_NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # columns without a check for marks
 _CLOSE = 0.7  # minimum similarity of misspelt names, as of valeur and value
 _MAX_NAMED = 5
 
