@@ -52,7 +52,7 @@ FAR = 3.0  # [point spacings] elevations farther from all points are unknown
 NICE = (1.0, 2.0, 5.0, 10.0)  # leading digits of cell sides
 STEEPEST = 10.0  # maximum ratio of rise to extent for points in metres
 NODATA = -9999.0
-SURFACE = {"uniform_mean_radius": 1.0}  # for cases that only read dams
+SURFACE = {"uniform_mean_radius": 1.0}  # surface of cases that only serve to read dams
 
 
 class Dem(NamedTuple):
@@ -69,7 +69,7 @@ class Survey(NamedTuple):
     points: int
     spacing: float  # [m]
     errors: np.ndarray  # leave-one-out errors of some points [m]; NaN: no near points
-    nodes: Nodes | None = None  # if points form a regular grid; `errors` is then empty
+    nodes: Nodes | None = None  # set if points form a regular grid; `errors` is then empty
     remarks: tuple[str, ...] = ()
 
     @property

@@ -12,7 +12,7 @@ from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import tables_of_all_shapes
 from rockfall.io.zone_table import RADII
 
-#: Included grounds: meaning, and prefixes of terms for such zones in English, German, French and
+#: Shipped grounds: meaning, and prefixes of terms for such zones in English, German, French and
 #: Italian. Each has an impact table.
 GROUNDS = {
     "rock": (
@@ -70,7 +70,7 @@ def _of_word(word: str) -> str:
 
 
 def check_ground(name: str, where: str) -> None:
-    """Refuse a name that is not an included ground."""
+    """Refuse a name that is not a shipped ground."""
     shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
@@ -79,7 +79,7 @@ def check_ground(name: str, where: str) -> None:
 
 
 def needs_rocks(ground: str) -> bool:
-    """Return True if an included ground needs the size of its rocks."""
+    """Return True if a shipped ground needs the size of its rocks."""
     if row := shipped_rows().rows.get(ground):
         return models()[row.cells["model"]] > 0
     return ground in shipped_sets() or ground in tables_of_all_shapes()
@@ -90,11 +90,11 @@ class Grounds:
     """Grounds given for a draft, and the zones that use them."""
 
     usual: str = ""  # for zones without a ground, or for a case without zones
-    by_zone: Mapping[str, str] = field(default_factory=dict)  # by name, or by id as text
+    by_zone: Mapping[str, str] = field(default_factory=dict)  # keys: names, or ids as text
     ask: Ask | None = None
     used: set[str] = field(default_factory=set)  # zones in `by_zone` that exist
-    answers: dict[str, str] = field(default_factory=dict)  # answers by question
-    zones: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # by ground and reason
+    answers: dict[str, str] = field(default_factory=dict)  # question -> answer
+    zones: dict[tuple[str, str], list[str]] = field(default_factory=dict)  # keys: ground and reason
 
     def __post_init__(self) -> None:
         if self.usual:
@@ -145,7 +145,8 @@ class Grounds:
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")
 
     def _asked(self, what: str, where: str, option: str) -> str:
-        """Answer to a question, which is posed only once; RockfallError without a terminal."""
+        """Answer to a question, which is posed only once; raises a RockfallError without a
+        terminal."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
                 raise RockfallError(f"{where}: no ground: give --ground {option}, of {CHOICES}")

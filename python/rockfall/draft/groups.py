@@ -34,7 +34,7 @@ class New:
     dem: Path
     out: Path
     grid: Grid
-    used: dict[str, list[Layer]] = field(default_factory=dict)  # layers by use
+    used: dict[str, list[Layer]] = field(default_factory=dict)  # use -> layers
     zones: Zones | None = None
     ground: str = ""  # ground of a case without zones
     observed: Observed | None = None

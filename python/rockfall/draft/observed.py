@@ -15,7 +15,7 @@ from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import Grid
 
 COPIES = {BLOCKS: "blocks", SCARS: "scars"}  # words in file names
-ANGLES = {"energy_line_angle": 31.0, "shadow_angle": 27.5}  # keys, with example values [degree]
+ANGLES = {"energy_line_angle": 31.0, "shadow_angle": 27.5}  # key -> example value [degree]
 AskAngle = Callable[[str], "float | None"]  # returns the angle for a key
 
 

@@ -57,7 +57,7 @@ class Layer:
     shapes: np.ndarray
     own_names: dict[str, str]
     columns: dict[str, np.ndarray]
-    remarks: list[str]  # from reading the layer
+    remarks: list[str]  # remarks of the reader
 
     def __str__(self) -> str:
         return str(self.path) if self.alone else f"{self.path}, layer {self.name}"

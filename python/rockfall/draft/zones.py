@@ -26,7 +26,7 @@ class Zones(NamedTuple):
     table: Path
     method: str
     rest: int | None  # most frequent zone, for cells outside polygons; None: no such cells
-    outside: int  # number of these cells
+    outside: int  # number of cells outside polygons
 
 
 def zones_of(
@@ -103,7 +103,7 @@ def _rest(
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
-    except RockfallError as error:  # also remove the copy
+    except RockfallError as error:  # clean up: remove the copy
         raise RockfallError(str(error).replace(str(path), str(layer))) from error
     zones, cells = np.unique(numbers[numbers != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(numbers == NO_ID))

@@ -117,7 +117,7 @@ def _shape(
     before, after = height(z, grid, x, y), height(raised, grid, x, y)
     middle = before[:, PROFILE // 2]
     added = np.nan_to_num(after - before)
-    own = added > NEAR * base  # raised noticeably by the dam
+    own = added > NEAR * base  # True if noticeably raised by the dam
     near = own & (abs(off) <= wide / 2 + grid.cell)
     top = np.max(np.where(near, after, -np.inf), axis=1)
     top = np.where(np.isfinite(top), top, after[:, PROFILE // 2])
@@ -168,7 +168,7 @@ def _face(
     for side in (-1, 1):
         on_side = side * off > 0
         out, over = abs(off[on_side])[::side], above[:, on_side][:, ::side]
-        last = np.argmax(over <= 0, axis=1)  # beyond the face
+        last = np.argmax(over <= 0, axis=1)  # first point beyond the face
         last[(over > 0).all(axis=1)] = out.size - 1
         row, before_last = np.arange(last.size), np.maximum(last - 1, 0)
         down = np.maximum(over[row, before_last] - over[row, last], 1e-9)

@@ -29,7 +29,9 @@ def sides(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     steps = [*zip(vertices[:-1], np.diff(vertices), strict=True)]
     steps = [(start, step) for start, step in steps if step]
     for k, (start, step) in enumerate(steps):
-        apart = (points - start) * np.conj(step) / abs(step)  # along, and to the left
+        apart = (
+            (points - start) * np.conj(step) / abs(step)
+        )  # coordinates along the segment, and to its left
         ends = 0.0 if k else -np.inf, np.inf if k == len(steps) - 1 else abs(step)
         here = abs(apart - np.clip(apart.real, *ends))
         # At a bend both segments are equally near: take the side of the segment it is farther off.

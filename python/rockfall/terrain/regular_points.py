@@ -12,7 +12,7 @@ from rockfall.terrain.height import height
 
 ROUNDING = 0.02  # maximum distance of rounded coordinates from their node, in spacings
 DENSE = 0.8  # minimum fraction of points with at least two of four neighbours
-#: if coordinates are rounded
+#: (coordinates may be rounded)
 MAX_CELLS = 400_000_000
 SPARSE = 100  # maximum nodes per point in a grid with gaps
 
