@@ -72,7 +72,7 @@ class Convergence:
     paired: int  # boulders on each terrain
     seconds: float  # CPU seconds per boulder
     refused: dict[str, str]  # terrain variant -> reason for refusal
-    model_warnings: tuple[str, ...]  # from the boulders of the study
+    model_warnings: tuple[str, ...]  # warnings for the boulders of the study
 
 
 def converge(

@@ -22,7 +22,7 @@ from rockfall.result.maps.clusters import boulders_per_cluster
 from rockfall.result.samples import simulated
 from rockfall.studies.variants import check_variants
 
-OF_A_CELL = 1e-6  # tolerance of cell positions, in cells
+OF_A_CELL = 1e-6  # tolerance of positions, in cells
 MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|q\d+)")
 
 

@@ -37,7 +37,7 @@ from rockfall.scene.surface import radius_over_rg
 
 #: Obstacle size [m] that separates the soil types 3 (scree) and 4 (talus) of Rockyfor3D.
 LARGE = 0.1
-#: Included grounds for rocks below and above this size, by model.
+#: Shipped grounds for rocks below and above this size, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
@@ -96,7 +96,7 @@ def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
     """Scenes of a case in which each of these impact tables replaces the grounds that `variants`
-    varies, except the case's own table. By default, all included tables with known rock sizes are
+    varies, except the case's own table. By default, all shipped tables with known rock sizes are
     used. `own` is the scene of the case; remarks are added to `notes`."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
@@ -191,7 +191,7 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
     method = case.surface["method"]
     named = {str(zone.ground_in(NamedGround(""))) for zone in case_zones(case).values()}
     tables = {ground.name for ground in own.grounds if ground.model in TABLES}
-    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # an error without a table
+    unused = {} if named & tables else dict.fromkeys(OF_TABLES)  # not allowed without a table
     for way in (method, "AB".replace(method, "")):
         surface = {**NO_GROUND, "method": way}
         try:

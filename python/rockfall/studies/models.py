@@ -72,7 +72,7 @@ def run_models(
 
     Ground that the case assigns to zones or cells by name is the same for all models. Models
     differ where the case's impact sets or table, or `&surface ground`, apply. There classical
-    models use the included grounds in `ROCKS`, selected by rock size. Without rock sizes, both
+    models use the shipped grounds in `ROCKS`, selected by rock size. Without rock sizes, both
     grounds are run; models that need a size are omitted, or refused if they are among `grounds`.
     If every place has a named ground, all grounds except absorbing ones vary.
     """

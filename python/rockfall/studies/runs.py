@@ -31,7 +31,7 @@ def run(
     """Run a case: an xarray.Dataset of boulders, lines, maps and histograms.
 
     `arrays` (dem, zones, ...) are as in `rockfall.scene.read.read_scene`. The result does not
-    depend on `threads` (default: the case's) or `chunk`, the number of boulders per kernel call
+    depend on `threads` (default: as in the case) or `chunk`, the number of boulders per kernel call
     (default: about a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders: a
     part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the completed
     boulders. Rasters that need more than half of `memory` [bytes] (default: the machine's memory)

@@ -173,7 +173,7 @@ def site(
     batches = in_batches(scene, line, alignments, machine_memory() if memory is None else memory)
     design_of = standard, case.boulder["density"], volume
     results: dict[str, xr.Dataset] = {}
-    held: list[Iterable[AtAlignment]] = []  # boulders of the runs, by batch
+    held: list[Iterable[AtAlignment]] = []  # boulders by batch of alignments
 
     def numbers(key: tuple[int, str], result: xr.Dataset) -> list[dict[str, Any]]:
         k, name = key

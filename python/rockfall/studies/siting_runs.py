@@ -39,7 +39,7 @@ class AtAlignment(NamedTuple):
     crossed: np.ndarray
     comes: np.ndarray
     around: np.ndarray
-    source: Sources | Weighted  # of all boulders
+    source: Sources | Weighted  # sources of all boulders
 
 
 def sited_case(case: Case) -> Case:
@@ -101,7 +101,7 @@ def in_batches(
     scene: Scene, line: str, alignments: Sequence[Alignment], memory: float
 ) -> list[list[Alignment]]:
     """Split alignments into batches whose boulders, including those at other lines, need at most
-    half of the memory [bytes]. RockfallError if a single alignment needs more."""
+    half of the memory [bytes]. Raises a RockfallError if a single alignment needs more."""
     others = len(scene.case.lines) - sum(alignment.name != line for alignment in alignments)
     each = _bytes(scene)
     most = int(ROOM * memory / each) - others

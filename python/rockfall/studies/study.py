@@ -52,7 +52,7 @@ class Study:
         checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
         **how: Any,
     ) -> None:
-        self._limits: dict[Any, list[Text]] = {}  # warnings by scene
+        self._limits: dict[Any, list[Text]] = {}  # scene -> warnings
         self._bar = progress_bar(total or 0, progress and total is not None, unit)
         self._advance: Callable[..., None] = lambda *_: None
         self._counts_boulders = unit == "boulders"

@@ -31,7 +31,7 @@ from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 SEEDS = 5
 FEWEST = 2  # minimum seeds for an error, and minimum boulders for a distribution
-BOUNDS = {"mean": 0.10, "std": 0.25}  # limits of the relative error
+BOUNDS = {"mean": 0.10, "std": 0.25}  # bounds of the relative error
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 APART = "ks", "p", "wasserstein"  # distances between observed and simulated distribution
 RUN_OUT, AT_REST = "stopping_distance", "at_rest"
@@ -82,7 +82,7 @@ def validate(
     progress: bool = False,
 ) -> Validation:
     """Run a case with its own rebound model, its impact sets, each classical model, and each
-    impact table (`tables`, by default all included tables), with `seeds` seeds from the case's
+    impact table (`tables`, by default all shipped tables), with `seeds` seeds from the case's
     seed on. Compare the results with the observations: stopping points or distances, samples and
     statistics at lines. Models differ on the same ground as in `run_models`; the notes list
     exceptions.

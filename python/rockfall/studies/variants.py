@@ -99,8 +99,8 @@ def run_each(
 
 
 def check_variant_scenes(case: Case, **how: Any) -> list[str]:
-    """Read each variant in turn and return remarks on likely mistakes. RockfallError for variants
-    that cannot be compared. For `how` see `read_scene`."""
+    """Read each variant in turn and return remarks on likely mistakes. Raises a RockfallError for
+    variants that cannot be compared. For `how` see `read_scene`."""
     cases = variants(case)
     if len(cases) < 2:
         raise RockfallError(

@@ -17,7 +17,7 @@ class Ridge(NamedTuple):
     """Trade-off between a ground's strength and relief in a posterior."""
 
     ground: str
-    correlation: float  # correlation of their logarithms
+    correlation: float  # correlation of log strength and log relief
     degrees: float  # change of relief along the ridge that compensates for doubling the strength
 
 

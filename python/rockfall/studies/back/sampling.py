@@ -28,10 +28,10 @@ class Sampler:
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), drawn from the prior
-        self.log_likelihood = np.empty(0)  # in run order
+        self.log_likelihood = np.empty(0)  # ordered as the runs
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
-        self.densities = [_log_prior(first)]  # of each mixture, at all points
+        self.densities = [_log_prior(first)]  # density of each mixture at all points
         self.mixtures: list[_Mixture] = []
 
     def learn(self, log_likelihood: np.ndarray) -> None:

@@ -241,7 +241,7 @@ class _Rounds:
         self.cube = np.concatenate([self.cube, points])
 
     def posterior(self, enough: int) -> Back:
-        """Result from the complete rounds; KeyboardInterrupt if there are none."""
+        """Result from the complete rounds; raises KeyboardInterrupt if there are none."""
         read, sampler, weight = self.read, self.sampler, self.weight
         if not (done := sampler.log_likelihood.size):
             raise KeyboardInterrupt

@@ -29,7 +29,7 @@ from rockfall.kernel_rules import Z
 
 MIN_CROSSED = 20  # minimum boulders at a line for their mean
 MIN_ABOVE = 5  # minimum boulders above a quantile
-RESAMPLES = 500  # number of resamples of the blocks, for standard errors
+RESAMPLES = 500  # resamples of the blocks, for standard errors
 RESOLVED = 0.25  # maximum half-width of the 95 % interval of a resolved index
 
 

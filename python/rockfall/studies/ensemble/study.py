@@ -47,7 +47,7 @@ RESULTS = {
         for number in ("mean", "q95")
     },
 }
-KINDS = ("first_order", "total")  # kinds of Sobol' indices
+KINDS = ("first_order", "total")  # Sobol' indices
 KEPT = {  # values stored for each draw: units, meaning
     "radius": ("1", "factor on the sizes of the rocks in each row of the table of zones"),
     "volume": ("1", "factor on all volumes"),
