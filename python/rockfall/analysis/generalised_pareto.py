@@ -69,7 +69,7 @@ def _stationary(excess: np.ndarray, max_place: float) -> float | None:
         inverse = 1 / (1 + theta * excess)
         shape, lost = -np.log(inverse).sum() / n, 1 - inverse
         mean, more = lost.sum() / n, 1 + 1 / shape
-        slope = mean * more - 1  # slope times theta (curvature: theta squared)
+        slope = mean * more - 1  # slope multiplied by theta, curvature by its square
         curvature = 1 - (lost @ lost) / n * more - (mean / shape) ** 2
         growth = reach * (1 + 1 / (theta * largest))  # derivative of log(theta)
         bend = growth * (curvature * growth + slope * reach)

@@ -46,7 +46,7 @@ def frequencies(
     boulders that count as one; an array has a value for each place, the last dimension), and
     annual frequency.
 
-    The limits are sums of the Wilson limits of the scenarios: scenarios share random numbers, so
+    The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so
     their errors may have the same sign, and other rules would be too narrow. They include the
     lowest and highest `factor` on the annual frequencies.
     """

@@ -70,7 +70,7 @@ class HazardInputs:
     lines: list[dict[str, Any]]
     objects: Objects
     segments: Segments
-    remarks: list[str] = field(default_factory=list)  # likely mistakes, a line each
+    remarks: list[str] = field(default_factory=list)  # likely mistakes, one per line
     warnings: list[InputWarning] = field(default_factory=list)  # warnings of all scenes
 
 

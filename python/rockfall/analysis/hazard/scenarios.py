@@ -30,7 +30,7 @@ OUTPUT: dict[str, Any] = {  # output needed for a hazard
     ],
     "map_extent": "terrain", "rebounds": False, "trajectories": 0,
 }  # fmt: skip
-KM2 = 1e6  # 1 km2 [m2]
+KM2 = 1e6  # square metres per km2
 
 
 class Scenario(NamedTuple):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Groups of the boulders of a result: by source, volume class, or block shape."""
+"""Groups of boulders in a result: by source, volume class, or block shape."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BY = ("source", "volume", "shape")
 MAX_SOURCES = 50  # with more sources, consecutive sources share a group
-RANGES = 20  # number of these shared groups
+RANGES = 20  # number of shared groups
 MAX_VOLUMES = 6  # maximum number of distinct volumes with a separate class each
 
 Group = tuple[str, np.ndarray]  # name, and mask of boulders

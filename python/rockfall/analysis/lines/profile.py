@@ -19,9 +19,9 @@ from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
 from rockfall.terrain.polyline import lengths
 
-MAX_WINDOWS = 10_000  # maximum per line
+MAX_WINDOWS = 10_000  # maximum windows per line
 ROUNDING = 1e-9  # narrower windows, relative to the line length, count as rounding errors
-WINDOWS = 40  # approximate default number per line
+WINDOWS = 40  # approximate default number of windows
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
 _COLUMNS = ["line", "start", "end", "n"]

@@ -39,7 +39,7 @@ class LineSamples:
         if self._has_kept:
             source = sources(result)
         self._source = source
-        self._last: tuple[int, AtLine, Passing] | None = None  # for the line requested last
+        self._last: tuple[int, AtLine, Passing] | None = None  # data of the line requested last
         self.sampled = are_sampled(result) if source is None else source.sampled
 
     @property

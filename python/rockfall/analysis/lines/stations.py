@@ -11,7 +11,7 @@ from rockfall.errors import RockfallError
 from rockfall.quantities import round_step
 from rockfall.terrain.polyline import lengths
 
-STATIONS = 100  # approximate default number
+STATIONS = 100  # approximate default number of stations
 MAX_STATIONS = 10_000
 
 

@@ -46,7 +46,7 @@ class Objects:
     layers: list[str] = field(default_factory=list)  # layer name of each object
     shapes: np.ndarray = field(default_factory=lambda: np.empty(0, object))
     names: list[str] = field(default_factory=list)
-    lines: list[dict[str, Any]] = field(default_factory=list)  # as lines of a case
+    lines: list[dict[str, Any]] = field(default_factory=list)  # evaluation lines, as in a case
     #: Object number of each line.
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     point: np.ndarray = field(default_factory=lambda: np.empty(0, int))  # points without a width
@@ -253,7 +253,7 @@ def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] and centre height [m] of each boulder of a run at each line object, (2,
+    """Energy [J] and centre height [m] of each boulder at each line object, (2,
     boulders), by object number; NaN if the boulder misses it."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")

@@ -15,7 +15,7 @@ from rockfall.analysis.precision.clusters import Clusters
 from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
 
-#: Limits of the classes of individual risk [1/year]; a limit belongs to the class above; "none" is
+#: Class limits of individual risk [1/year]; a limit belongs to the class above; "none" is
 #: 0.
 CLASS_ENDS = (1e-6, 1e-5, 1e-4)
 CLASSES = ("none", "below_1e-6", "1e-6_to_1e-5", "1e-5_to_1e-4", "above_1e-4")

@@ -51,7 +51,7 @@ class Segments:
     axes: list[Any] = field(default_factory=list)  # lines
     #: Mask of segments on the terrain.
     within: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
-    lines: list[dict[str, Any]] = field(default_factory=list)  # as lines of a case
+    lines: list[dict[str, Any]] = field(default_factory=list)  # evaluation lines, as in a case
     #: Segment number of each line.
     owner: np.ndarray = field(default_factory=lambda: np.empty(0, int))
 

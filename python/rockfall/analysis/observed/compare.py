@@ -85,7 +85,7 @@ class Comparison:
     at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
     stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed stop
     contacts: pd.DataFrame  # reach probability at impacts, with speeds and heights
-    notes: tuple[str, ...]  # for readers of the tables
+    notes: tuple[str, ...]  # notes for readers of the tables
 
     def table(self) -> pd.DataFrame:
         """All tables concatenated; the column `table` has the name of each."""

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 ANYWHERE = 1.0  # weight `a`: boulders that may be anywhere in the deposit area
 MAX_FITTED = 1000  # maximum boulders used to fit the kernels
 MIN_FITTED = 20  # minimum boulders at rest for a density
-MIN_COMPARED = 2 * MIN_FITTED  # half of these give the density
+MIN_COMPARED = 2 * MIN_FITTED  # minimum boulders for a comparison; half of them give the density
 PIECE = 2_000_000  # distances computed at a time
 ROUNDING = 1e-9  # rounding error of squared distances
 LOW = 0.05  # quantile for equally many simulated boulders; blocks below it disagree

@@ -59,7 +59,7 @@ class Observed:
     #: Other columns by kind of file.
     kept: dict[str, pd.DataFrame] = field(default_factory=dict)
     passing_n: float = np.nan  # number of boulders behind `passing`
-    notes: tuple[str, ...] = ()  # shown with tables of the observations
+    notes: tuple[str, ...] = ()  # notes shown with tables of the observations
     sources: tuple[str, ...] = ()  # source name of each block, "" if unknown; or empty
     volumes: np.ndarray | None = None  # volume of each block [m3], NaN if unknown
     shapes: np.ndarray | None = None  # shape of each block, from 1; 0 if unknown

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
-STATIONS = 300  # distances on a passing curve
+STATIONS = 300  # number of distances on a passing curve
 FARTHEST = 1e9  # [m] squares and sums of larger values overflow
-MIN_BOULDERS = 2  # minimum per source for its statistics
+MIN_BOULDERS = 2  # minimum boulders per source for statistics
 UNDECIDED, DIFFERS = "undecided", "differs"
 COLUMNS = ["source", "statistic", "n_observed", "n_simulated"] + [
     f"{whose}{end}" for whose in ("observed", "simulated", "difference") for end in ENDS

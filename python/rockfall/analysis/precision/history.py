@@ -15,7 +15,7 @@ from rockfall.result.crossings import line_values
 if TYPE_CHECKING:
     import xarray as xr
 
-History = dict[str, list[dict[str, float]]]  # statistics after each size, by quantity
+History = dict[str, list[dict[str, float]]]  # quantity -> statistics after each size
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]

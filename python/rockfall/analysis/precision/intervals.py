@@ -203,8 +203,8 @@ class Shape:
     """Properties of values, apart from their variance, that affect the interval of the mean."""
 
     skewness: float
-    below: float  # from the mean down to the lowest value, in standard deviations
-    above: float  # from the mean up to the highest value, in standard deviations
+    below: float  # distance from mean to lowest value, in standard deviations
+    above: float  # distance from mean to highest value, in standard deviations
     apart: int  # number of values that differ from the median, plus one: ties add no information
 
     @classmethod
@@ -293,7 +293,9 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 def are_sampled(result: Held) -> bool:
     """Return True if the sources of a result are a sample."""
     text = str(result.attrs.get("case", ""))
-    return "sample" in text and case_of(result).release["sources"] == "sample"  # quick test first
+    return (
+        "sample" in text and case_of(result).release["sources"] == "sample"
+    )  # the fast test comes first
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:

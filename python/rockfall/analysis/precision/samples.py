@@ -26,7 +26,7 @@ from rockfall.kernel_rules import SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
-FITTED, FITTED_POINTS = 3.0, 41  # fit window over the interval, and number of points fitted
+FITTED, FITTED_POINTS = 3.0, 41  # fit window / interval, and number of points fitted
 #: Lower edges and widths of bins, in units. A bin of width 1 contains a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 

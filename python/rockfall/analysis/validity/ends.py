@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 SLOW = 2.0  # [m/s] bouncing boulders pass a line faster
-LOWEST_REST = 22.0  # [degree] lowest rest angle of the included grounds (soft soil)
+LOWEST_REST = 22.0  # [degree] lowest rest angle of the shipped grounds (soft soil)
 MAX_SLOW = 0.1  # above this fraction of slow boulders, quantiles must not be used as design loads
 MAX_CUT = 0.01  # above this fraction of boulders that end while moving, the remark is a warning
 MAX_LOST = 0.1  # maximum boulders lost before a line, divided by its crossings
 MAX_LINES = 5  # maximum lines in a warning
 MAX_STAYED = 0.2  # maximum fraction of boulders that stay at their sources
-STAYED = 10.0  # [m] from the release, including the drop: the boulder only rocks in place
+STAYED = 10.0  # [m] boulders that end closer to the release, drop included, only rock in place
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -45,7 +45,7 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         return
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
-    breaks = "crossing_volume" in values  # if so, each crossing has its own radius
+    breaks = "crossing_volume" in values  # boulders break: each crossing has its own radius
     radii = np.zeros(0) if breaks else _radius(np.asarray(values["volume"]))
     for k, name in enumerate(line_names(values)):
         at = AtLine(values, k)

@@ -98,7 +98,7 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _set_errors(name: str, method: str) -> dict[str, int]:
-    """Largest errors of mean values with an included impact set [%]: speeds and energies at
+    """Largest errors of mean values with a shipped impact set [%]: speeds and energies at
     Vaujany, for a method of choosing rocks if the set was run with both, and run-out distances at
     Tschamut."""
     chosen = {
