@@ -24,7 +24,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     x, y = (
         [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
         for axis in "xy"
-    )  # absent in a hazard
+    )  # variables that a hazard lacks
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
     maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]

@@ -62,7 +62,7 @@ from rockfall.simulation.progress import add_steps
 if TYPE_CHECKING:
     from matplotlib import figure
 
-PER_FIGURE = 8  # lines in a figure
+PER_FIGURE = 8  # number of lines in a figure
 #: Figures of rebounds, compared with the laboratory and the paper.
 LABORATORY = ("incident_energy", "incidence_angle", "restitution", "impact_set")
 
@@ -296,7 +296,7 @@ def _rebounds(result: xr.Dataset, left: LeftOut) -> Iterator[Figure]:
 
 
 def set_of(result: xr.Dataset) -> Sets:
-    """Impact set of a run. RockfallError if its file cannot be read or has changed."""
+    """Impact set of a run. Raises a RockfallError if its file cannot be read or has changed."""
     path = set_path(case_of(result))
     if open_sets(path).checksum != result.attrs["impact_set_checksum"]:
         raise RockfallError(f"{path}: is not the impact set of the run (SHA-256 differs)")

@@ -39,8 +39,8 @@ DRAWN = (
     "speed", "passing_height", "energy_translational", "energy_rotational", "energy_total",
     "rotational_share",
 )  # fmt: skip
-DISTANCE = "axis.distance"  # message id
-ABREAST = 2  # lines side by side
+DISTANCE = "axis.distance"  # message id of the axis label
+ABREAST = 2  # number of panels side by side
 MAX_BINS = 60
 MAX_BINS_BELOW = 500  # maximum bins for a distribution that extends far below zero
 BEYOND = 0.998  # quantile at the end of the axis: one in 500 values is beyond
@@ -155,7 +155,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
         where = np.median(distance)
         for axes in panels:
             axes.axvline(where, **(BARRIER if k in barriers else LINE))
-        high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close
+        high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close together
         style: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
         labels.text(where, high, f" {plain(name)}", **style)
 

@@ -157,7 +157,7 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
     for k, row in enumerate(lines.itertuples()):
         for axes in panels:
             axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))
-        high = 0.03 + 0.1 * (k % 4)  # staggered, because lines may be close
+        high = 0.03 + 0.1 * (k % 4)  # staggered, because lines may be close together
         style: dict[str, Any] = {"transform": panels[0].get_xaxis_transform(), "clip_on": True}
         panels[0].text(row.distance, high, f" {plain(str(row.name))}", **style)
 

@@ -42,11 +42,11 @@ STYLE: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "legend.frameon": False,
-    "svg.hashsalt": "rockfall",  # for reproducible bytes
+    "svg.hashsalt": "rockfall",  # makes files reproducible
 }
 MOST_TICKS = 9  # maximum ticks on an axis; Matplotlib's locators give no more
 POINTS = 72  # points per inch
-PDF = {"Creator": "rockfall", "CreationDate": None}  # fixed metadata
+PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata, fixed for reproducible files
 
 
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
@@ -147,7 +147,7 @@ def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
         canvas(figure)
         figure.set_dpi(dpi if ending == ".png" else POINTS)
         engine.execute(figure)
-        figure.set_layout_engine(None)  # keeps the layout
+        figure.set_layout_engine(None)  # fixes the layout
 
 
 def save_pages(pages: Iterable[Figure], path: str | Path, dpi: int) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ABOVE = (BLUE, GREEN, VERMILION)  # colours: all boulders, then boulders above each threshold
-FALLS = 3.0  # decades on the frequency axis
+FALLS = 3.0  # number of decades on the frequency axis
 PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # panel -> column
 ROOM = 5.0  # factor above the highest frequency that leaves space for the legend
 

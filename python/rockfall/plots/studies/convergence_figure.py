@@ -79,7 +79,7 @@ def _study(axes: Axes, table: pd.DataFrame, quantity: str, line: str) -> None:
     axes.set(xlabel="boulders from each source", xlim=(0.8 * n.min(), 1.25 * n.max()))
     _logarithmic(axes, "x", (1,))
     if quantity != "boulders" and (table["value"] > 0).any():
-        _logarithmic(axes, "y")  # equal heights are equal percentages
+        _logarithmic(axes, "y")  # equal distances are equal percentages
     axes.set_title(f"{capital(SHOWN[quantity].title)} at {line}")
 
 
