@@ -35,8 +35,8 @@ from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
 
 IMPACT_SETS = "impact_sets"  # model of a ground that is not in the ground table
-BLOCK_TABLE = "impact_table"  # model: impact table of blocks on yielding ground
-RATIO_TABLE = "ratio_table"  # model: impact table by R_b/R_m
+BLOCK_TABLE = "impact_table"  # model with impact tables of blocks on yielding ground
+RATIO_TABLE = "ratio_table"  # model with impact tables by R_b/R_m
 TABLES = BLOCK_TABLE, RATIO_TABLE  # models that use impact tables
 YIELDING = "ploughed", "hard"  # models with a plane of impact tables
 ENSEMBLE = "-ensemble"  # suffix for names of ensembles
@@ -130,18 +130,18 @@ def repose() -> float:
 
 
 def shipped_grounds() -> Path:
-    """Path of the included ground table."""
+    """Path of the shipped ground table."""
     return Path(str(importlib.resources.files("rockfall") / "data" / "grounds.csv"))
 
 
 def other_tables() -> dict[str, Path]:
-    """Other included ground tables, by the name used in cases."""
+    """Other shipped ground tables, by the name used in cases."""
     folder = shipped_grounds().parent
     return {path.stem.partition("_")[2]: path for path in sorted(folder.glob("grounds_*.csv"))}
 
 
 def table_path(case: Case) -> Path:
-    """Path of the ground table of a case: its own, or an included table."""
+    """Path of the ground table of a case: its own, or a shipped table."""
     own = case.surface.get("ground_table")
     if not own:
         return shipped_grounds()
@@ -160,7 +160,7 @@ class GroundTable:
             if needed not in columns:
                 raise RockfallError(f"{where}: no column {needed}, has: {', '.join(columns)}")
         self.rows: dict[str, Row] = {}
-        self.names: dict[int, str] = {}  # names by id
+        self.names: dict[int, str] = {}  # id -> name
         for row in rows:
             self._take(row)
 
@@ -221,7 +221,7 @@ def _yielding(numbers: Mapping[str, float]) -> YieldingGround:
 
 
 def is_calibrated(plane: Plane) -> bool:
-    """Return True if strength and relief are those of an included ground."""
+    """Return True if strength and relief are those of a shipped ground."""
     apart = {"rest_angle": 0.0, "strength_sigma": 0.0}
     shipped = (yielding_ground(shipped_rows().rows[name]) for name in shipped_rows().yielding)
     own = plane.model, plane.ground._replace(**apart)
@@ -291,18 +291,18 @@ def usual_radii(case: Case) -> tuple[float, float]:
 
 @cache
 def shipped_rows() -> GroundTable:
-    """The included ground table."""
+    """The shipped ground table."""
     return GroundTable(shipped_grounds())
 
 
 def table_names() -> list[str]:
-    """Names of included grounds with impact tables, for each block shape or for all shapes."""
+    """Names of shipped grounds with impact tables, for each block shape or for all shapes."""
     return sorted([*shipped_rows().yielding, *tables_of_all_shapes()])
 
 
 @cache
 def band(name: str) -> tuple[str, ...]:
-    """Names of the next softer and the next firmer included ground with impact tables. At the ends
+    """Names of the next softer and the next firmer shipped ground with impact tables. At the ends
     of the scale there is only one name; for a ground whose strength depends on boulder size, none.
 
     >>> band("meadow")
@@ -320,7 +320,7 @@ def band(name: str) -> tuple[str, ...]:
 
 @cache
 def draws_of(name: str) -> list[dict[str, float]]:
-    """Values of the uncertain parameters of an included ground, by draw; may be empty."""
+    """Values of the uncertain parameters of a shipped ground, by draw; may be empty."""
     _, columns, rows = read_table(_draws())
     return [
         {key: row.number(key) for key in columns if key != "ground"}
@@ -334,12 +334,12 @@ def _draws() -> Path:
 
 
 def ensemble_names() -> list[str]:
-    """Names of included ensembles of grounds, which are only allowed in `&ensemble sets`."""
+    """Names of shipped ensembles of grounds, which are only allowed in `&ensemble sets`."""
     return [name + ENSEMBLE for name in shipped_rows().yielding if draws_of(name)]
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """File of impact sets or of an impact table, included or next to the case (None if not found);
+    """File of impact sets or of an impact table, shipped or next to the case (None if not found);
     and True if it is a table.
     """
     if name in ensemble_names():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of impact sets, included in the package or next to the case."""
+"""Files of impact sets, shipped or next to the case."""
 
 import importlib.resources
 import os
@@ -17,20 +17,20 @@ RENAMED = {
 
 @cache
 def shipped_sets() -> dict[str, Path]:
-    """Files of included impact sets, by name."""
+    """Files of shipped impact sets, by name."""
     folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_sets"))
     return {path.stem: path for path in sorted(folder.glob("*.nml"))}
 
 
 def find_set(case: Case, name: str) -> Path | None:
-    """File of impact sets with this name, included or next to the case; None if not found."""
+    """File of impact sets with this name, shipped or next to the case; None if not found."""
     if name in shipped_sets():
         return shipped_sets()[name]
     return case.path(name) if os.path.isfile(case.path(name)) else None
 
 
 def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path:
-    """File of impact sets (default: those of the case), included or next to the case;
+    """File of impact sets (default: those of the case), shipped or next to the case; raises a
     RockfallError if not found."""
     name = name or case.impact["sets"]
     if path := find_set(case, name):

@@ -64,7 +64,7 @@ class YieldingGround(NamedTuple):
     strength_sigma: float = 0.0  # standard deviation of ln(strength) between boulders [-]
     strength_radius: float = 0.0  # R_b [m] of that strength if proportional to R_b; else 0
     relief: float = 0.0  # standard deviation of the slope of the relief [degree]
-    relief_radius: float = 1.0  # R_b [m] to which it applies
+    relief_radius: float = 1.0  # R_b [m] at which this relief applies
     hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
 
     def sizes(self, radius: np.ndarray, weight: float = USUAL_WEIGHT) -> np.ndarray:
@@ -248,7 +248,7 @@ def _write(table: ImpactTable, path: Path) -> None:
 
 @cache
 def shipped_tables() -> dict[str, Path]:
-    """Files of included tables, by name."""
+    """Files of shipped tables, by name."""
     folder = Path(str(importlib.resources.files("rockfall") / "data" / "impact_tables"))
     return {path.stem: path for path in sorted(folder.glob("*.nc"))}
 
@@ -260,7 +260,7 @@ def possible_shapes(case: Case) -> list[str]:
 
 
 def own_table(case: Case, name: str) -> Path | None:
-    """File of a table that a case names, included or next to the case; None if not found."""
+    """File of a table that a case names, shipped or next to the case; None if not found."""
     if name in tables_of_all_shapes():
         return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):
@@ -270,7 +270,7 @@ def own_table(case: Case, name: str) -> Path | None:
 
 @cache
 def tables_of_all_shapes() -> list[str]:
-    """Names of included tables that do not belong to planes."""
+    """Names of shipped tables that do not belong to planes."""
     return [name for name in shipped_tables() if not re.search(r"-[0-9.]+$", name)]
 
 

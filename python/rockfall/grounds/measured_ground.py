@@ -49,7 +49,7 @@ class Scar(NamedTuple):
     """Scar of a vertical impact on flat ground, or of the normal velocity component on a slope."""
 
     depth: float  # lowest point below the undisturbed ground [m]
-    depth_error: float  # standard error [m]
+    depth_error: float  # standard error of the depth [m]
     radius: float  # R_b of the block [m]
     density: float  # [kg/m3]
     speed: float  # impact speed normal to the ground [m/s]
@@ -65,7 +65,7 @@ class MeasuredGround:
     blocks of `radius` (R_b, m). Errors are standard errors, for the strength of its logarithm.
     `strengths` has a value for each scar, `scar_errors` the error from the readings of depth and
     fall, `attitude_sigma` the scatter due to the unknown attitude of the blocks. `nearest` is the
-    most similar included ground.
+    most similar shipped ground.
     """
 
     model: str
@@ -351,11 +351,11 @@ def _scar(row: Row) -> Scar:
     return Scar(depth, errors["depth"], radius, density, speed, errors["speed"])
 
 
-# ---- Most similar included ground
+# ---- Most similar shipped ground
 
 
 def _nearest(model: str, radius: float, strength: float, relief: float) -> str:
-    """Included ground of a model with the most similar strength and relief at R_b = radius [m];
+    """Shipped ground of a model with the most similar strength and relief at R_b = radius [m];
     NaN is ignored.
     """
     grounds = shipped_rows()

@@ -163,7 +163,7 @@ def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     """Unconfirmed assumptions behind the loads. The user confirms own grounds by declaring the
-    rebound back-analysed; included grounds, forest and lying logs are always unconfirmed."""
+    rebound back-analysed; shipped grounds, forest and lying logs are always unconfirmed."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
     forest = ["forest"] if case.has_forest else []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial factors of standards from a table of the user. None are included, because the texts of
+"""Partial factors of standards from a table of the user. None are shipped, because the texts of
 the standards were not available."""
 
 from __future__ import annotations

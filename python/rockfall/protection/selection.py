@@ -22,7 +22,7 @@ from rockfall.protection.crossings import Crossings, passes
 from rockfall.scene.rules.protection import NET
 
 Costs = dict[tuple[int, float], float]  # price per metre by class and maximum height [m]
-MAX_HEIGHT = 100.0  # maximum barrier height in a case [m]
+MAX_HEIGHT = 100.0  # maximum barrier height, as in a case [m]
 COST_COLUMNS = ["class", "height", "cost"]
 
 
