@@ -180,6 +180,6 @@ def _groups(
         Entry(key, files[0]), Entry("drop_height", 1.0, "CHOOSE [m]"),
     ])  # fmt: skip
     yield Group("output", [Entry("maps", list(MAPS)), Entry("rebounds", True)])
-    if len(paths) > 1:  # AvaFrame runs each one separately
+    if len(paths) > 1:  # AvaFrame runs each release area separately
         for path, file in zip(paths, files, strict=True):
             yield Group("variant", [Entry("name", path.stem), Entry(f"release_{key}", file)])

@@ -63,8 +63,8 @@ KEYS = {
 WITHOUT_EFFECT = {"mu_r": "has no effect in three dimensions"}
 #: Ground of terrain without a soil: PlatRock's `Terrain` ignores its own defaults.
 OUTSIDE = {name: key.default for name, key in KEYS[SOILS].items()}
-MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # in the order of PlatRock's numbers
-NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # attributes needed
+MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # sorted by PlatRock's numbers
+NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # attributes that each needs
 OURS = {"R_n": "r_n", "R_t": "r_t", "v_half": "half_speed", "phi": "friction_angle"}
 GRAVITY, STOP_SPEED = 9.8, 0.2  # [m/s2], [m/s]
 MAPS = ["passages", "deposits", "energy_q95", "jump_height_q95"]
@@ -332,7 +332,7 @@ def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
     soils."""
     path = made.part / "soils.gpkg"
     n = len(layer.shapes)
-    ids = np.arange(n, 0, -1)  # in layers, the last polygon counts
+    ids = np.arange(n, 0, -1)  # the last polygon counts in layers
     _write_layer(made, path.name, Layer(layer.path, layer.shapes[::-1], {}), {"id": ids})
     soils = burn_polygons(path, made.grid, "id", [])
     path.unlink()

@@ -24,7 +24,7 @@ FONT = "Arial"
 SMALL, NORMAL, LARGE, TITLE = 7, 8, 10, 15  # font sizes [pt]
 LETTER = 0.5  # mean letter width, relative to the font size
 LINE = 1.45  # line height, relative to the font size
-POINT = 25.4 / 72  # point [mm]
+POINT = 25.4 / 72  # millimetres per point
 LETTERS = 44  # letters in a bold legend title, for the widest fonts
 BAR = 35.0  # maximum length of the scale bar
 FOOT = 66.0  # height of the items below the legend
@@ -201,7 +201,9 @@ def _foot(name: str, chart: str, extent: Extent, texts: Texts) -> Iterable[Eleme
     yield _label(name, "scale", scale, (left, top, 60, 5), LARGE, True)
     y = top + 21
     for k, text in enumerate([*texts.foot, f"{texts.printed}: {TODAY}"]):
-        shown = text.replace(TODAY, "2000-01-01")  # length on paper differs
+        shown = text.replace(
+            TODAY, "2000-01-01"
+        )  # the placeholder differs in length from the date shown
         high = _height(shown, SMALL)
         yield _label(name, f"foot {k}", text, (left, y, BLOCK - 2 * PAD, high), SMALL)
         y += high

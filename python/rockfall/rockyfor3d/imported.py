@@ -149,7 +149,7 @@ def _release(made: Import) -> Group:
             f"{made.folder.rasters['rockdensity']}: no source cells: must have cells above zero"
         )
     cells = made.path("rockdensity")
-    if (np.rint(density) != density)[~np.isnan(density)].any():  # the source raster has integers
+    if (np.rint(density) != density)[~np.isnan(density)].any():  # source rasters contain integers
         cells = SOURCES
         _write(made, SOURCES, (density > 0).astype("u1"))
     text = "cells above zero"
