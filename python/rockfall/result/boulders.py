@@ -31,7 +31,7 @@ def ground_strength(result: xr.Dataset) -> xr.DataArray:
     ('boulder',)
     """
     numbers = result["boulder"].astype("i8")
-    if "boulder" not in result.coords:  # a part of a run
+    if "boulder" not in result.coords:  # the result is a part of a run
         numbers = numbers + int(result.attrs["boulder_first"])
     deviates = _core.strength_deviates(case_of(result).case["seed"], np.asarray(numbers))
     return (

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Known = Held | Mapping[str, Any]  # a result, or arrays by name
 
 HEIGHTS = ("upper_edge", "normal_height", "normal_upper_edge")
-QUANTITIES = fields("line_quantity")  # in the kernel's order
+QUANTITIES = fields("line_quantity")  # kernel order
 DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
 POSITION = "position"  # distance along the line

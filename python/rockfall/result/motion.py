@@ -108,7 +108,7 @@ def _between(
     after_straight = np.roll(straight, 1) & ~begins
     end = np.where(ends, start, np.roll(start, -1, axis=1))
     step = end - start
-    lift = step[2] - velocity[2] * step[3] + 0.5 * g * step[3] ** 2  # before a flight
+    lift = step[2] - velocity[2] * step[3] + 0.5 * g * step[3] ** 2  # rise before a flight
     lifted = after_straight & ~straight & ~ends & (np.abs(lift) > EXACT)
     start[2, lifted] += lift[lifted]
     contact = np.maximum.accumulate(np.where(are_met(boulder, leg), np.arange(vertex.size), 0))

@@ -164,7 +164,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
     sizes, kept, fault = data["row_size"].values, data["boulder"].values, ""
     if (sizes < 0).any() or sizes.sum() != data.sizes["crossing"]:
         fault = "row_size: contains impossible values"
-    else:  # line by line, to save memory
+    else:  # a line at a time, to save memory
         for k, end in enumerate(np.cumsum(sizes, dtype="i8").tolist()):
             for name in ("crossing_line", "crossing_boulder"):
                 values = data[name].values[end - int(sizes[k]) : end]

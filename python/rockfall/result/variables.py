@@ -5,7 +5,7 @@ import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
 
-_TABLE: dict[str, dict[str, dict[str, str]]] = {}  # in the kernel's order
+_TABLE: dict[str, dict[str, dict[str, str]]] = {}  # groups in the kernel's order
 TYPES: dict[str, dict[str, str]] = {}  # types in part files, by group and name
 SAMPLE_DIMS: dict[str, tuple[str, ...]] = {}  # dimensions of samples in files
 while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).decode().strip():
@@ -19,24 +19,24 @@ while _text := _core.table_row("variables", sum(map(len, TYPES.values())) + 1).d
 BOULDER = _TABLE["boulder"]
 COUNT = _TABLE["count"]  # sums over all boulders
 GROUND = _TABLE["ground"]  # counts by ground
-ENERGY = _TABLE["energy"]  # by boulder, on request
-FEATURE = _TABLE["feature"]  # by boulder, if the source is from a layer
-SHAPE = _TABLE["shape"]  # by boulder, if there are several block shapes
-MASS = _TABLE["mass"]  # by boulder, if the source is from a layer or gives densities
-SHADOW = _TABLE["shadow"]  # by boulder, if an angle was observed; NaN without an apex
-TREE = _TABLE["tree"]  # by boulder, if there are trees
-BREAKAGE = _TABLE["breakage"]  # by boulder, if boulders may break
-CROSSING = _TABLE["crossing"]  # by line crossing: crossing_time, ...
-FRAGMENT = _TABLE["fragment"]  # by crossing, if boulders may break: crossing_volume, ...
-HIT = _TABLE["hit"]  # by crossing, if there are barriers: crossing_outcome
+ENERGY = _TABLE["energy"]  # a value per boulder, on request
+FEATURE = _TABLE["feature"]  # a value per boulder, if the source is from a layer
+SHAPE = _TABLE["shape"]  # a value per boulder, if there are several block shapes
+MASS = _TABLE["mass"]  # a value per boulder, if the source is from a layer or gives densities
+SHADOW = _TABLE["shadow"]  # a value per boulder, if an angle was observed; NaN without an apex
+TREE = _TABLE["tree"]  # a value per boulder, if there are trees
+BREAKAGE = _TABLE["breakage"]  # a value per boulder, if boulders may break
+CROSSING = _TABLE["crossing"]  # a value per line crossing: crossing_time, ...
+FRAGMENT = _TABLE["fragment"]  # a value per crossing, if boulders may break: crossing_volume, ...
+HIT = _TABLE["hit"]  # a value per crossing, if there are barriers: crossing_outcome
 LINE = _TABLE["line"]  # quantities derived from a crossing, not in files
 LINE_VERTEX = _TABLE["line_vertex"]
-BARRIER = _TABLE["barrier"]  # in files barrier_height, ...
+BARRIER = _TABLE["barrier"]  # names in files: barrier_height, ...
 MAP = _TABLE["map"]
-HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; units of the bins
-VERTEX = _TABLE["vertex"]  # in files trajectory_x, ...
+HISTOGRAM = _TABLE["histogram"]  # in the kernel's order; `units` refers to the bins
+VERTEX = _TABLE["vertex"]  # names in files: trajectory_x, ...
 KEPT = _TABLE["kept"]  # numbers of the boulders with rows in a part, unless all have rows
-SAMPLE = _TABLE["sample"]  # in part files and results: sample_block, ...
+SAMPLE = _TABLE["sample"]  # names in part files and results: sample_block, ...
 STATUS = {name: number for number, name in enumerate(_TABLE["status"], start=1)}
 OUTCOME = {name: number for number, name in enumerate(_TABLE["outcome"], start=1)}
 BLOCK_SHAPE = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plan of the maps of a run: layers that a case needs in the kernel's stacks."""
+"""Map plan of a run: layers that a case needs in the kernel's stacks."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -19,7 +19,9 @@ class Plan(NamedTuple):
     #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded
     #: and hits_energy_exceeded: layer of the first threshold.
     counts: dict[str, int]
-    sums: dict[str, int]  # of the quantities below, by name; the layers with their squares follow
+    sums: dict[
+        str, int
+    ]  # sums of the quantities below, by name; the layers with their squares follow
     maxima: dict[str, int]
     bins: int  # counting bins for quantiles
     layers: dict[str, int]  # number of layers in each stack (counts, sums, maxima)

@@ -39,10 +39,10 @@ before_fork(_core.end_team)
 
 CHUNK_SECONDS = 0.25  # duration of a kernel call between checks for Ctrl-C
 MAX_SECONDS = 1.0  # after this time, a call starts no more boulders
-FIRST_CHUNK = int(_core.constant("first_chunk"))  # small, in case boulders are slow
-CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate; all are in memory
+FIRST_CHUNK = int(_core.constant("first_chunk"))  # small, because boulders may be slow
+CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate maximum, all in memory
 STATUS = fields("count").index("status")  # row in the kernel's integer values
-STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of its reals
+STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of real values
 LEFT_WINDOW = int(_core.constant("left_window"))  # status: to repeat in a larger window
 
 
@@ -104,7 +104,7 @@ def simulate(
         threads = scene.case.case["threads"]
     check_team(threads)
     input_warnings(scene)  # checked before its rasters are freed
-    with interrupts() as interrupted:  # keeps chunks complete
+    with interrupts() as interrupted:  # no chunk is lost
         tally = start(scene, threads, shard)
         if spill is not None and scene.case.lines and scene.windows is None:
             tally.spilled = SpilledCrossings(spill, len(scene.case.lines))

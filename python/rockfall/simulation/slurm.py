@@ -89,7 +89,7 @@ def write_jobs(
         raise RockfallError(f"--program {program}: must be {' or '.join(PROGRAMS)}")
     if threads < 1:
         raise RockfallError(f"--threads {threads}: must be at least 1")
-    case.replace(case={"threads": threads})  # raises an error for too many
+    case.replace(case={"threads": threads})  # raises an error for too many threads
     if not 2 <= shards <= MAX_SHARDS:
         raise RockfallError(f"--shards {shards}: must be 2 to {MAX_SHARDS}")
     if "x" in case.release and shards > (

@@ -27,7 +27,7 @@ class _Block(NamedTuple):
 
 
 class SpilledCrossings:
-    """Blocks of crossings of a run, in the order in which boulders end."""
+    """Blocks of a run's crossings, in the order in which boulders end."""
 
     def __init__(self, folder: Path, lines: int) -> None:
         self._folder = folder

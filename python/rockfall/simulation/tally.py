@@ -36,14 +36,14 @@ class Origin:
     """Run to which a part belongs; it replaces the scene when parts are merged."""
 
     case: Case
-    boulders: int  # total of the run
+    boulders: int  # total number in the run
     grid: Grid  # terrain grid without a CRS
     window: Box  # cells that maps cover
     checksums: dict[str, str]
     decoded: dict[str, str]
     version: str
-    grounds: Sequence[GroundRule] = ()  # names and models
-    features: Features | None = None  # of the source layer, by name
+    grounds: Sequence[GroundRule] = ()  # ground names and models
+    features: Features | None = None  # source layer features, by name
     shapes: Sequence[str] = ()  # block shapes, if there are several
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
@@ -74,7 +74,7 @@ class Tally:
     scene: Scene | Origin
     run: Run
     box: Box  # terrain cells of the maps
-    boulders: int  # number to simulate
+    boulders: int  # number of boulders to simulate
     before: int = 0  # number of boulders in the run before this tally
     done: int = 0
     trajectories: dict[int, np.ndarray] = field(
@@ -145,7 +145,7 @@ class Tally:
 
     @property
     def row_bytes(self) -> int:
-        """Size [bytes] of the rows of all boulders, the minimum size of a result file."""
+        """Size [bytes] of all boulder rows, the minimum size of a result file."""
         rows = (array for array in self.run.arrays() if "boulder" in array.dims)
         return sum(array.values.nbytes for array in rows if array.group != "work")
 

@@ -101,7 +101,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
     data = described(sorted(samples, key=lambda array: order.index(array.name)))
     numbers = tally.array("known")  # number of tail values at each line
     for tails, n in zip(data["sample_largest"][1], numbers, strict=True):
-        tails[:, :n].sort()  # in place: tails stay heaps
+        tails[:, :n].sort()  # sorted in place: tails stay heaps
     return data
 
 
@@ -153,7 +153,7 @@ def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
     """
     numbers = np.arange(len(names), dtype="i4")
     flags = {
-        "flag_values": numbers if numbers.size > 1 else np.int32(0),  # files have a single one
+        "flag_values": numbers if numbers.size > 1 else np.int32(0),  # a scalar in netCDF
         "flag_meanings": " ".join(distinct_words(names, only_ascii=True)),
     }
     return {

@@ -18,12 +18,15 @@ from rockfall.quantities import SHOWN
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Class limits by displayed unit, which replace the limits of the map.
+#: Class limits by displayed unit; they replace LIMITS.
 Limits = Mapping[str, tuple[float, ...]]
 
-COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps with counts other than of boulders
+COUNTED = {
+    "tree_impacts": "hits",
+    "sources": "sources",
+}  # maps that count other things than boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-LIMITS = {  # by displayed unit; the Swiss intensity classes end at 30 and 300 kJ
+LIMITS = {  # keys: displayed units; the Swiss intensity classes end at 30 and 300 kJ
     "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
     "m": (0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0),
     "m/s": (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Number of boulders behind each map cell of a result."""
+"""Number of boulders that contribute to each map cell of a result."""
 
 import numpy as np
 import xarray as xr
@@ -7,7 +7,7 @@ import xarray as xr
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.samples import simulated
 
-PASSED = ("reach_probability", "passages")  # alternative maps of the number that pass
+PASSED = ("reach_probability", "passages")  # alternative maps of how many boulders pass
 
 
 def passed_map(result: xr.Dataset) -> str | None:

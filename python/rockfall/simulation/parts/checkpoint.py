@@ -19,7 +19,7 @@ from rockfall.simulation.parts.part_file import CLOCKS, boulders_in, make_part, 
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import replace, sync
 
-REST = _core.constant("save_rest")  # minimum pause between saves, over the last duration
+REST = _core.constant("save_rest")  # minimum pause between saves / duration of the last
 
 
 def checkpoint_of(output: Path) -> Path:
@@ -41,7 +41,7 @@ class Checkpoint:
         self.path = checkpoint_of(output)
         self.part = output.with_name(f".{output.name}.checkpoint")  # temporary name while writing
         self.every, self.say = every, say
-        self.keep = keep  # also keep it for complete runs that a caller may continue
+        self.keep = keep  # keep it for complete runs, too, which a caller may continue
         self.saved = 0  # number of boulders saved
         self.next = time.monotonic() + every
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Merging of the parts of a run into the complete result."""
+"""Merging of run parts into the complete result."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Joined:
         self.first: Part | None = None  # the part that arrived first, without its values
         self.ranges: list[tuple[int, int, str]] = []  # first boulder, last boulder, name
         self.tally: Tally | None = None
-        self.shared: list[dict[str, np.ndarray]] = []  # by source, if parts split sources
-        self.trajectories: dict[int, np.ndarray] = {}  # by boulder number
+        self.shared: list[dict[str, np.ndarray]] = []  # tallies of sources that parts split
+        self.trajectories: dict[int, np.ndarray] = {}  # boulder number -> vertices
 
     def add(self, part: Held | str | Path) -> None:
         """Add a part, or its file."""

@@ -166,8 +166,9 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """Read a part from a Dataset or a file; RockfallError for other files, and for variables with
-    other shapes. Files are read directly, because xarray would take several times as long."""
+    """Read a part from a Dataset or a file; raises a RockfallError for other files, and for
+    variables with other shapes. Files are read directly, because xarray would take several times
+    as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables
@@ -304,8 +305,8 @@ def _features(names: Any) -> Features | None:
 
 
 def when(date: str) -> datetime:
-    """Time from an attribute `date_created` (ISO 8601); the earliest time if empty; ValueError if
-    invalid."""
+    """Time from an attribute `date_created` (ISO 8601); the earliest time if empty; raises
+    ValueError if invalid."""
     if not date:
         return datetime.min.replace(tzinfo=UTC)
     moment = datetime.fromisoformat(date)
