@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             status = arguments.command(arguments)
             sys.stdout.flush()
         return status
-    except SystemExit as done:  # from --help and --version
+    except SystemExit as done:  # raised by --help and --version
         return int(done.code or DONE)
     except RockfallError as error:
         return [say(fault, error.code) for fault in error.faults][-1]

@@ -40,7 +40,7 @@ def warnings_told() -> Iterator[list[str]]:
     """
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")  # from libraries
+        warnings.simplefilter("ignore")  # library warnings
         warnings.filterwarnings("always", module=OF_PRODUCTS)
         yield told
     told += dict.fromkeys(str(warning.message) for warning in caught)

@@ -17,7 +17,7 @@ from rockfall.interrupts import interrupts
 if TYPE_CHECKING:
     from rockfall.app.room import Room
 
-LOOK_SECONDS = 0.1  # between checks for Ctrl-C
+LOOK_SECONDS = 0.1  # interval between checks for Ctrl-C
 TELL_SECONDS = 5.0  # time for the browser to connect and show an error [s]
 
 

@@ -49,7 +49,7 @@ def dossier_command(arguments: argparse.Namespace) -> int:
         checkpoints = study_checkpoints(arguments, folder.resolve(), runs, "a dossier")
         for remark in read.remarks:
             warn(remark)
-        with interrupts():  # completed work is kept
+        with interrupts():  # keeps completed work
             try:
                 made = run_dossier(
                     read, period=arguments.return_period, progress=not arguments.quiet,

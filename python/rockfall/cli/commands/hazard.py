@@ -90,7 +90,7 @@ def _run_to(
     inputs: list[Path],
 ) -> int:
     shown = not arguments.quiet
-    with interrupts():  # completed work is kept
+    with interrupts():  # keeps completed work
         try:
             hazard = run_study(
                 study, results=arguments.results, progress=shown, checkpoints=checkpoints

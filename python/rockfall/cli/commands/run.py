@@ -125,7 +125,7 @@ def _run_to(
             return say(f"{path}: {FINISHED}", DONE)
         if not arguments.overwrite:
             raise RockfallError(f"{path}: {EXISTS}")
-    with interrupts():  # so that completed work is written
+    with interrupts():  # completed work is still written
         try:
             result = _simulate(scene, arguments, shard, checkpoint, path.parent)
         except Interrupted as stop:

@@ -74,7 +74,7 @@ def variants_command(arguments: argparse.Namespace) -> int:
             return say(f"{folder}: {FINISHED}", DONE)
         for remark in remarks:
             warn(remark)
-        with interrupts():  # completed work is kept
+        with interrupts():  # keeps completed work
             by_name = dict(zip([*names, *yearly], checkpoints, strict=True))
             how: dict[str, Any] = {
                 "progress": not arguments.quiet,
