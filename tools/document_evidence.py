@@ -60,6 +60,11 @@ def with_error(row: Evidence, decimals: int) -> str:
     return number if isnan(row.standard_error) else f"{number} ± {row.simulated_error:.1g}"
 
 
+def signed_with_error(row: Evidence, decimals: int) -> str:
+    """Number of the model with its sign, and its standard error."""
+    return f"{'+' if row.simulated > 0 else ''}{with_error(row, decimals)}"
+
+
 def vaujany(model: str, statistic: str) -> str:
     """Errors over quantities and lines, with their signs."""
     low, high = error_range(evidence("vaujany", quantity=f"*_{statistic}", model=model))
@@ -322,6 +327,13 @@ def tables() -> str:
         radius: " and ".join(f"{runaway(34, radius, model):.2f}" for model in SMALL[:2])
         for radius in ("0.4", "1")
     }
+    own = {
+        model: [
+            f"{between(f'compact blocks, {model}', f'passing_{key}').error:.2f}"
+            for key in ("error", "too_low")
+        ]
+        for model in ("ploughed", "hard")
+    }
     by_table, of_blocks = (
         [f"{fallen(f'{thrown}{soil}'):.2f}" for soil in SOILS] for thrown in ("", "blocks on ")
     )
@@ -369,8 +381,52 @@ def tables() -> str:
             f"pass 60 m: {' and '.join(by_table)}, blocks {' and '.join(of_blocks)}: **too far**, "
             "on the safe side",
         ],
+        [
+            "tables simulated for [16 grounds](howto/own-ground.md#between-the-simulated-grounds) "
+            "between those of the planes, on slopes where about half of the boulders pass",
+            "your own",
+            f"mean errors of the fraction that passes {own['ploughed'][0]} (`ploughed`) and "
+            f"{own['hard'][0]} (`hard`), where 0.1 is required: **not met on hard ground**, up to "
+            f"{own['hard'][1]} too low",
+        ],
     ]
     return table(["evidence", "ground", "result"], rows)
+
+
+def between(blocks: str, quantity: str, model: str = "shipped") -> Evidence:
+    return only("between-parts", blocks, quantity, model)
+
+
+def between_parts() -> str:
+    """Errors of planes of tables between their parts."""
+    grounds = {
+        "`ploughed`": "compact blocks, ploughed",
+        "`hard`": "compact blocks, hard",
+        "both, other shapes": "other shapes",
+    }
+    rows = []
+    for ground, blocks in grounds.items():
+        smaller = [
+            between(blocks, f"passing_{key}", "smaller relief") for key in ("bias", "too_low")
+        ]
+        rows.append(
+            [
+                ground,
+                with_error(between(blocks, "passing_error"), 2),
+                signed_with_error(between(blocks, "passing_bias"), 2),
+                f"{-between(blocks, 'passing_too_low').error:+.2f}",
+                signed_with_error(between(blocks, "half_slope_error"), 1),
+                f"{between(blocks, 'half_slope_too_steep').error:+.1f}",
+                signed_with_error(smaller[0], 2),
+                f"{-smaller[1].error:+.2f}",
+            ]
+        )
+    slope, less = "neutral slope [degree]", "relief 2 degrees smaller"
+    head = [
+        "model", "mean error", "bias", "lowest", slope, "steepest", f"bias, {less}",
+        f"lowest, {less}",
+    ]  # fmt: skip
+    return table(head, rows)
 
 
 def forest_table() -> str:
@@ -404,5 +460,6 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "runaway": runaway_table,
     "shadow": shadow_table,
     "tables": tables,
+    "between-parts": between_parts,
     "forest": forest_table,
 }

@@ -12,6 +12,7 @@ import rockfall
 from made import make_layer
 from programs import find_program, make_full_case, run_program, same_results
 from rockfall.errors import RockfallError
+from rockfall.evidence import only
 from rockfall.grounds import GroundTable, shipped_grounds
 from rockfall.html_report.inputs import zone_table
 from rockfall.scene.prepare import prepare
@@ -260,6 +261,10 @@ def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
 # ---- values without calibration
 
 
+def between_parts(blocks):
+    return only("between-parts", blocks, "passing_too_low", "shipped")
+
+
 def smoother(scene):
     """Remark on own grounds: the relief to run too, by name of the ground."""
     found = (re.search(r"ground '(.*)': near .* relief of (\S+) degrees", r) for r in scene.remarks)
@@ -270,6 +275,11 @@ def test_own_grounds_are_said_to_stop_boulders_too_early(case):
     """With a relief smaller by 2 degrees, if tables have it; shipped values are calibrated."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
     assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
+    parts = re.findall(r"ground '(talus|rock) .* up to (\d+) %", "\n".join(scene.remarks))
+    assert dict(parts) == {
+        name: f"{100 * between_parts(f'compact blocks, {model}').error:.0f}"
+        for name, model in {"talus": "ploughed", "rock": "hard"}.items()
+    }
     scene = read_scene(write_pairs(case, "4,0.3,talus,,7\n-2,0.3,talus,,13.5\n"))
     assert smoother(scene) == {}
     assert smoother(read_scene(write_pairs(case, "4,0.3,meadow,,\n-2,0.3,soft-soil,,\n"))) == {}

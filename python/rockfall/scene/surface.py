@@ -9,6 +9,7 @@ from rockfall._core import rockfall_f2py as _core
 from rockfall.case import Case
 from rockfall.case.zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
+from rockfall.evidence import only
 from rockfall.grounds import (
     GroundRule,
     GroundTable,
@@ -128,7 +129,9 @@ def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
         numbers = {"relief": met[np.argmin(abs(met - low))], "low": low, "high": high}
         yield remark(rule.file, "input.relief_not_thrown", name=rule.name, **numbers)
     elif not is_calibrated(rule.plane) and (less := min(SAFER, met[0] - low)) > 0:
-        numbers = {"relief": ground.relief - less}
+        blocks = f"compact blocks, {rule.plane.model}"
+        too_low = only("between-parts", blocks, "passing_too_low", "shipped").error
+        numbers = {"relief": ground.relief - less, "part": 100 * too_low}
         yield remark(rule.file, "input.relief_uncalibrated", name=rule.name, **numbers)
     if ground.sizes(radii, rule.plane.weight).min() > softest_thrown(rule.plane.model):
         numbers = {"strength": ground.strength}
