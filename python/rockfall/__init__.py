@@ -64,8 +64,7 @@ __all__ = list(_MODULES)
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name on first use, so that `rockfall --help` works without NumPy (PEP
-    562)."""
+    """Import a public name on first use, so that `rockfall --help` needs no NumPy (PEP 562)."""
     if name not in _MODULES:
         raise AttributeError(f"module 'rockfall' has no attribute {name!r}")
     module, _, own = _MODULES[name].partition(":")

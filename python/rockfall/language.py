@@ -94,8 +94,7 @@ class Catalogue:
 
 @cache
 def catalogue(language: str) -> Catalogue:
-    """Catalogue for a language code, with or without a region; raises a RockfallError if
-    unknown."""
+    """Catalogue for a language code with or without region; raises RockfallError if unknown."""
     name, dash, region = language.partition("-")
     if name not in LANGUAGES or (dash and region not in REGIONS):
         raise RockfallError(

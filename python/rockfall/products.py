@@ -276,8 +276,7 @@ def _section(
 
 
 def _grid(result: xr.Dataset, terrain: Terrain | None) -> Grid:
-    """Grid of the terrain of a result, with its CRS; without terrain, the area reached by
-    boulders."""
+    """Grid of a result's terrain, with its CRS; without terrain, the area reached by boulders."""
     if terrain is not None:
         return terrain[1]
     from rasterio.crs import CRS

@@ -79,8 +79,7 @@ DESIGN = {  # loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
-#: Units of data columns, as in results; "1" for fractions. Other columns are counts, flags, or
-#: dimensionless.
+#: Units of data columns, as in results; "1" for fractions. Others are counts or flags.
 COLUMN_UNITS = {
     "fraction": "1", "residual": "1",
     "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",

@@ -56,8 +56,7 @@ if sys.platform == "win32":
         return []
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; raises BlockingIOError if another process has locked
-        it."""
+        """Lock an open file until it closes; raises BlockingIOError if it is locked already."""
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError as error:
@@ -114,8 +113,7 @@ else:
         return [limit for limit in resource.getrlimit(resource.RLIMIT_AS)[:1] if limit > 0]
 
     def lock(descriptor: int) -> None:
-        """Lock an open file until it closes; raises BlockingIOError if another process has locked
-        it."""
+        """Lock an open file until it closes; raises BlockingIOError if it is locked already."""
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def has_locks(path: str) -> bool:
@@ -152,8 +150,7 @@ else:
         os.close(descriptor)
 
     def sync(path: Path) -> None:
-        """Flush a file, or the entries of a folder, to disk; some file systems cannot flush
-        folders."""
+        """Flush a file, or the entries of a folder, to disk; some systems cannot flush folders."""
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)

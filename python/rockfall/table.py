@@ -131,8 +131,7 @@ class Column(NamedTuple):
 
     @classmethod
     def of(cls, display: Quantity, number: str, *, short: bool = False) -> Column:
-        """Column for a statistic of a quantity, with a short label, such as E_tot, q95 [kJ], or in
-        words."""
+        """Column for a statistic of a quantity: short, such as E_tot, q95 [kJ], or in words."""
         words = (display.name, number) if short else (display.label, statistic(number))
         return cls(", ".join(words), display.unit, display.decimals)
 
@@ -205,8 +204,7 @@ def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
 
 
 def data_table(frame: pd.DataFrame) -> Table:
-    """Table of data as in a CSV file; units are those of results, by column or by the row's
-    `quantity`."""
+    """Table of data as in a CSV file; units as in results, by column or the row's `quantity`."""
     by_row = "quantity" in frame.columns
     if by_row:
         frame = frame.copy()

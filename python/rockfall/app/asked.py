@@ -93,8 +93,7 @@ def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
 
 
 def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
-    """Tables for a barrier or line: boulders that pass per year, and barriers that would
-    suffice."""
+    """Tables for a barrier or line: boulders that pass per year, and sufficient barriers."""
     own = YearlyDesign(
         sheet.period,
         *(frame[frame["line"] == name] for frame in (sheet.loads, sheet.choices, sheet.checks)),

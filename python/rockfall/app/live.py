@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Live runs of a document: a single thread owns the session, and the latest edit replaces earlier
-ones."""
+"""Live runs of a document: one thread owns the session, and the latest edit wins."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -175,8 +174,7 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Run `work`; report an error to the page and return False, so that the next edit can
-        still run."""
+        """Run `work`; report an error to the page and return False, so that edits go through."""
         try:
             work()
             return True

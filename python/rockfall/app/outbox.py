@@ -37,7 +37,7 @@ class Outbox:
         self._filled = asyncio.Event()
 
     def put(self, kind: str, message: Message) -> None:
-        """Add a message. Further trajectories of a run (kind "more") do not replace earlier
+        """Add a message. Further trajectories of a run (kind "more") replace no earlier
         messages."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._put, kind, message)

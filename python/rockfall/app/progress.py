@@ -54,8 +54,8 @@ class Progress:
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run and send results, finally also for lines out of view; return False at
-        the end."""
+        """Advance the run and send results, finally also for hidden lines; return False at the
+        end."""
         if not running:
             self._tell(running)
             return True
@@ -91,7 +91,7 @@ class Progress:
         self._send("net", net_message(result, self._view.net, self._language, **self._fields))
 
     def _tell(self, running: bool) -> None:
-        """Send the results, and schedule the next message such that the kernel gets most of the
+        """Send the results, and schedule the next message so that the kernel gets most of the
         time."""
         self.told_running = running
         batch = self._batch

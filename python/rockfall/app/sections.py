@@ -37,8 +37,7 @@ COLUMNS = (
 def section_message(
     result: xr.Dataset | None, vertices: Places, terrain: Terrain | None, **fields: Any
 ) -> bytes:
-    """Message `section` along these vertices, in SI units, or with an `error`; empty without
-    vertices."""
+    """Message `section` along these vertices in SI units, or an `error`; empty without vertices."""
     fields |= {"vertices": vertices, "within": WITHIN, "error": "", "lines": []}
     shown = {name: QUANTITIES[name] for name in SHOWN}
     fields["quantities"] = {

@@ -112,7 +112,7 @@ class Server:
         self._opening.set_result(room)
 
     def refuse(self, error: RockfallError) -> None:
-        """Report to the first page why there is no document, then stop; may be called from any
+        """Report to the first page why there is no document, then stop; callable from any
         thread."""
         self._opening.set_exception(error)
 
@@ -267,7 +267,7 @@ class _Guard:
         await self._app(scope, receive, with_headers)
 
     def _admits(self, headers: list[tuple[bytes, bytes]], socket: bool) -> bool:
-        """Return True if the Host header and, for a websocket, the Origin header match this
+        """Return True if the Host header and (for a websocket) the Origin header match this
         server."""
         hosts = [value for name, value in headers if name == b"host"]
         origins = [value for name, value in headers if name == b"origin"]

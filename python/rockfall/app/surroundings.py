@@ -68,8 +68,7 @@ class Offers(NamedTuple):
         return {"objects": [*self.objects], "basemaps": [*self.basemaps]}
 
     def messages(self, new: View, before: View, grid: Grid) -> Iterator[tuple[str, Message]]:
-        """Messages for the choices of a view that differ from the previous view, with their
-        kinds."""
+        """Messages for choices of a view that differ from the previous view, with their kinds."""
         if new.objects != before.objects:
             yield "objects", objects_message(self.objects.get(new.objects), grid)
         if new.basemap != before.basemap:

@@ -14,8 +14,7 @@ MAX_VISIBLE = 200  # maximum lines in view
 
 
 def view_of(message: dict[str, Any], maps: Collection[str], offers: Offers) -> View:
-    """View requested by a message `view`; its map must be one of `maps`. Raises Refused if
-    invalid."""
+    """View requested by a message `view`, with one of these `maps`. Raises Refused if invalid."""
 
     def text(key: str, allowed: Collection[str] | None = None) -> str:
         value = message.get(key, "")

@@ -93,8 +93,7 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section with its tables of places cut to at most this number of rows, and a note on
-    omissions."""
+    """Section with its tables of places cut to this number of rows, and a note on omissions."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section

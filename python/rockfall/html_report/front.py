@@ -183,8 +183,7 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """Map on page 1 and its title: zones, passages or stopping places; None if it cannot be
-    drawn."""
+    """Map on page 1 and its title: zones, passages or stopping places; None if impossible."""
     if hazard is not None:
         yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

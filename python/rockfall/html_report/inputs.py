@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; and the parties of the
-report."""
+"""Inputs of a result: terrain, grounds, sources, boulders, obstacles; parties of the report."""
 
 from __future__ import annotations
 
@@ -138,8 +137,7 @@ def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:
 
 
 def zone_table(result: xr.Dataset) -> Iterator[Table]:
-    """Table of rock sizes on the slope, by zone. Raises a RockfallError if a file cannot be
-    read."""
+    """Table of rock sizes by zone. Raises a RockfallError if a file cannot be read."""
     case = case_of(result)
     surface = case.surface
     if "table" in surface and surface["table"] != FROM_ARRAY:
@@ -188,8 +186,7 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None if there is only one. Raises a RockfallError if a file cannot be
-    read."""
+    """Map of the grounds; None if only one. Raises a RockfallError if a file cannot be read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None

@@ -155,8 +155,7 @@ def _lines(result: xr.Dataset, window: Window) -> Iterator[Line]:
 
 
 def _spread(size: int) -> np.ndarray:
-    """Indices in the order in which places for a name are tried: the middle first, then
-    midpoints."""
+    """Indices in the order in which places for a name are tried: middle first, then midpoints."""
     if not size:
         return np.array([], int)
     order = [(2 * k + 1) / 2**depth for depth in range(1, 1 + NAME_DEPTH)
@@ -262,8 +261,7 @@ def _coloured(values: np.ndarray, window: Window, classes: Classes) -> dict[str,
 
 
 def _packed(values: np.ndarray) -> str:
-    """Values of the cells, rounded to five digits and compressed, as text (little-endian
-    float32)."""
+    """Cell values, rounded to five digits and compressed, as text (little-endian float32)."""
     bits = np.ascontiguousarray(values, "<f4").view("<u4")
     is_known = np.isfinite(values)
     bits = np.where(is_known, (bits + 0x40) & ~np.uint32(0x7F), np.uint32(0x7FC00000))

@@ -142,8 +142,7 @@ def _boulder(result: xr.Dataset, case: Case) -> Iterator[str]:
 
 
 def has(case: Case, group: str) -> bool:
-    """Return True if a case has trees (some keys of &forest have defaults), or a group of this
-    name."""
+    """Return True if a case has trees (&forest keys may be defaults), or a group of this name."""
     return case.has_forest if group == "forest" else bool(getattr(case, group))
 
 

@@ -33,9 +33,7 @@ BESIDE_FIRST = 4  # maximum variants next to the first in a table on paper
 class Given(NamedTuple):
     """Details of the variants that results do not contain."""
 
-    frequencies: pd.DataFrame | None = (
-        None  # frequencies over the scenarios, from `yearly_variants`
-    )
+    frequencies: pd.DataFrame | None = None  # over all scenarios: see `yearly_variants`
     costs: Mapping[str, float] = {}  # cost of each variant, in any unit
     title: str = ""  # page title; "": title of the first result
 
@@ -129,8 +127,7 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
-    """Numbers at a line; on paper, split into parts of the page width, each with the first
-    variant."""
+    """Numbers at a line; on paper, in parts of the page width, each with the first variant."""
     first, *others = of_line["variant"].unique()
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):

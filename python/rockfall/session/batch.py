@@ -226,8 +226,7 @@ class Batch:
         return result
 
     def _recorded(self, number: int) -> dict[int, np.ndarray]:
-        """Vertices of completed boulders, from a selection of `number` boulders over the whole
-        run."""
+        """Vertices of completed boulders, from a selection of `number` over the whole run."""
         scene, kept, marks = self._tally.scene, self._tally.trajectories, self._tally.marks
         assert isinstance(scene, Scene)
         if number < 1:

@@ -241,8 +241,7 @@ def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str
 def _batches(
     batches: Batches, until: str, criteria: list[Rule], cancelled: Event, seconds: float
 ) -> Iterator[Batch]:
-    """Advance a run and yield its results until it is complete, meets the rules, or is
-    cancelled."""
+    """Advance a run and yield its results until it is complete, meets the rules, or stops."""
     complete = met = False
     while not complete and not met:
         batches.advance(seconds, cancelled.is_set)

@@ -13,8 +13,7 @@ from rockfall.table import Column, Estimate, Table, as_text
 
 
 def back_text(analysis: Back) -> str:
-    """Text with the posterior of the parameters, the contribution of each data set, and reasons
-    for caution."""
+    """Text with the posterior of parameters, contributions of data sets, reasons for caution."""
     members = count(len(analysis.members), "member")
     parts = [
         f"{analysis.case.case['title'] or 'rockfall'}: {members} of "

@@ -21,8 +21,7 @@ TERRAINS = {
 
 
 def convergence_text(convergence: Convergence) -> str:
-    """Text of a study, Monte Carlo errors and numerical errors, each with a table and an
-    explanation."""
+    """Text of a study, Monte Carlo errors and numerical errors, with tables and explanations."""
     place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
     parts = [
         f"{convergence.name}\n\nBy number of boulders{place}:\n",

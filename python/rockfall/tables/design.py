@@ -87,8 +87,7 @@ def demand_rows(asked: Mapping[Any, Any]) -> Iterator[list[object]]:
 
 
 def choice_table(design: Design, line: str) -> Table:
-    """Table of the height that meets the residual fraction, for each class; the cheapest is
-    marked."""
+    """Table of heights that meet the residual fraction, by class; the cheapest is marked."""
     rows = [
         (say("design.choice", ead_class=row["ead_class"], capacity=row["capacity"] / 1000),
          number(row["height"], up=True), shown(row, "residual", 100.0), row["cost"],

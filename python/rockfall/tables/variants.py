@@ -32,8 +32,7 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 def variants_text(
     frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
 ) -> str:
-    """Text with a table for each line and a column for each variant; `note` describes the
-    boulders."""
+    """Text with a table for each line and a column for each variant; `note` is on the boulders."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
         table = variant_table(of_line, frequencies)
@@ -42,8 +41,7 @@ def variants_text(
 
 
 def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
-    """Notes on the boulders of the variants (`population_notes`), and on lines whose position
-    differs."""
+    """Notes on the variants' boulders (`population_notes`), and on lines that have moved."""
     first = next(iter(results.values()))
     yield from population_notes(case_of(first), yearly)
     if note := kept_note(first):
@@ -75,8 +73,7 @@ def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None
 
 
 def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[tuple[object, ...]]:
-    """Rows of frequencies, and of energies by return period, at a line, for the variants of a
-    table."""
+    """Rows of frequencies, and energies by return period, at a line for the variants of a table."""
     here = frequencies[
         (frequencies["line"] == of_line["line"].iloc[0])
         & frequencies["variant"].isin(of_line["variant"].unique())

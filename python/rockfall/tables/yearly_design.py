@@ -32,8 +32,7 @@ def yearly_design_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def loads_table(sheet: YearlyDesign) -> Table:
-    """Table of boulders per year, and of energy and height for the return period, at lines and
-    barriers."""
+    """Table of boulders per year, and energy and height by return period, at lines and barriers."""
     rows = []
     for row in sheet.loads.to_dict("records"):
         energy, height = (
@@ -101,8 +100,7 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """Sentences for each line without a barrier: the advised barrier, and why no weaker barrier
-    suffices."""
+    """Sentences for lines without a barrier: advised barrier, and why no weaker one suffices."""
     held = {*sheet.checks["line"]}
     for load in sheet.loads.to_dict("records"):
         line = load["line"]

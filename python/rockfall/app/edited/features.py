@@ -214,8 +214,8 @@ def _column(kind: str, values: list[Any]) -> np.ndarray:
 
 
 class Frame:
-    """Minimal stand-in for a GeoDataFrame, with the attributes that `rockfall.scene.frames`
-    uses."""
+    """Minimal substitute for a GeoDataFrame, with the attributes used by
+    `rockfall.scene.frames`."""
 
     def __init__(self, layer: Layer, crs: Any) -> None:
         shapes = pd.Series(layer.shapes(), dtype=object)

@@ -152,8 +152,7 @@ def _field(key: Key) -> Field:
 
 
 def check_value(field: Field, value: Any, **place: str) -> Any:
-    """Value converted to the type of its field; raises Refused if impossible. The kernel checks
-    ranges."""
+    """Value in the type of its field; raises Refused if impossible. The kernel checks ranges."""
     if field.list and isinstance(value, list):
         if len(value) > min(field.most, MAX_VALUES):
             raise Refused(say("app.server_too_many", name=field.name), **place)

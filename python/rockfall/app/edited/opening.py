@@ -236,8 +236,7 @@ def _rings(polygon: Any) -> list[list[list[float]]]:
 
 
 def _properties(columns: dict[str, Any], form: Form, size: int) -> Iterator[dict[str, Any]]:
-    """For each feature, the attributes that occur in a form, converted to the field types where
-    possible."""
+    """For each feature, the attributes in a form, converted to the field types if possible."""
     fields = {name: attribute(columns, name) for name in form}
     for k in range(size):
         values = {name: plain(column[k]) for name, column in fields.items() if column is not None}

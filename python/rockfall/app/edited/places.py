@@ -16,8 +16,7 @@ _LAYERS = {group: layer for layer, group in GROUPS.items()}
 
 
 def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
-    """Entry for the page from an error: the text, and its place (layer and feature, or group and
-    key)."""
+    """Entry for the page from an error: text and place (layer and feature, or group and key)."""
     text = without_files(text, site)
     place: dict[str, str] = {}
     rest = text
