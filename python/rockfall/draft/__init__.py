@@ -1,3 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First inputs of a project: a DEM from surveyed points, an edited DEM, and a case with
-comments."""
+"""First inputs of a project: a DEM from surveyed points, an edited DEM, a commented case."""

@@ -214,8 +214,7 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """Apply EDITS (name, argument) to a DEM in order; remarks on unusual values are added to
-    `remarks`."""
+    """Apply EDITS (name, argument) to a DEM in order; notes on unusual values go to `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem
@@ -304,8 +303,7 @@ def _smooth(dem: Dem, std: float, remarks: list[str]) -> np.ndarray:
 
 
 def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations with the dams of a layer, as with &dam file; a temporary case checks their
-    keys."""
+    """Elevations with the dams of a layer, as with &dam file; a temporary case checks the keys."""
     x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
     case = Case(
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations in a first case: blocks at rest, scars, and lowest angles of the energy and shadow
-lines."""
+"""Observations in a first case: blocks at rest, scars, lowest energy-line and shadow angles."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -44,8 +44,7 @@ def cell_remarks(cell: float, spacing: float) -> Iterator[Text]:
 
 
 def height_remarks(points: np.ndarray) -> Iterator[Text]:
-    """Remarks on points (n, 3) [m] with elevations that are impossible on land or far from all
-    others."""
+    """Remarks on points (n, 3) [m] with elevations impossible on land or far from all others."""
     z = points[:, 2]
     low, high = float(z.min()), float(z.max())
     if low < HEIGHTS[0] or high > HEIGHTS[1]:

@@ -87,8 +87,7 @@ def tiff_text(path: str | Path, tag: int) -> str:
 
 
 def tiff_numbers(path: str | Path, tag: int) -> tuple[int, ...]:
-    """16-bit integers of a tag in the first directory; empty if the tag is missing or the file
-    truncated."""
+    """16-bit integers of a tag in the first directory; empty if missing or truncated."""
     raw, end = _tiff_tag(path, tag, _SHORT)
     return struct.unpack(f"{end}{len(raw) // 2}H", raw[: len(raw) // 2 * 2])
 

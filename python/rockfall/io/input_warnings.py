@@ -19,8 +19,7 @@ class InputWarning(NamedTuple):
 
     @classmethod
     def of(cls, stored: Sequence[Any]) -> InputWarning:
-        """Warning from the attribute `input_warnings` of a file; older files have only English
-        text."""
+        """Warning from the attribute `input_warnings` of a file; older files have only English."""
         where, text, *data = stored
         return cls(str(where), unpacked(data[0] if data else None, text))
 

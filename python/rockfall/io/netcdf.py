@@ -80,8 +80,7 @@ def check_letters(path: str | Path) -> None:
 
 
 def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
-    """Open a netCDF-4 file, or one of its groups, with xarray; `decoding` is passed to
-    `open_dataset`."""
+    """Open a netCDF-4 file, or a group of it, with xarray; `decoding` goes to `open_dataset`."""
     import xarray as xr
 
     add_accessor()

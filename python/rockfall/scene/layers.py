@@ -29,9 +29,7 @@ class Inputs:
 
     case: Case
     grid: Grid
-    arrays: dict[str, Any] = field(
-        default_factory=dict
-    )  # arrays given instead of rasters; removed once read
+    arrays: dict[str, Any] = field(default_factory=dict)  # replace rasters; removed once read
     checksums: dict[str, str] = field(default_factory=dict)  # keys: input files
     remarks: list[str] = field(default_factory=list)  # remarks, one per line
 

@@ -78,13 +78,9 @@ class Features(NamedTuple):
 
     names: list[str]
     number: np.ndarray  # int32: feature number of each source, from 1
-    law: np.ndarray | None = (
-        None  # int32: distribution, from 1; 0: as in the case; None: none given
-    )
+    law: np.ndarray | None = None  # int32: distribution, from 1; 0: as in the case
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
-    shape: np.ndarray | None = (
-        None  # int8: block shape, from 1; 0: as in the case; None: none given
-    )
+    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: as in the case
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Preparation of a case for stand-alone `rockfall-batch`: case text and scene file
-(docs/files.md)."""
+"""Preparation of a case for `rockfall-batch` alone: case text and scene file (docs/files.md)."""
 
 from pathlib import Path
 from typing import Any

@@ -152,8 +152,7 @@ def _scene(
 
 
 def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
-    """Scene without rasters: all rows are read and checked once, and read again in windows
-    later."""
+    """Scene without rasters: all rows are read and checked once, and later again in windows."""
     inputs.case = read_lines(inputs)
     case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))

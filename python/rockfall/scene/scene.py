@@ -169,8 +169,7 @@ class Scene(Sources):
         return survey
 
     def known_at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Mask of points [m] where boulders can start: the four surrounding cells have
-        elevations."""
+        """Mask of points [m] where boulders can start: between four cells with elevations."""
         return _core.known_at(self.kernel.handle, x, y).astype(bool)
 
     def lines_outside(self) -> list[str]:

@@ -27,8 +27,7 @@ class Stages:
         make: Callable[[Case], T],
         reads: bool = True,
     ) -> T:
-        """Result of `make` for the case; the stage depends on the objects `uses` and the files it
-        `reads`."""
+        """Result of `make` for the case; it depends on the objects `uses` and files it `reads`."""
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:

@@ -35,8 +35,7 @@ from rockfall.language import remark
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
-#: Angle [degree] by which tables of a smaller relief err on the safe side
-#: (docs/howto/own-ground.md).
+#: Angle [degree] by which tables of a smaller relief err safely (docs/howto/own-ground.md).
 SAFER = 2.0
 
 
@@ -194,8 +193,7 @@ def _read_zones(
 def _check_sizes(
     inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], places: list[str]
 ) -> None:
-    """Check that used materials have the sizes required by their grounds; set other sizes to
-    zero."""
+    """Check that used materials have the sizes their grounds require; set others to zero."""
     for k, ground in sorted(_used(rasters)):
         need = rasters.grounds[ground].rocks if rasters.grounds else 2
         missing = np.isnan(rasters.sizes[k]).any()

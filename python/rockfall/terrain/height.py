@@ -13,8 +13,7 @@ def inside(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def height(z: np.ndarray, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear elevation [m] at points between the cell centres; `z` is (ny, nx), northernmost row
-    first."""
+    """Bilinear elevation [m] at points between cell centres; `z` is (ny, nx), north row first."""
     j, i, v, u = _patches(grid, x, y)
     north = (1 - u) * z[j, i] + u * z[j, i + 1]
     south = (1 - u) * z[j + 1, i] + u * z[j + 1, i + 1]

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Detection of points on the nodes of a regular grid, with or without gaps, as in national
-surveys."""
+"""Detection of points on a regular grid, with or without gaps, as in national surveys."""
 
 from typing import NamedTuple
 

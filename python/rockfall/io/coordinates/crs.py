@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems: names, equality, requirements of the model, CF (1.8, appendix
-F)."""
+"""Coordinate reference systems: names, equality, model requirements, CF (1.8, appendix F)."""
 
 from __future__ import annotations
 
@@ -306,8 +305,7 @@ def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
 
 
 def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
-    """Units of plan coordinates and heights: None if missing, metre if undefined; angles are
-    omitted."""
+    """Units of plan coordinates and heights (not angles): None if missing, metre if undefined."""
     plan, heights = METRE, None
     for axis in crs.axis_info:
         factor, name = axis.unit_conversion_factor, axis.unit_name

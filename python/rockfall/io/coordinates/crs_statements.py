@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CRS statements in the grid mapping of a netCDF file: readers use different ones, so all must
-agree."""
+"""CRS statements in the grid mapping of a netCDF file, which must agree for all readers."""
 
 from collections.abc import Mapping
 from typing import Any

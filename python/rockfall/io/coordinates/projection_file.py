@@ -39,8 +39,7 @@ def _text(file: Path) -> str:
 
 
 def projection_crs(path: str | Path) -> CRS | None:
-    """CRS in the projection file of a grid whose CRS GDAL could not read; None without such a
-    file."""
+    """CRS in the projection file of a grid, if GDAL could not read it; None without a file."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

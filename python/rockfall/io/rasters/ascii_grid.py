@@ -83,8 +83,7 @@ class AsciiCells:
 
 
 def _is_nodata(block: np.ndarray, nodata: float) -> np.ndarray:
-    """Mask of nodata values, even if header and data are rounded differently to single
-    precision."""
+    """Mask of nodata values, even if header and data differ by single-precision rounding."""
     if abs(nodata) > _HUGE:
         return block > _HUGE if nodata > 0 else block < -_HUGE
     with np.errstate(over="ignore"):

@@ -85,8 +85,7 @@ def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
 
 
 def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
-    """Cells of a variable. GDAL's `transform` is exact; it is used if it agrees with the
-    coordinates."""
+    """Cells of a variable; GDAL's exact `transform` is used if it agrees with the coordinates."""
     try:
         variable = data[name]
     except (IndexError, KeyError):
@@ -143,8 +142,7 @@ class _Validity:
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
-        """Attribute values in the variable's type; there must be `many` values, unless it is
-        None."""
+        """Attribute values in the variable's type; there must be `many` of them, unless None."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
@@ -152,10 +150,7 @@ class _Validity:
         if given.dtype.kind not in "iuf" or many not in (None, given.size):
             raise RockfallError(f"{problem}: must be {f'{many} numbers' if many else 'numbers'}")
         alike = given.dtype.kind == self.dtype.kind
-        if (given.dtype.kind, self.dtype.kind) == (
-            "i",
-            "u",
-        ):  # unsigned by _Unsigned, or small numbers
+        if (given.dtype.kind, self.dtype.kind) == ("i", "u"):  # due to _Unsigned, or small numbers
             alike = True
             given = np.where(given < 0, given.astype(object) + 256**self.dtype.itemsize, given)
         with np.errstate(all="ignore"):
@@ -205,8 +200,7 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
 
 
 def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transform:
-    """GDAL's transform if it agrees with the coordinates, else the transform from the
-    coordinates."""
+    """GDAL's transform if it agrees with the coordinates, else one from the coordinates."""
     t, far = transform, max(x.size, y.size)
     west, east = t.c + 0.5 * t.a, t.c + (x.size - 0.5) * t.a
     north, south = t.f + 0.5 * t.e, t.f + (y.size - 0.5) * t.e
@@ -221,8 +215,7 @@ def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transfor
 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
-    """Type of the stored numbers; _Unsigned marks unsigned integers in formats without such
-    types."""
+    """Type of the stored numbers; _Unsigned marks unsigned integers if the format has none."""
     unsigned = str(attributes.get("_Unsigned", "")).lower()
     if unsigned not in ("", "true", "false") or (unsigned and stored.kind not in "iu"):
         raise RockfallError(

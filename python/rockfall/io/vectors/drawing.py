@@ -53,8 +53,7 @@ class Part(NamedTuple):
     style: int = 0  # hatch style
 
     def area(self) -> Geometry:
-        """Polygons of a closed line or hatch; crossed boundaries are refused later, with the other
-        shapes."""
+        """Polygons of a closed line or hatch; the check of shapes refuses crossed boundaries."""
         import shapely
 
         areas = shapely.polygons([shapely.linearrings(ring) for ring in self.rings or (self.xy,)])

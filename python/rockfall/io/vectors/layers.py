@@ -413,11 +413,7 @@ def _read(
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
-    except (
-        RuntimeError,
-        UnicodeDecodeError,
-        shapely.errors.ShapelyError,
-    ) as error:  # errors of GDAL
+    except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     by_name = dict(zip(about_read["fields"], values, strict=True))
     # layer order, because pyogrio 0.11 sorts columns by name

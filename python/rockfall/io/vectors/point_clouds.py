@@ -40,10 +40,7 @@ MAX_POINTS = 20_000_000  # maximum points in memory
 MAX_INDEX = 2**31  # maximum index of a square along an axis
 _HEADER = struct.Struct("<4s20xBB68xHIIBHI")  # signature, version, sizes, records, format, points
 _V14 = struct.Struct("<QIQ")  # at byte 235: extended records and their number, points
-_PLACE, _TABLE = (
-    struct.Struct("<q"),
-    struct.Struct("<II"),
-)  # LAZ: offset and header of the chunk table
+_PLACE, _TABLE = struct.Struct("<q"), struct.Struct("<II")  # LAZ: chunk table, offset and header
 _RECORD, _EXTENDED = 54, 60  # header sizes of records [bytes]
 _WITHHELD = "withheld"
 _WKT, _DESCRIPTION = 2112, 3  # LAS records: coordinate system, text area
@@ -203,8 +200,7 @@ def _laser_crs(path: str | Path) -> CRS | None:
 
 
 def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any]) -> None:
-    """Refuse heights in units other than the metre, from GeoKeys (which laspy ignores) or a
-    description."""
+    """Refuse heights not in metres, from GeoKeys (which laspy ignores) or a description."""
     data = {record.record_id: record.record_data_bytes() for record in own}
     directory = data.get(DIRECTORY, b"")
     keys = keys_of(struct.unpack(f"<{len(directory) // 2}H", directory[: len(directory) // 2 * 2]))
@@ -258,8 +254,7 @@ class _Laser:
 
 
 def _check_header(path: str | Path) -> None:
-    """Refuse a file whose header claims more data than the file contains, because laspy trusts
-    it."""
+    """Refuse a file whose header claims more data than it contains, because laspy trusts it."""
     size, start = os.path.getsize(path), start_of(path)
     if len(start) < _HEADER.size or not start.startswith(b"LASF"):
         raise RockfallError(f"{path}: not a LAS file")

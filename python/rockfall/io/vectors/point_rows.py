@@ -60,8 +60,7 @@ def read_area(path: str | Path, grid: Grid, remarks: list[str]) -> Any:
 
 
 def _text(value: Any) -> str:
-    """Attribute as cell text; "" if empty. (Integer columns with empty values are read as
-    reals.)"""
+    """Attribute as cell text; "" if empty (integer columns with gaps are read as reals)."""
     if (value := plain(value)) is None:
         return ""
     if isinstance(value, float) and value.is_integer() and np.abs(value) < 2.0**53:

@@ -31,8 +31,7 @@ TEXT = ".xyz"
 MAYBE_TEXT = (".asc", ".txt", ".dat", ".xyz")
 CHUNK = 1_000_000  # points
 HEIGHTS = (-500.0, 9000.0)  # elevation range of all land [m]
-#: Swapped coordinates: in no national system is x above the first limit and y between the others
-#: [m].
+#: Swapped coordinates: no national system has x above the first and y between the others [m].
 NORTHING, LOCAL, EASTING = 2e6, 1e5, 1e6
 #: Elevations that mark missing data.
 MISSING = (-9999.0, -99999.0, -32767.0, -32768.0)

@@ -70,8 +70,7 @@ def on_terrain(shapes: np.ndarray, grid: Grid) -> np.ndarray:
 def note_outside(
     path: str, shapes: np.ndarray, grid: Grid, least: float, remarks: list[str]
 ) -> None:
-    """Add a remark on polygons with more than the fraction `least` of their area outside the
-    terrain."""
+    """Add a remark on polygons with more than a fraction `least` of their area off the terrain."""
     import shapely
 
     area = shapely.area(shapes)

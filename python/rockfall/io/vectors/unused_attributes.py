@@ -56,8 +56,7 @@ def note_marks(
     used: Iterable[str],
     plain: Callable[[str], str] = str.lower,
 ) -> None:
-    """Add a remark on columns whose largest number is far above the others and looks like a
-    missing value."""
+    """Add a remark on columns whose largest number is isolated and looks like missing data."""
     names = {plain(name) for name in used} - _NO_NUMBERS
     names |= {name[:SHORT] for name in names}
     for name, column in columns.items():

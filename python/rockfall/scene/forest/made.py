@@ -102,8 +102,7 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
 
 
 def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield blocks of rows with stems per hectare, from a raster or the densest stand in each
-    cell."""
+    """Yield blocks of rows of stems per hectare, from a raster or the densest stand in a cell."""
     if stands is None:
         yield from _blocks(inputs, "stems")
         return

@@ -32,8 +32,7 @@ def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf for blocks too small
-    to break."""
+    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf if too small."""
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)

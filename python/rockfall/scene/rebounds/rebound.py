@@ -44,8 +44,7 @@ def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
 
 
 def limited(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Rebounds limited to be admissible: V_n at least 1 % of the incident speed, no gain of
-    energy."""
+    """Rebounds made admissible: V_n at least 1 % of the incident speed, no gain of energy."""
     rebounds = np.array(v_out, order="C")
     _core.limit_rebounds(v_in.T, rebounds.T)
     return rebounds

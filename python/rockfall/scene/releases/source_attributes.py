@@ -234,8 +234,7 @@ def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) ->
 
 
 def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
-    """Check that every feature has a block shape if the sources must define it; a raster also
-    does."""
+    """Check that every feature (or a raster) gives a block shape if the sources must define it."""
     if BY_SOURCE not in case.boulder["block_shape"] or facts(case, "boulder", "release").by_raster:
         return
     given = np.zeros(table.size, bool) if shape is None else shape > 0

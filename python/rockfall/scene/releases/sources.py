@@ -37,8 +37,7 @@ MAX_NAMED = 5  # maximum features listed in a message
 
 
 def threshold(case: Case, grid: Grid) -> float:
-    """Slope [degree] from which cells are steep: the case's value, or the default for its cell
-    size."""
+    """Minimum slope [degree] of steep cells: the case's, or the default for its cell size."""
     return case.release.get("slope_threshold", _core.slope_threshold(grid.cell))
 
 
@@ -201,8 +200,7 @@ def _with_attributes(
 
 
 def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
-    """Add a remark if a frequency is far above all others, perhaps in another unit or a return
-    period."""
+    """Add a remark if a frequency is far above all others, such as a return period."""
     ordered = np.unique(frequency[frequency > 0])
     if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
         k = int(np.nanargmax(frequency))

@@ -263,8 +263,7 @@ def _order(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _operator(scene: Scene) -> Iterator[InputWarning]:
-    """Warning on an impact table or impact sets that have no effect, because a ground applies
-    everywhere."""
+    """Warning on an impact table or sets without effect, because a ground applies everywhere."""
     key = usual_key(scene.case)
     name, ground = scene.case.impact[key], scene.case.surface.get("ground", "")
     if ground not in ("", name) and is_given(scene.case, "impact", key):
@@ -272,8 +271,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on block shapes that have no effect or zero weight with tables, and on axes in
-    mixed units."""
+    """Warnings on block shapes without effect or weight with tables, and on mixed axis units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:

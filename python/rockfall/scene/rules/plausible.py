@@ -56,8 +56,7 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on lines with a vertex outside the terrain; the kernel refuses lines farther
-    away."""
+    """Warnings on lines with a vertex off the terrain; the kernel refuses lines farther away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)

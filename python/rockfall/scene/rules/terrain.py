@@ -91,8 +91,7 @@ def _units(scene: Scene) -> Iterator[Text]:
 
 
 def is_too_steep(half: float, steep: float) -> bool:
-    """Return True if the median and 90 % quantile of slopes [degree] are implausible for
-    terrain."""
+    """Return True if the median and 90 % quantile of slopes [degree] are implausible."""
     return half > STEEP or (half > FEET[0] and steep > FEET[1])
 
 
