@@ -238,8 +238,7 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Variance of the yearly numbers divided by their mean; 1 unless a Poisson process is
-    rejected."""
+    """Variance of the yearly numbers / their mean; 1 unless a Poisson process is rejected."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1

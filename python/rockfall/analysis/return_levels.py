@@ -253,8 +253,7 @@ def _level(
     beyond: dict[int, Level],
     refused: str | None,
 ) -> Level:
-    """Level exceeded by one in N: from the sample if enough values exceed it, else from the
-    tail."""
+    """Level exceeded by one in N: from the sample if enough values exceed it, else the tail."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))

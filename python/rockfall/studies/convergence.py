@@ -212,8 +212,7 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """Errors of blocks with 100, 200, 500, ... boulders; `truth` has reference values (lines,
-    numbers)."""
+    """Errors of blocks with 100, 200, 500, ... boulders from the `truth` (lines, numbers)."""
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:

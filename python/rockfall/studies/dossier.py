@@ -121,8 +121,7 @@ def read_dossier(
 
 
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
-    """Inputs of a hazard with a second model, if the ground allows it and the rasters are in
-    memory."""
+    """Inputs of a hazard with a second model, if ground and memory allow it."""
     model = second_model(study.scene) if study.scene.rasters.z.size else None
     if model is None:
         return None

@@ -151,8 +151,7 @@ def run_study(
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
 ) -> xr.Dataset:
-    """Run the scenarios in turn; each resumes from its checkpoint, or is read from its result
-    file."""
+    """Run the scenarios in turn, each from its checkpoint, or read its result file."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")

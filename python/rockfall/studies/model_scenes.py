@@ -145,8 +145,7 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds without rock sizes in an option; raises an error if no ground has rock
-    sizes."""
+    """Remark on grounds without rock sizes; raises an error if no ground has rock sizes."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(
@@ -182,8 +181,7 @@ def _varied(own: Scene) -> set[str]:
 
 
 def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
-    """Scenes of the unchanged case, and of its impact sets with each method for which sizes are
-    known."""
+    """Scenes of the unchanged case, and of its impact sets by each method with known sizes."""
     if "ground" in case.surface:
         yield usual_name(case), own
     elif case.impact["form"] == "table":
@@ -307,7 +305,6 @@ def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Choose between two grounds by rock size; obstacle heights count as diameters, as in
-    Rockyfor3D."""
+    """Choose between two grounds by rock size; obstacle heights are diameters (Rockyfor3D)."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))

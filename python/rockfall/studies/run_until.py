@@ -56,8 +56,7 @@ FORM = "QUANTITY.STATISTIC@LINE<PERCENT% or fraction@LINE<PERCENT%"
 
 
 class Rule(NamedTuple):
-    """Criterion: the half-width of a 95 % interval, relative to the statistic, must be below a
-    limit."""
+    """Criterion: the relative half-width of a 95 % interval must be below a limit."""
 
     text: str
     line: int  # line index

@@ -244,8 +244,7 @@ def _rows(
     source: Sources,
     thresholds: Sequence[float],
 ) -> Iterator[dict[str, object]]:
-    """Rows of a variant at a line; `before` are the values of the first variant, None if
-    missing."""
+    """Rows of a variant at a line; `before` has the values of the first variant, if any."""
     n = int(np.count_nonzero(~np.isnan(here["speed"])))
 
     def row(quantity: str, statistic: str, value: float, *compared: float) -> dict[str, object]:

@@ -88,8 +88,7 @@ def yearly_variants(
 def yearly_table(
     by_variant: Mapping[str, Sequence[YearlyRun]], hazard: Mapping[str, Any]
 ) -> pd.DataFrame:
-    """Table of `yearly_variants` from the runs of each variant; `hazard` is the case's &hazard
-    group."""
+    """Table of `yearly_variants` from the runs of each variant; `hazard` is the &hazard group."""
     first = next(iter(by_variant.values()), ())
     rows = [
         {"line": line, "variant": name, **row}
@@ -138,8 +137,7 @@ def yearly_run(
 
 
 def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
-    """Energies [J] and centre heights [m] at a line, (2, boulders); NaN for boulders that do not
-    pass."""
+    """Energies [J] and centre heights [m] at a line, (2, boulders); NaN without a passage."""
     at = at_line(result, line)
     assert at is not None
     height = line_values(result, "passing_height", line_names(result).index(line))

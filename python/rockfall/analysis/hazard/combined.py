@@ -127,8 +127,7 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read the boulders at lines and barriers, except lying logs; return the indices of
-        these."""
+        """Read the boulders at lines and barriers, except lying logs; return their indices."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -300,8 +299,7 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies, energies and heights at lines and barriers, and boulders that pass each
-    barrier."""
+    """Frequencies, energies and heights at lines and barriers, and boulders past each barrier."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}
@@ -334,8 +332,7 @@ def _by_period(
     runs: Runs,
     places: Sequence[Sequence[Passing | None]],
 ) -> dict[str, np.ndarray]:
-    """Energies and heights by return period at places, and counts above levels of energy and
-    height."""
+    """Energies and heights by return period at places, and counts above levels of both."""
     samples = [run.samples(kind) for run in runs]
     numbers = exceedance_numbers(places, samples, inputs.case.hazard["frequency_factor"])
     numbers["boulders_per_cluster"] = np.stack([run.per_place[kind] for run in runs])

@@ -69,8 +69,7 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area, larger than `least` [m2], that are too narrow for a disc with this
-    width."""
+    """Parts of an area, larger than `least` [m2], that are too narrow for a disc of this width."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

@@ -87,8 +87,7 @@ def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells with uncertain class, numbered lowest class * number of classes + highest
-    class."""
+    """Patches of cells with uncertain class, numbered lowest class * classes + highest class."""
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)

@@ -18,12 +18,7 @@ from rockfall.language import remark
 Columns = dict[str, np.ndarray]
 
 NAMED = "lethality_curve"  # a text, although its name starts like a numeric attribute
-FRACTIONS = (
-    "vulnerability",
-    "exposure",
-    "presence",
-    "lethality",
-)  # attributes and prefixes of attributes
+FRACTIONS = ("vulnerability", "exposure", "presence", "lethality")  # names or prefixes
 RANGES = {  # lowest and highest values of the other attributes
     "width": (0.0, 100.0),  # [m] same limits as in a case
     "speed": (1.0, 500.0),  # [km/h]

@@ -89,8 +89,7 @@ def only_layer(path: str | Path) -> str:
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects in each layer; names that occur in several layers include the layer
-    label."""
+    """Names of the objects in each layer; names in several layers include the layer label."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

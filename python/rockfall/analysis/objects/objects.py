@@ -109,8 +109,7 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
 def named_layers(
     files: Sequence[File], grid: Grid, remarks: list[str]
 ) -> list[tuple[Read, list[str]]]:
-    """Layers with shapes and object names; names that occur in several layers include the layer
-    name."""
+    """Layers with shapes and object names; names in several layers include the layer name."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     return list(zip(read, names, strict=True))

@@ -100,8 +100,7 @@ class RunRisk:
 
 
 class Points:
-    """Mask (intensities, objects) of objects for which only counts above thresholds [J] are
-    known."""
+    """Mask (intensities, objects) of objects with known counts above thresholds [J] only."""
 
     def __init__(self, numbers: np.ndarray, counts: np.ndarray, thresholds: np.ndarray) -> None:
         self.numbers, self.counts, self.thresholds = numbers, counts, thresholds

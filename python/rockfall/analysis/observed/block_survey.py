@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block survey: all deposited volumes, and the volumes of an observation period (De Biagi et al.
-2017)."""
+"""Block survey: all deposited volumes, and volumes of a period (De Biagi et al. 2017)."""
 
 from __future__ import annotations
 

@@ -197,8 +197,7 @@ def disagreement(comparison: Comparison) -> Text:
 
 
 def _by_chance(tested: int) -> int:
-    """Maximum number of rejections expected by chance in independent tests at LEVEL, with 95 %
-    probability."""
+    """Maximum number of chance rejections in independent tests at LEVEL, at 95 % probability."""
     below = 0.0
     for n in range(tested + 1):
         below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)
@@ -400,8 +399,7 @@ def _passing(
 
 
 def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Geometric mean of the simulated density at blocks at rest, and at equally many simulated
-    boulders."""
+    """Geometric mean of the simulated density at blocks at rest, and at simulated boulders."""
     import pandas as pd
 
     rows = [

@@ -73,8 +73,7 @@ def contacts_table(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _with_kept(table: pd.DataFrame, seen: Observed, kind: str) -> pd.DataFrame:
-    """Add the other columns of a file to a table; a name that is already in use becomes
-    given_NAME."""
+    """Add the other columns of a file to a table; a name already in use becomes given_NAME."""
     if kind not in seen.kept:
         return table
     ours = {*table.columns, "table", *VALUES}

@@ -69,8 +69,7 @@ class Blocks(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: a single
-    shape)."""
+    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: one)."""
 
     place: np.ndarray
     volume: np.ndarray
@@ -157,8 +156,7 @@ def _some(names: list[str]) -> str:
 
 
 def at_rest(result: xr.Dataset, blocks: Blocks, origins: Starts | None = None) -> Rest:
-    """Boulders at rest within the mapped area, from the source of the blocks or from all
-    sources."""
+    """Boulders at rest within the mapped area, from the blocks' source or from all sources."""
     source = blocks.source
     done = ~ended_moving(result)
     if source != ALL:

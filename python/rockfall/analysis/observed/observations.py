@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations, published results, and trajectories from other programs, read from files
-(docs/observed.md)."""
+"""Observations, published results, and trajectories of other programs (docs/observed.md)."""
 
 from __future__ import annotations
 

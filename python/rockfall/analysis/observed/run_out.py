@@ -283,8 +283,7 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors from observed releases to stopping places, and the source group nearest to each
-    release."""
+    """Vectors from observed releases to stops, and the source group nearest to each release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -393,8 +392,7 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance between a result and samples of n of its
-    boulders."""
+    """95 % quantile of the Wasserstein distance between a result and n of its boulders."""
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

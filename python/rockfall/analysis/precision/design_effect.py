@@ -51,8 +51,7 @@ def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0)
 
 
 def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.ndarray:
-    """Number of clusters for Student's distribution, from the numbers with chosen and with other
-    boulders."""
+    """Clusters for Student's distribution, from the numbers with chosen and other boulders."""
     return np.minimum(np.minimum(with_chosen, with_others), MOST_FREEDOM + 1)
 
 

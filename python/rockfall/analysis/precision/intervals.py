@@ -84,8 +84,7 @@ class Sources:
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     def indicator(self, holds: np.ndarray) -> Sums:
-        """Sums of an indicator of chosen boulders (a mask or indices) after subtraction of its
-        mean."""
+        """Sums of an indicator of chosen boulders (a mask or indices) minus its mean."""
         size, n = self.released.size, self._numbers
         if size > 1:
             held = np.bincount(self._of[holds], minlength=size).astype(float)
@@ -293,9 +292,7 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 def are_sampled(result: Held) -> bool:
     """Return True if the sources of a result are a sample."""
     text = str(result.attrs.get("case", ""))
-    return (
-        "sample" in text and case_of(result).release["sources"] == "sample"
-    )  # the fast test comes first
+    return "sample" in text and case_of(result).release["sources"] == "sample"  # fast test first
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:

@@ -130,8 +130,7 @@ class Values(Sample):
     """Values of individual boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of boulders that have a value, or of all boulders from these sources (NaN without
-        a value)."""
+        """Values of boulders that have one, or of all boulders from these sources (with NaN)."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)

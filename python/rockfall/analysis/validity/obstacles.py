@@ -33,8 +33,7 @@ def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def forest_text(model: str = "vaujany-observed") -> Text:
-    """Text on a model in the forest experiment (cases/vaujany-forest): more boulders pass than
-    observed."""
+    """Text on a model in the forest experiment (cases/vaujany-forest): too many boulders pass."""
     bare, forest = (only("vaujany-forest", state, "passing", model) for state in ("bare", "forest"))
     return say(
         "model.forest",

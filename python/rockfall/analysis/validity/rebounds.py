@@ -40,8 +40,7 @@ JUDGED_TABLES = "talus", "meadow"  # grounds with impact tables that were compar
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on classical rebound models and their coefficients; none if only impact sets are
-    used."""
+    """Remarks on classical rebound models and coefficients; none for impact sets only."""
     if not (grounds := classical_grounds(values)):
         return
     own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"

@@ -119,8 +119,7 @@ class Counted:
         self.worth = worth_of(times)
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
-        order."""
+        """Variance of the log-likelihood due to the number of boulders in a run, to first order."""
         return (self.counts.size - 1) * self.n / (self.worth * boulders + self.n)
 
     def discrepancy(
@@ -145,7 +144,7 @@ class Passing(Counted):
 
 @dataclass
 class Printed:
-    """Published mean, and standard deviation if known, of a known number of boulders; see
+    """Published mean, and standard deviation if known, with the number of boulders; see
     `Counted`."""
 
     name: str
@@ -176,8 +175,7 @@ class Printed:
         self.worth = worth_of(times) if np.isfinite(times) else 1.0
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
-        order."""
+        """Variance of the log-likelihood due to the number of boulders in a run, to first order."""
         return 2 * self.n / (self.worth * boulders + self.n)
 
     def _standing(self, runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,7 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Refuse places off the terrain [m], reporting the first; `where` gives the row of each
-    place."""
+    """Refuse places off the terrain [m], reporting the first; `where` gives their rows."""
     if not len(x):
         return
     grid = scene.grid

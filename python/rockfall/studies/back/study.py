@@ -229,8 +229,7 @@ class _Rounds:
             yield number, drawn_scene(scene, draws, inputs.boulders_seed(number))
 
     def propose(self) -> None:
-        """Add the members of the next round: near members with a high likelihood, or from the
-        prior."""
+        """Add the members of the next round, near likely members or from the prior."""
         seed, sought = self.read.case.case["seed"], self.read.sought
         shape = ROUND, self.cube.shape[1]
         points = np.random.default_rng((seed, STREAM, len(self.cube))).random(shape)
@@ -317,8 +316,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Columns of uncertain strength and relief: a pair for each ground on which boulders
-    rebounded."""
+    """Columns of uncertain strength and relief, in pairs for grounds with rebounds."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [

@@ -37,6 +37,5 @@ class Witnesses:
         return np.moveaxis(kept, 1, 0)
 
     def noise(self, boulders: float) -> float:
-        """Variance of the log-likelihood due to the finite number of boulders in a run, to first
-        order."""
+        """Variance of the log-likelihood due to the number of boulders in a run, to first order."""
         return self.noise_alone / self.worth

@@ -300,8 +300,7 @@ def ensemble_table(found: xr.Dataset) -> pd.DataFrame:
 
 
 def write_ensemble(data: xr.Dataset, path: Path) -> None:
-    """Write the ensemble as netCDF, or its table as CSV, depending on the file extension;
-    atomically."""
+    """Write the ensemble as netCDF, or its table as CSV, by file extension; atomically."""
     check_place(path, data.sizes["line"], files_behind(data))
     if path.suffix == ".nc":
         write_result(data, path)
