@@ -58,8 +58,7 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
 
 
 def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
-    """Set the colour of a layer; dark colours become DXF colour 7, which is white on dark
-    backgrounds."""
+    """Set the colour of a layer; dark colours become DXF colour 7 (white on dark backgrounds)."""
     if max(colour) > DARK:
         layer.rgb = colour
 

@@ -490,8 +490,7 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS from the variable `crs`, or None; in older results `crs` includes a vertical
-    part."""
+    """Horizontal CRS from the variable `crs`, or None; older results include a vertical part."""
     wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
     return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
 
@@ -533,8 +532,7 @@ def write_geopackage(
 
 @contextmanager
 def _lockable(path: Path) -> Iterator[Path]:
-    """Yield the path or, if SQLite cannot lock it, a temporary file that is moved there
-    afterwards."""
+    """Yield the path or, if SQLite cannot lock it, a temporary file that is moved there later."""
     if has_locks(str(path.parent)):
         yield path
         return

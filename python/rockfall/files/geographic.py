@@ -23,8 +23,7 @@ EASTINGS = ("x", "start_x", "stop_x", "line_vertex_x", "trajectory_x")
 
 
 class Geographic(NamedTuple):
-    """Transformation from plan coordinates to degrees, with the names of both systems, and
-    warnings."""
+    """Transformation from plan coordinates to degrees, both system names, and warnings."""
 
     way: Transformation
     crs: str

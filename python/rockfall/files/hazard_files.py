@@ -268,8 +268,7 @@ def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
-    """Yield kind and index of lines and of the most frequently hit objects, if their sources are
-    known."""
+    """Yield kind and index of lines and most frequently hit objects with known sources."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)

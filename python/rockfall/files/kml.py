@@ -29,8 +29,7 @@ def write_kml(
     way: Geographic,
     styles: Mapping[str, Style],
 ) -> Path:
-    """Write layers as folders of a KML file, atomically: positions in degrees, heights
-    unchanged."""
+    """Write layers as folders of a KML file, atomically: degrees, with heights unchanged."""
     text = (
         f"Trajectory heights: DEM in metres (vertical datum: {way.heights}), read by KML as above "
         f"EGM96. All else on the ground. Places: {way.crs} to WGS 84."

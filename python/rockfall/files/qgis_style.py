@@ -16,8 +16,7 @@ RELIEF = "0.6"  # opacity; opaque steep ground would be black
 
 
 def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, str]) -> Path:
-    """Write the style of a map of numbers, with a label and colour for each; other numbers stay
-    blank."""
+    """Write the style of a number map, with a label and colour for each; others stay blank."""
     renderer = ElementTree.Element("rasterrenderer", type="paletted")
     palette = ElementTree.SubElement(renderer, "colorPalette")
     for value, colour in colours.items():
@@ -48,8 +47,7 @@ def write_relief(raster: Path) -> Path:
 
 
 def contour_style(interval: float, index: int, colour: str) -> ElementTree.Element:
-    """Style that shows elevations as contours at an interval [m]; every `index`-th contour is
-    thicker."""
+    """Style that shows elevations as contours at an interval [m]; every `index`-th is thicker."""
     attrs = {"contour-interval": f"{interval:g}", "contour-index-interval": f"{interval * index:g}"}
     attrs |= {"type": "contour", "downscale": "4"}
     renderer = ElementTree.Element("rasterrenderer", attrs)
@@ -72,8 +70,7 @@ def _written(
 def _style(
     renderer: ElementTree.Element, opacity: str, smooth: bool = False
 ) -> ElementTree.Element:
-    """QGIS style with this renderer; `smooth` interpolates cells, which avoids steps in a
-    relief."""
+    """QGIS style with this renderer; `smooth` interpolates cells to avoid steps in a relief."""
     for name, value in {"band": "1", "alphaBand": "-1", "opacity": opacity}.items():
         renderer.set(name, value)
     renderer.insert(0, ElementTree.Element("rasterTransparency"))

@@ -58,8 +58,7 @@ def total_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Yield a layer of objects and their risks for each geometry type, because QGIS styles require
-    this."""
+    """Yield a layer of objects and risks for each geometry type, as QGIS styles require."""
     import shapely
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))

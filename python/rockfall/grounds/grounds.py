@@ -420,8 +420,7 @@ def usual_key(case: Case) -> str:
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Default ground, impact sets or impact table, for places without a ground from a zone or
-    cell."""
+    """Default ground, impact sets or impact table, for places without a zone or cell ground."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)

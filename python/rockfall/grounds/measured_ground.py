@@ -219,8 +219,7 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Log strength from a scar, its error due to depth and speed, and its scatter due to
-    attitude."""
+    """Log strength from a scar, its error due to depth and speed, and scatter due to attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Relief of a ground: random surfaces with a given spectrum, and the spectrum of a measured
-patch."""
+"""Relief of a ground: random surfaces with a given spectrum, spectrum of a measured patch."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block shapes: random convex polyhedra of a class or with given axes, or the convex hull of
-points."""
+"""Block shapes: random convex polyhedra of a class or with given axes, or convex hulls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -294,8 +294,7 @@ def _radius(volume: float) -> float:
 
 
 def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
-    """Surface group, and a ground table with a row for each soil and for the terrain outside
-    soils."""
+    """Surface group, and a ground table with a row for each soil and for terrain outside soils."""
     soils = [("outside", OUTSIDE)]
     entries = [
         Entry("ground_table", GROUNDS),
@@ -328,8 +327,7 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
 
 
 def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
-    """Number (from 1) of the soil at each cell centre, the first if several overlap; 0 outside
-    soils."""
+    """Number (from 1) of the soil at each cell centre, the first if several; 0 outside soils."""
     path = made.part / "soils.gpkg"
     n = len(layer.shapes)
     ids = np.arange(n, 0, -1)  # the last polygon counts in layers

@@ -124,8 +124,7 @@ def _shown(cell: Any) -> str:
 
 
 def _set_print(page: Any, is_table: bool) -> None:
-    """Set up A4 printing, one page wide with page numbers; tables are landscape and repeat their
-    header."""
+    """Set up A4 printing with page numbers; tables are landscape and repeat their header."""
     page.page_setup.paperSize = page.PAPERSIZE_A4
     page.page_setup.orientation = "landscape" if is_table else "portrait"
     page.page_setup.fitToWidth, page.page_setup.fitToHeight = 1, 0

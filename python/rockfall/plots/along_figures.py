@@ -65,8 +65,7 @@ def along_figure(design: Design) -> Figure:
 
 
 def _draw_windows(axes: Axes, along: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw a quantity as steps with its band; the band is hatched upwards without an upper
-    limit."""
+    """Draw a quantity as steps with a band, which is hatched upwards without an upper limit."""
     edges = np.append(along["start"], along["end"].iloc[-1])
     value, low, high = (factor * along[name + end].to_numpy() for end in ENDS)
     finite = np.append(value, high)[np.isfinite(np.append(value, high))]

@@ -42,7 +42,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """Map extent of these places, with a margin and a minimum side ratio, within the terrain if
+    """Map extent of these places, with margin and minimum side ratio, within the terrain if
     given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell

@@ -198,8 +198,7 @@ def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
 
 
 def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:
-    """Figures of distributions at evaluation lines (paper, Figs 8 and 11), several lines in
-    each."""
+    """Figures of distributions at evaluation lines (paper, Figs 8 and 11), several in each."""
     if not which:
         return
     passed = {}

@@ -209,8 +209,7 @@ def _bins(samples: list[np.ndarray]) -> np.ndarray:
 
 
 def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarray) -> None:
-    """Draw histograms in per cent of passing boulders: simulated ones filled, observed ones
-    dashed."""
+    """Draw histograms in per cent of passing boulders: simulated filled, observed dashed."""
     if ours.size:
         draw_bars(axes, np.histogram(ours, edges)[0] / ours.size, edges)
     if theirs.size:

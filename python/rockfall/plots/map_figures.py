@@ -91,8 +91,7 @@ def stops_figure(
     look: Look | None = None,
     room: Room = PAGE,
 ) -> Figure:
-    """End points of boulders, with a marker for each status, and observed stopping places (n,
-    2)."""
+    """End points of boulders, with a marker for each status, and observed stops (n, 2)."""
     key = [*key_of(result), *_stops_key(result), *_observed_key(observed)]
     basemap = (look or Look()).basemap
     extent = reached(result, terrain, observed)

@@ -44,8 +44,7 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds are comparable with those of the paper, which follow impact
-    sets."""
+    """Return True if the rebounds follow impact sets, as in the paper, and are comparable."""
     return not (classical_grounds(result) or table_grounds(result))
 
 

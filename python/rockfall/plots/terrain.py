@@ -77,8 +77,7 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
-    """Refuse a DEM whose bytes differ from the run's DEM; elevations from an array cannot be
-    checked."""
+    """Refuse a DEM whose bytes differ from the run's DEM; arrays cannot be checked."""
     checksum = file_checksum(path)
     expected = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY

@@ -226,8 +226,7 @@ def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
 def _check_of(
     result: xr.Dataset, k: int, came: Crossings, asked: dict[str, Any], factors: Factors
 ) -> dict[str, Any]:
-    """Check of a barrier against the standard, and the boulders that passed the barrier in the
-    run."""
+    """Check of a barrier against the standard, and the boulders that passed it in the run."""
     height, capacity = (float(result[f"barrier_{name}"][k]) for name in ("height", "capacity"))
     flags = flags_of(result["crossing_outcome"])
     outcome = stored_at(result, "outcome", k)
@@ -270,8 +269,7 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and True if the entire interval agrees; unknown requirements are
-    ignored."""
+    """Verdict on a requirement, and True if the whole interval agrees; unknowns are ignored."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

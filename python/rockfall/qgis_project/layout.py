@@ -201,9 +201,7 @@ def _foot(name: str, chart: str, extent: Extent, texts: Texts) -> Iterable[Eleme
     yield _label(name, "scale", scale, (left, top, 60, 5), LARGE, True)
     y = top + 21
     for k, text in enumerate([*texts.foot, f"{texts.printed}: {TODAY}"]):
-        shown = text.replace(
-            TODAY, "2000-01-01"
-        )  # the placeholder differs in length from the date shown
+        shown = text.replace(TODAY, "2000-01-01")  # has the length of the date shown
         high = _height(shown, SMALL)
         yield _label(name, f"foot {k}", text, (left, y, BLOCK - 2 * PAD, high), SMALL)
         y += high

@@ -119,9 +119,7 @@ def _vectors(path: Path) -> dict[str, Layer]:
         names = {name for (name,) in database.execute(text)}
     styles, titles = vector_styles(path), TITLES[path.name]
     others = sorted(names - titles.keys())
-    risk = [
-        name for name in others if name.startswith("risk")
-    ]  # drawn above zones, because objects are small
+    risk = [name for name in others if name.startswith("risk")]  # small: drawn above zones
     ordered = [*risk, *(name for name in titles if name in names)]
     ordered += [name for name in others if name not in risk]
     return {

@@ -76,8 +76,7 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a netCDF result without decoding: counts stay integers, times stay numbers of
-    seconds."""
+    """Open a netCDF result without decoding: counts stay integers, times stay seconds."""
     if Path(path).is_dir():
         names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
         raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")

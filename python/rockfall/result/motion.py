@@ -64,8 +64,7 @@ class Motion(NamedTuple):
 
 
 def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
-    """Select at most `number` evenly spaced trajectories of those recorded, which are ordered by
-    source."""
+    """Select at most `number` evenly spaced trajectories from those recorded, sorted by source."""
     if number is None or len(recorded) <= number:
         return recorded
     return [recorded[k * len(recorded) // number] for k in range(number)]
@@ -91,8 +90,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
 
 
 def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
-    """Mask of vertices that are releases, contacts, hits or ends, but not points on a ground
-    leg."""
+    """Mask of vertices that are releases, contacts, hits or ends, not points on a ground leg."""
     straight, same = leg > LEG["flight"], np.diff(boulder, prepend=-1) == 0
     return ~(straight & np.roll(straight, 1) & same)
 
@@ -100,8 +98,7 @@ def are_met(boulder: np.ndarray, leg: np.ndarray) -> np.ndarray:
 def _between(
     columns: np.ndarray, boulder: np.ndarray, vertex: np.ndarray, leg: np.ndarray, g: float
 ) -> Motion:
-    """Motion between vertices, from `columns` in the order of _NAMES; the columns are
-    overwritten."""
+    """Motion between vertices, from `columns` in the order of _NAMES, which are overwritten."""
     start, velocity = columns[:4], columns[4:]
     begins, ends = np.diff(boulder, prepend=-1) != 0, np.diff(boulder, append=-1) != 0
     straight = leg > LEG["flight"]

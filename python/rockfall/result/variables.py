@@ -62,8 +62,7 @@ def map_dims(name: str) -> tuple[str, ...]:
 
 
 def fault_of(name: str, values: np.ndarray) -> str:
-    """Error text for values of a variable (by its name in files) that a run cannot produce; "" if
-    valid."""
+    """Error text for values of a variable (name in files) that are impossible; "" if valid."""
     return _core.value_fault(name, np.ravel(values)).decode().strip() if values.size else ""
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a Rockyfor3D folder to a case that uses its files where they have the same
-meaning."""
+"""Conversion of a Rockyfor3D folder to a case that uses its files if they mean the same."""
 
 from __future__ import annotations
 

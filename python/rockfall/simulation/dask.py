@@ -108,8 +108,7 @@ def _result(future: Any) -> Contents:
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:
-    """Simulate a part on a worker. Only one thread at a time uses terrain windows, because the
-    windows move."""
+    """Simulate a part on a worker. Windows move, so only one thread at a time uses them."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
         return simulate(scene, shard=(which, parts))

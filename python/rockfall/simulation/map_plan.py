@@ -19,9 +19,7 @@ class Plan(NamedTuple):
     #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded
     #: and hits_energy_exceeded: layer of the first threshold.
     counts: dict[str, int]
-    sums: dict[
-        str, int
-    ]  # sums of the quantities below, by name; the layers with their squares follow
+    sums: dict[str, int]  # sums of the quantities below; layers with their squares follow
     maxima: dict[str, int]
     bins: int  # counting bins for quantiles
     layers: dict[str, int]  # number of layers in each stack (counts, sums, maxima)

@@ -28,8 +28,7 @@ class Run(RunArrays):
         return cls(_core.open_run(handle, *extent), name)
 
     def continued(self, scene: Scene) -> Run:
-        """Create a run of a scene with more boulders that continues from the results of this
-        run."""
+        """Create a run of a scene with more boulders that continues from these results."""
         self.changed()
         self.successor = Run(_core.continue_run(scene.kernel.handle, self.handle), scene.case.name)
         return self.successor

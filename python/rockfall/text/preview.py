@@ -115,8 +115,7 @@ def _slopes(ground: Ground) -> str:
 
 
 def _speed(scene: Scene) -> str:
-    """Upper bound of the speed [m/s]: energy conservation from the highest release to the lowest
-    cell."""
+    """Upper bound of the speed [m/s]: energy conservation from highest release to lowest cell."""
     low, head = scene.ground.low.value, scene.survey().head[0]
     speed = np.sqrt(2 * scene.case.flight["gravity"] * max(0.0, head - low))
     return f"at most {speed:.0f} m/s: from the highest release to the lowest cell without a loss"

@@ -51,8 +51,7 @@ def app_command(arguments: argparse.Namespace) -> int:
 
 
 def _open_room(arguments: argparse.Namespace) -> Room:
-    """Open the file; imports are delayed until here, while the browser starts and loads the
-    page."""
+    """Open the file; imports are delayed until here, while the browser loads the page."""
     need("the window needs", "app", "shapely")
     rooms = import_module("rockfall.app.room")
     given = rooms.Given(

@@ -180,8 +180,7 @@ def _key(data: xr.DataArray) -> list[Any]:
 
 
 def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarray]]:
-    """True for a barrier, name and vertices for each line and barrier of a hazard, except lying
-    logs."""
+    """Barrier flag, name and vertices of each line and barrier in a hazard, except lying logs."""
     case = case_in(hazard.attrs)
     for is_barrier, groups in ((False, case.line), (True, case.barrier)):
         for group in groups:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Frequency against energy at places of hazards: a panel for each place, a curve for each
-variant."""
+"""Frequency against energy at places of hazards: a panel for each place, with all variants."""
 
 from __future__ import annotations
 

@@ -32,8 +32,7 @@ PANEL, BINS = 1.5, 16  # panel size of a posterior [inch], and bins of its densi
 
 @styled
 def ranges_figure(data: xr.Dataset) -> Figure:
-    """Panels for a line: 90 % of the draws in grey, the unchanged case with its interval in
-    blue."""
+    """Panels for a line: 90 % of the draws in grey, the unchanged case and its interval in blue."""
     lines = line_names(data)
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)

@@ -10,10 +10,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PLAN = ("y", "x")
-BEYOND = {
-    "threshold": (1000.0, "kJ"),
-    "return_period": (1.0, "years"),
-}  # dimension -> factor and display unit
+BEYOND = {"threshold": (1000.0, "kJ"), "return_period": (1.0, "years")}  # factor and display unit
 
 
 def flat_maps(data: xr.Dataset) -> xr.Dataset:

@@ -46,7 +46,7 @@ class Checkpoint:
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without a file; other files with this name are
+        """Number of boulders in the file, 0 without a file; other files of this name are
         refused."""
         if not os.path.lexists(self.path):
             return 0
@@ -113,8 +113,7 @@ class Checkpoint:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Within the block, errors raised while a result is processed mention the file, if it
-        exists."""
+        """Within the block, errors raised while a result is processed mention any file."""
         try:
             yield
         except RockfallError as error:

@@ -63,8 +63,7 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 
 
 def make_part(tally: Tally) -> Contents:
-    """Part with the completed boulders of a tally; its arrays are views, valid until the next
-    part."""
+    """Part with the completed boulders of a tally; its arrays are views until the next part."""
     tally.settle()
     try:
         tally.run.pack_part()
