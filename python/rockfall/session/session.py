@@ -108,7 +108,7 @@ class Session:
 
     @property
     def warnings(self) -> list[str]:
-        """Likely mistakes in the case, one line each.
+        """Likely mistakes in the case, one per line.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))

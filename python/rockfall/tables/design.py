@@ -26,7 +26,7 @@ docs/design.md for what it leaves out."""
 
 
 def design_text(design: Design) -> str:
-    """Text of the design tables, one line per item."""
+    """Design tables as lines of text."""
     warnings = [*([design.kept] if design.kept else []), *design.warnings]
     parts = [ABOUT, *design.population, *(f"Warning: {note}" for note in warnings), *_lines(design)]
     for table in check_tables(design):

@@ -197,7 +197,7 @@ class Layer:
 
 
 def _joined(parts: Sequence[Sequence[Any]]) -> tuple[Any, np.ndarray]:
-    """Concatenate the items of all parts; return them with the part index of each."""
+    """Concatenate the items of all parts; return the items and their part indices."""
     owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     return [*chain.from_iterable(parts)], owner
 

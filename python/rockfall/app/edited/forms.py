@@ -123,7 +123,7 @@ def _pair_field(name: str) -> Field:
 
 
 def ground_names(*cases: Case) -> tuple[str, ...]:
-    """Names of grounds that open no files beyond those of the cases."""
+    """Names of grounds that need no files other than the case's."""
     grounds: list[str] = []
     for case in cases:
         own = [case.surface[key] for _, key in GROUND_KEYS if key in case.surface]
@@ -132,7 +132,7 @@ def ground_names(*cases: Case) -> tuple[str, ...]:
 
 
 def _attribute(key: Key) -> Field:
-    """Field of an attribute that replaces a key: a single value without a default."""
+    """Field for an attribute that replaces a key: it has a single value and no default."""
     return _field(key)._replace(list=False, most=1, default=None)
 
 
