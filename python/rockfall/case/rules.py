@@ -30,7 +30,7 @@ class Fault(NamedTuple):
     """A key that violates a rule."""
 
     group: str
-    number: int  # number of the group among those of its name, from 1
+    number: int  # number of the group among groups of the same name, from 1
     key: str
     rule: str
 

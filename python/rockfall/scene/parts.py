@@ -47,8 +47,8 @@ class Rasters:
     zone: np.ndarray | None = None  # int8 or int16: 1-based row of `sizes`
     values: np.ndarray | None = None  # float32 (1 or 3, ny, nx): sizes of each cell [m]
     grounds: tuple[GroundRule, ...] = ()  # empty if all grounds use the impact sets
-    material_ground: np.ndarray | None = None  # int8: 1-based ground by row of `sizes`, or
-    cell_ground: np.ndarray | None = None  # int8 (ny, nx): ground by cell; both None: the first
+    material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`
+    cell_ground: np.ndarray | None = None  # int8 (ny, nx): ground of each cell; both None: ground 1
 
     def used_zones(self) -> np.ndarray:
         """0-based rows of `sizes` that some cell uses."""

@@ -40,7 +40,7 @@ class AsciiCells:
     path: str
     shape: tuple[int, int]
     transform: Transform
-    nodata: float | None  #: from the header
+    nodata: float | None  #: value in the header
     start: tuple[int, int]  #: byte offset and line of the first number
     dtype = np.dtype(np.float64)
     packing = 1.0, 0.0

@@ -108,7 +108,7 @@ def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Feat
 
 def values_of(case: Case, features: Features | None) -> np.ndarray | None:
     """Density, drop height and velocity of each feature (features, 5); the case gives missing
-    values. None if no feature gives any."""
+    values. None if the features give none of them."""
     if features is None or features.value is None:
         return None
     boulder, release = case.boulder, case.release

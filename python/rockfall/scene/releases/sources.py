@@ -117,7 +117,7 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 @dataclass
 class Unknown:
     """Number of cells declared as sources by a raster or polygons, and the number of those where
-    no boulder can start, because elevations are missing there or around."""
+    no boulder can start, because elevations in or around them are missing."""
 
     part: int = 0
     n: int = 0

@@ -20,7 +20,7 @@ from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
 
-FAR_SIDES = 3.0  # in longer terrain sides: roads and valleys extend less beyond the terrain
+FAR_SIDES = 3.0  # in terrain side lengths: roads and valleys extend less far beyond the terrain
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
@@ -45,7 +45,7 @@ def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarni
 
 
 def implausible(scene: Scene) -> list[str]:
-    """Text line for each likely mistake."""
+    """Likely mistakes as lines of text."""
     return [f"{scene.case.name}: {where}: {text}" for where, text in input_warnings(scene)]
 
 
