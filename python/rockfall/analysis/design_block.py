@@ -29,7 +29,7 @@ from rockfall.quantities import number
 PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year] listed in each table
 MIN_BLOCKS = 20  # minimum deposited blocks above the threshold
 MIN_DATED = 3  # minimum dated blocks above the threshold
-HEAVIEST = 4.0  # maximum shape of the GPD; rockfall volumes have up to 1/0.4
+HEAVIEST = 4.0  # maximum shape of the GPD; shapes of rockfall volumes reach 1/0.4
 MAX_PLACE = 6.0  # search range of the fit; shapes are larger than in `return_levels`
 REJECTED = 0.05  # p-value; below it a distribution or comparison is in doubt
 WIDE = 10  # ratio of upper limit to block that triggers a warning

@@ -163,7 +163,7 @@ def comparable_numbers(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> dict[Key
 
 
 def _at_rest(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> Number | None:
-    """Mean log density of simulated boulders, density in m-2, at blocks at rest without a known
+    """Mean log density (in m-2) of simulated boulders at blocks at rest without a known
     release; None without such blocks, or with too few boulders at rest."""
     rests = [rest for pair in pairs for rest in agreement(*pair)]
     if not rests:

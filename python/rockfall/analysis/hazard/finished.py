@@ -19,7 +19,7 @@ from rockfall.result.dataset import DAMAGED
 from rockfall.scene.scene import Scene
 from rockfall.version import __version__
 
-ENERGIES = np.geomspace(1.0, 1e9, 64)  # [J] at which curves are compared
+ENERGIES = np.geomspace(1.0, 1e9, 64)  # energies for comparing curves [J]
 
 
 def layers_checksum(objects: Objects, segments: Segments) -> str:

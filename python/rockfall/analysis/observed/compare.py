@@ -88,7 +88,7 @@ class Comparison:
     notes: tuple[str, ...]  # notes for readers of the tables
 
     def table(self) -> pd.DataFrame:
-        """All tables concatenated; the column `table` has the name of each."""
+        """All tables concatenated; the column `table` has their names."""
         import pandas as pd
 
         parts = {name: getattr(self, name) for name in TABLES}

@@ -22,7 +22,7 @@ class Clusters:
     """Boulders of a run by source."""
 
     source: Sources
-    most: int  # boulders that count as one if all of a source behave alike, as assumed for cells
+    most: int  # boulders that count as one if a source's boulders behave alike, assumed for cells
 
     @classmethod
     def of(cls, result: xr.Dataset) -> Clusters:

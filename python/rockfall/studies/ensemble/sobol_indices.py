@@ -85,7 +85,7 @@ class Parts(NamedTuple):
     monte_carlo: np.ndarray  # due to the boulders in a run
     epistemic: np.ndarray
     first: np.ndarray  # (inputs, results): epistemic variance that knowing the input would remove
-    total: np.ndarray  # (inputs, results): epistemic variance if all other inputs were known
+    total: np.ndarray  # (inputs, results): epistemic variance left if all other inputs were known
 
 
 def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
