@@ -23,7 +23,7 @@ _NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what i
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit status. Errors are printed to stderr, one line each."""
+    """Run a command and return the exit status. Errors are printed to stderr, one per line."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # library warnings are for developers
     gc.set_threshold(*RARELY)

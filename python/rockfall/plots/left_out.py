@@ -33,6 +33,6 @@ class LeftOut:
             return None
 
     def notes(self) -> Iterator[Text]:
-        """A line for each error, with the parts omitted because of it."""
+        """A line for each error, with the omitted parts."""
         for fault, parts in self._parts.items():
             yield say("page.left_out", parts=[*map(say, (text.key for text in parts))], why=fault)

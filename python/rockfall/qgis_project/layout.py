@@ -83,7 +83,7 @@ def paper_extent(extent: Extent) -> Extent:
 
 
 def scale_of(extent: Extent) -> float:
-    """Round scale denominator at which an extent fits the paper."""
+    """Round scale denominator that fits an extent on the paper."""
     west, east, south, north = extent
     return round_scale(1e3 * max((east - west) / MAP_WIDE, (north - south) / MAP_HIGH))
 

@@ -197,7 +197,7 @@ def _forest(made: Import) -> Iterator[Group]:
 
 
 def _nets(made: Import) -> Iterator[Group]:
-    """Barrier groups for the nets, one each."""
+    """A barrier group for each net."""
     missing = made.folder.missing(NETS)
     if len(missing) == len(NETS):
         return

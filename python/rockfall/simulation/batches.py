@@ -36,7 +36,7 @@ class Batches:
             self._pieces = self._spread()
 
     def advance(self, seconds: float, cancelled: Callable[[], bool]) -> None:
-        """Simulate boulders for a duration, until all are done, or until cancelled."""
+        """Simulate boulders for a duration, until all are complete, or until cancelled."""
         stop = time.perf_counter() + seconds
         while self.tally.done < self.tally.boulders and not cancelled():
             with self.lock:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands, one module each."""
+"""Commands, with a module for each."""

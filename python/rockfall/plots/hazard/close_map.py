@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard zones on a full page, at a scale at which houses are legible."""
+"""Hazard zones on a full page, large enough to distinguish houses."""
 
 from __future__ import annotations
 
