@@ -37,7 +37,7 @@ class Variable:
         return self.held[rows]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        array = np.asarray(self.values, dtype)  # NumPy 1 cannot copy only if needed
+        array = np.asarray(self.values, dtype)  # NumPy 1 lacks "copy only if needed"
         return array.copy() if copy and array is self.values else array
 
 

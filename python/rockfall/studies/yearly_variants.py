@@ -186,8 +186,8 @@ def _rows(
 def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
-    """Sum over scenarios of frequency [1/year] times fraction of boulders, or of differences, with
-    limits. The limits include the lowest and highest `factor` on the frequencies."""
+    """Sum over scenarios of frequency [1/year] times a fraction (or difference of fractions) of
+    boulders, with limits. The limits include the lowest and highest `factor` on the frequencies."""
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

@@ -124,7 +124,7 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """Warning on a frequency far above others per the same unit, such as a return period."""
+    """Warning on a frequency far above others with the same `frequency_per`: a return period?"""
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

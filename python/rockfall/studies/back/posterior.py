@@ -19,7 +19,7 @@ from rockfall.studies.back.study import Back
 from rockfall.studies.ensemble.uncertain_inputs import PAIR
 
 LEVELS = (0.05, 0.5, 0.95)
-KS = 1.63  # critical Kolmogorov-Smirnov value times root n, at 1 % because of smoothing
+KS = 1.63  # critical Kolmogorov-Smirnov value times root n, at a level of 1 % because of smoothing
 EDGE = 0.5  # minimum posterior fraction beyond the prior's 5 or 95 % quantile for a warning
 NOISY = 1.0  # variance of the log-likelihood; above it, boulders help more than members
 DRAWS = 256  # rows in the file of draws
