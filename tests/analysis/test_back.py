@@ -172,6 +172,7 @@ def test_the_truth_is_in_the_posterior_and_the_data_are_explained(found):
     assert found.weight.sum() == pytest.approx(1)
 
 
+@pytest.mark.all
 def test_too_few_members_leave_it_undecided_and_the_edge_is_said(found):
     few = replace(found, asked=190)
     assert any(one.startswith("undecided: ") for one in warnings(few))

@@ -98,6 +98,7 @@ def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
         assert np.all(error < 0.6), name
 
 
+@pytest.mark.all
 def test_shares_and_their_errors():
     random = np.random.default_rng(2)
     found = [indices(*model(64, 100, random)) for _ in range(24)]
@@ -324,6 +325,7 @@ def shifts(case):
     return [[one["source_east"] for one in run] for run in draws]
 
 
+@pytest.mark.all
 def test_maps_are_of_the_runs_a_and_b(tmp_path, small):
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 10.0})
     found = vary(case.replace(output={"maps": ["reach_probability"]}))

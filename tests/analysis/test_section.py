@@ -292,6 +292,7 @@ MEETINGS = {
 NET = {"name": "net", "x": [0.0, 300.0], "y": [301.0, 301.0], "height": 9.0, "capacity": 60.0}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("meeting", MEETINGS)
 def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
     """At every line, whatever they met before; none exceeds the maxima of the maps."""

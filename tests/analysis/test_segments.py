@@ -414,6 +414,7 @@ def site(place):
     return ["hazard", "case.nml", "--segments", "road.gpkg", "--segment-length", "25"]
 
 
+@pytest.mark.all
 def test_the_command_writes_a_layer_and_a_table(site, monkeypatch, capsys):
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")

@@ -152,6 +152,7 @@ def test_a_run_that_keeps_nothing_to_compare_gives_the_reason(place, capsys):
     assert ": nothing to compare: row of method A" in capsys.readouterr().out
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("broken", ["seen.csv", "zones.csv"])
 @pytest.mark.parametrize("fault", ["missing", "unreadable"])
 def test_files_of_the_case_that_cannot_be_read_are_listed(

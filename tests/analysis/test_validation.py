@@ -76,6 +76,7 @@ def test_a_law_is_within_the_bounds_of_its_own_boulders(case, made):
     assert BEYOND in set(found.table.verdict)
 
 
+@pytest.mark.all
 def test_each_law_has_the_name_of_what_it_follows(case, made):
     """A ground for the complete case applies, whatever table the case also has."""
     folder, _, _ = made

@@ -49,6 +49,7 @@ def values_of(random, size, effect):
     return np.where(strength > 0.8, strength, np.nan)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("effect", [1.0, 0.8])
 def test_intervals_of_differences_cover_them(effect):
     source = Sources.of(np.repeat(np.arange(5), 80))

@@ -455,6 +455,7 @@ def test_the_rocks_are_found_by_blocks_whose_release_is_not_known(found):
     assert not any("does not explain" in one for one in warnings(found))
 
 
+@pytest.mark.all
 def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
     table = alone_table(found)
     assert table["data"].tolist() == ["blocks at rest", "marks"]

@@ -144,6 +144,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     assert b"a.nc contains " in running.communicate()[1]
 
 
+@pytest.mark.all
 @makes_links
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):

@@ -143,6 +143,7 @@ def test_what_is_written_reads_as_equal_values(values):
         assert repr(sorted(found["group"].items())) == repr(sorted(values.items()))  # types, -0.0
 
 
+@pytest.mark.all
 @untimed
 @given(
     some.from_regex(r"\A[+-]?([0-9]{1,25}\.?[0-9]{0,25}|\.[0-9]{1,25})([eEdD][+-]?[0-9]{1,3})?\Z")

@@ -242,6 +242,7 @@ def test_letters_that_the_terminal_does_not_have(place):
     assert (done.returncode, done.stderr) == (0, "") and "Stra?e" in done.stdout
 
 
+@pytest.mark.all
 @runs_shell
 def test_output_that_nobody_takes(place):
     with open("/dev/full", "w") as full:

@@ -101,6 +101,7 @@ def written(hazard_case, made):
     shutil.copytree(made[0] / "out", "out")
 
 
+@pytest.mark.all
 def test_gdal_opens_every_map_where_the_terrain_lies(found):
     flat = flat_maps(found)
     names = dict(map_names(rockfall.read_case("case.nml")))
@@ -188,6 +189,7 @@ def test_zones_are_the_cells_of_each_class(found):
     assert (low < high).all()
 
 
+@pytest.mark.all
 def test_small_patches_go_to_their_neighbours(hazard_case):
     assert main([*ARGUMENTS[:2], "-o", "all", "--quiet"]) == 0
     text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0 /\n"

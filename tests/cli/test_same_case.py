@@ -69,6 +69,7 @@ def test_a_report_takes_hazard_and_models_of_its_own_case_only(place, capsys, wh
     assert everything(place) == before
 
 
+@pytest.mark.all
 def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     run(CASE, "out.nc")
     elsewhere(steeper=0.1)

@@ -23,6 +23,7 @@ PICTURE = re.compile(r"!\[([^\]]*)\]")
 SMALL = 100_000  # [bytes]
 
 
+@pytest.mark.all
 def test_every_figure_is_drawn_small_and_stands_on_a_page(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["page_figures.py", "-o", str(tmp_path), "--boulders", "100"])
     page_figures.main()

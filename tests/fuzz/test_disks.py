@@ -110,6 +110,7 @@ def test_who_asks_for_locks_is_told_how_to_do_without(ready, disk):
         assert (ended.returncode, ended.stderr) == (2, f"rockfall: {told}\n")
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", NO_RENAMES)
 def test_a_folder_that_cannot_rename_is_refused_before_the_flight(program, fault, ready, disk):

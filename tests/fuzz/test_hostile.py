@@ -52,6 +52,7 @@ def files(made, tmp_path, monkeypatch):
     return Path("in")
 
 
+@pytest.mark.all
 def test_thirty_spoiled_inputs():
     """In a separate process: forks of a process that has run OpenMP would wait for its threads."""
     command = [sys.executable, "-m", hostile.__name__, "--inputs", "30", "--seed", "11"]

@@ -354,6 +354,7 @@ def test_no_rebound_and_no_flight_gains_energy(folder, scene):
 # ---- boulders end, and totals add up
 
 
+@pytest.mark.all
 @looks(30)
 @given(scenes_of())
 def test_every_boulder_ends_for_a_reason(folder, scene):
@@ -471,6 +472,7 @@ def test_what_is_asked_for_changes_nothing_else(folder, scene):
     same_numbers(scene.run(folder, changes={"output": NO_OUTPUT}), whole)
 
 
+@pytest.mark.all
 @looks(6)
 @given(scenes_of(), st.integers(300, 3000))
 def test_windows_and_the_other_door_give_the_same_bits(folder, tmp_path_factory, scene, memory):
@@ -514,6 +516,7 @@ WHOLE = {
 }
 
 
+@pytest.mark.all
 @looks(15)
 @given(scenes_of(), st.sampled_from([1 / 8, 1 / 2, 2, 64]))
 def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
@@ -523,6 +526,7 @@ def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
     scaled(here, there, {"m s-1": f, "rad s-1": f, "s": 1 / f, "J": f**2})
 
 
+@pytest.mark.all
 @looks(15)
 @given(scenes_of(), st.sampled_from([1 / 4, 2, 16]))
 def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):

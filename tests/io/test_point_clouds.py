@@ -114,6 +114,7 @@ def test_a_header_that_claims_more_than_there_is_is_one_line(tmp_path):
         assert time.perf_counter() - begin < 5
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("name", ["a.las", "a.laz"])
 def test_changed_bytes_are_one_line_or_points(name, tmp_path):
     whole, random = cloud(tmp_path / name, places()).read_bytes(), np.random.default_rng(7)

@@ -92,6 +92,7 @@ def first_page(page):
     return unescape(re.sub(r"<[^>]+>", " ", part))
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_one_place_has_one_frequency_in_all_products(case, made):
     folder, _ = made
@@ -297,6 +298,7 @@ def test_bad_input_is_refused_in_one_line_before_a_run(case, tmp_path, monkeypat
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("is_folder", [False, True])
 def test_lines_design_and_report_take_a_hazard(
     case, made, tmp_path, monkeypatch, capsys, is_folder

@@ -194,6 +194,7 @@ def table(sheets, words):
     return {row[0]: row[1:] for row in sheets[number][1:]}
 
 
+@pytest.mark.all
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
     """Also for each variant, above each threshold, and for a house in plan."""
     rows, by_variant = table(sheets, "at each place"), table(sheets, "by variant")

@@ -351,6 +351,7 @@ for names in sys.argv[1:]:
 """
 
 
+@pytest.mark.all
 def test_a_full_disk_leaves_nothing_under_the_final_name(result, tmp_path):
     pytest.importorskip("resource", reason="this system has no limits of a process")
     rng = np.random.default_rng(1)

@@ -173,6 +173,7 @@ def test_a_curve_has_the_kernels_speed_where_it_passes_a_line(moved):
     assert compared > 100
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("tolerance", [0.01, 0.5])
 def test_chords_stay_within_the_tolerance_at_any_time(moved, tolerance):
     _, result = moved

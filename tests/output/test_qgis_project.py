@@ -108,6 +108,7 @@ def test_every_layer_is_a_file_of_the_folder(project):
     assert paths.text == "false"
 
 
+@pytest.mark.all
 def test_every_reference_is_to_a_layer_and_every_layer_is_in_the_tree(project):
     root, _ = project
     layers = layers_of(root)

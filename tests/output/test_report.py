@@ -448,6 +448,7 @@ def test_verdicts_are_in_the_language(language):
 # ---- the page
 
 
+@pytest.mark.all
 def test_text_of_the_case_is_text_on_the_page(page):
     text = page.read_text()
     assert text.count("<script>") == 1 and "<img src=x" not in text

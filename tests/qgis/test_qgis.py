@@ -326,6 +326,7 @@ class Feedback:
         return any(0 < one < 100 for one in self.progress)
 
 
+@pytest.mark.all
 def test_a_cancelled_run_keeps_what_is_done(site, monkeypatch):
     monkeypatch.chdir(site)
     program = load(PLUGIN / "program.py")

@@ -152,6 +152,7 @@ def test_the_road_is_reached_as_often_as_its_readme_says(protected):
         assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(6))
 
 
+@pytest.mark.all
 def test_the_net_changes_nothing_above_it(protected):
     above = [
         at_lines(protected[name])["line_energy_translational"].values[1] for name in ("road", "net")

@@ -99,6 +99,7 @@ def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
     assert by_ground["ground"].values.tolist() == ["sets.nml", *MODELS, "lake"]
 
 
+@pytest.mark.all
 def test_very_fast_and_very_slow(tmp_path):
     """Thrown at very high speed, and dropped from a very small height."""
     release = {"drop_height": 2.0, "velocity": [0.0, -200.0, -900.0]}

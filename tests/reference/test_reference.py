@@ -118,6 +118,7 @@ def test_an_error_that_is_hardly_there_is_seen(tmp_path, field, off):
 TURNINGS = "past_aspect", "to_aspect", "lab"
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_down_a_rough_slope_over_lines(tmp_path, turning):
     line = [{"name": "straight", "x": [0.0, 295.0], "y": [280.3, 283.1]},
@@ -128,6 +129,7 @@ def test_down_a_rough_slope_over_lines(tmp_path, turning):
     assert sum(len(one.crossings) for one in found) > BOULDERS
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_across_a_valley_where_boulders_turn_back(tmp_path, turning):
     impact = {"turning": turning}
@@ -142,6 +144,7 @@ def test_released_uphill_into_the_slope_and_falling_back(tmp_path, climb):
     both(tmp_path, scenes.rough(gradient=1.5), (149.8, 150.3), release=release)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("reading", ["diameter", "radius"])
 def test_obstacles_of_method_a_single_precision_nodata_and_a_river(tmp_path, reading):
     z = scenes.rough(dtype="f4")
@@ -166,6 +169,7 @@ def test_ratios_between_two_sets(tmp_path):
          arrays={"mean_radius": rocks})  # fmt: skip
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("scatter", [0.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
     """Alone, with the scatter of A, and when most draws are rejected and redrawn."""

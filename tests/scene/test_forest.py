@@ -160,6 +160,7 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
         assert stats.kstest(places / size, "uniform").pvalue > 1e-3
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
     """10000/(stems per hectare (2 R_b + DBH)); for random trees also up to the first tree."""

@@ -229,6 +229,7 @@ def test_a_polygon_shares_its_frequency_among_its_cells_by_area_if_asked(case):
         rockfall.run(at(case.replace(case={"boulders": 1}), "cliff.gpkg"))
 
 
+@pytest.mark.all
 def test_check_and_options_say_which_number_is_meant(case, capsys):
     (case.folder / "case.nml").write_text(case.replace(line=[]).text())
     assert main(["check", "case.nml"]) == 0
@@ -249,6 +250,7 @@ def test_check_and_options_say_which_number_is_meant(case, capsys):
         assert rockfall.merge(["p.nc"]).sizes["boulder"] == 20
 
 
+@pytest.mark.all
 def test_a_hundred_thousand_points(case):
     n = 100_000
     x, y = np.random.default_rng(1).uniform(20, 280, (2, n))

@@ -99,6 +99,7 @@ def test_windows_give_the_bits_of_the_whole(tmp_path, surface, size):
     same(run_scene(scene, threads=2), rockfall.run(case))
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("kind", ["ascii", "netcdf from the south"])
 def test_windows_of_other_files(tmp_path, kind):
     case = case_in(tmp_path, kind, make_zones(tmp_path))
@@ -173,6 +174,7 @@ def test_parts_and_checkpoints(tmp_path):
     same(run_scene(read_scene(case), checkpoint=again), whole)
 
 
+@pytest.mark.all
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)  # because of its times
     case = case_in(tmp_path, surface=make_zones(tmp_path))

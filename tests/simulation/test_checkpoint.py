@@ -102,6 +102,7 @@ def interrupted(run, *arguments, **how):
         run(*arguments, **how)
 
 
+@pytest.mark.all
 def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
     """After an interrupt right after `--resume`, and with another interrupt before it continues."""
     whole, step, steps = simulate.run_scene(scene), 0, []

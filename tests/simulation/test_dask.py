@@ -79,6 +79,7 @@ def test_wrong_places_are_refused(few_boulders, where):
         run_on_cluster(scene_of(few_boulders, 1), where)
 
 
+@pytest.mark.all
 def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cluster, "SECONDS", 1)

@@ -117,6 +117,7 @@ def test_a_boulder_alone_is_that_of_the_crowd(folder, crowd, number):
     assert last["time"] == row["travel_time"]
 
 
+@pytest.mark.all
 def test_one_map_alone_is_that_of_all(folder):
     every = run(make_case(folder, 100, **ALL))
     for name in MAPS:

@@ -209,6 +209,7 @@ def test_until_finds_as_many_boulders_without_rows(tmp_path):
     same(counted, again.assign_attrs(counted.attrs))
 
 
+@pytest.mark.all
 def test_what_needs_rows_says_so_and_the_rest_works(counted, tmp_path):
     assert "3,000 boulders, rows of 0 kept" in summary(counted)
     page = report(ReportInputs(counted))
@@ -242,6 +243,7 @@ def test_a_summary_says_why_it_has_no_outcomes_of_barriers(case):
     )
 
 
+@pytest.mark.all
 def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):
     result, file = kept_with_a_net(case), tmp_path / "some.nc"
     note = "From the 60 kept of 3,000 boulders."
@@ -301,6 +303,7 @@ def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank
     assert "From the 60 kept of 3,000 boulders." in page.read_text()
 
 
+@pytest.mark.all
 def test_figures_that_need_rows_are_named_and_maps_are_of_all(
     case, counted, tmp_path, capsys, monkeypatch
 ):

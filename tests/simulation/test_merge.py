@@ -93,6 +93,7 @@ def test_without_maps_lines_or_trajectories(tmp_path):
     same(rockfall.merge(parts), run(case))
 
 
+@pytest.mark.all
 def test_what_is_missing_twice_or_of_another_run_is_named(tmp_path, case):
     paths = files(tmp_path, case, 4)
     with refused("merge: boulders 101 to 201 are missing"):

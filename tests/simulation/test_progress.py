@@ -65,6 +65,7 @@ def test_a_terminal_waits_before_it_shows_a_bar(clock, monkeypatch, capsys):
     assert "2/4" in capsys.readouterr().err
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     "words", ["lines out.nc", "export out.nc gis", "report out.nc", "design out.nc"]
 )

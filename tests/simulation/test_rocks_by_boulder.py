@@ -27,6 +27,7 @@ def first_ratios(result):
     return np.array([ratio[start + 1] for start in starts])
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("surface, groups", [
     ({"uniform_mean_radius": 0.25}, {}),
     ({"uniform_mean_radius": 0.25}, {"impact": {"ratio": "nearest"}}),

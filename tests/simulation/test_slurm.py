@@ -23,6 +23,7 @@ def commands(tmp_path):
     return {**os.environ, "PATH": f"{folder}:/usr/bin:/bin"}
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("program", ["python", "batch"])
 def test_the_array_run_by_hand_gives_the_run(
     program, few_boulders, commands, tmp_path, monkeypatch, capsys

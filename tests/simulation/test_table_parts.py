@@ -122,6 +122,7 @@ def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
     assert near((columns == between + 1).sum(), len(columns), part)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("relief", [3.0, 8.0, 9.0, 13.0, 19.0, 30.0])
 def test_boulders_take_the_rows_beside_their_relief_linearly(tmp_path, relief):
     """Independently of the column."""
@@ -314,6 +315,7 @@ AXES = {"columns": [(0.0, 0.1), (0.1, 0.1), (0.2, 0.1), (np.nan, 0.1), (0.1, np.
         "rows": [(9.0, 9.0), (9.0, 8.0), (9.0, np.nan), (9.0, np.inf)]}  # fmt: skip
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     ("ground", "axes"),
     [

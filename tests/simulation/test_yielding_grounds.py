@@ -161,6 +161,7 @@ def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
 # ---- parts beyond the reach of a case change nothing
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("sigma", [0.0, 0.7])
 @pytest.mark.parametrize("model", ["ploughed", "hard"])
 def test_parts_beyond_the_reach_change_nothing(tmp_path, model, sigma):
