@@ -9,7 +9,14 @@ import rockfall
 import scenes
 from made import make_layer, refused
 from rockfall.analysis.precision.weighted import quantile_interval
-from rockfall.plots.hazard.origin_map import parts_and_words, parts_of_total
+from rockfall.language import LANGUAGES, speaking
+from rockfall.plots.cartography.sheet import Room
+from rockfall.plots.hazard.origin_map import (
+    origin_map,
+    origin_place,
+    parts_and_words,
+    parts_of_total,
+)
 from rockfall.quantities import number
 from rockfall.studies.hazard import read_study
 
@@ -155,3 +162,17 @@ def test_the_key_of_the_map_has_the_energies_of_its_classes(hazard):
         assert words[k].endswith(
             f"mean {number(mean / 1e3)} kJ, 95 % up to {number(most / 1e3)} kJ"
         )
+
+
+@pytest.mark.parametrize("wide", [6.69, 4.0])
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_key_of_the_map_lies_on_the_sheet(hazard, language, wide):
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    with speaking(language):
+        figure = origin_map(hazard, None, origin_place(hazard), Room(wide, 6.0))
+    figure.canvas.draw()
+    (key,) = figure.legends
+    box, page = key.get_window_extent(), figure.bbox
+    assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0
+    bottom = figure.axes[0].get_window_extent().y0
+    assert all(text.get_window_extent().y1 < bottom for text in key.get_texts())

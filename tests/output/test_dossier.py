@@ -25,6 +25,7 @@ from rockfall.result.dataset import write_result
 from rockfall.simulation import simulate
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
+from rockfall.studies.hazard import run_study
 from rockfall.studies.yearly_variants import yearly_table
 from rockfall.tables.dossier import (
     answer_table,
@@ -258,8 +259,8 @@ def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
 
 
 def test_a_single_model_is_said(case):
-    """Rocks without a size allow only `talus`: reported before the run, and on page 1."""
-    alone = case.replace(surface={"ground": "talus", "uniform_mean_radius": None},
+    """Compact soil without sizes of rocks: reported before the run, and on page 1."""
+    alone = case.replace(surface={"ground": "compact", "uniform_mean_radius": None},
                          impact={"sets": None}, variant=[])  # fmt: skip
     inputs = read_dossier(alone, **PLACE)
     assert inputs.second is None
@@ -267,6 +268,25 @@ def test_a_single_model_is_said(case):
     assert not read_dossier(alone, one_model=True, **PLACE).remarks
     (line,) = second_answer(run_dossier(inputs))
     assert line == "By one rebound model: the spread between models is not included."
+
+
+def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(case, tmp_path):
+    """Zones of talus, meadow and compact soil."""
+    zones = [shapely.box(0, y, 300, y + 150) for y in (250, 100, -50)]
+    names = ["talus", "meadow", "compact"]
+    make_layer(tmp_path / "zones.gpkg", zones, crs=None, ground=names)
+    unsized = {"uniform_mean_radius": None, "zones": str(tmp_path / "zones.gpkg")}
+    own = case.replace(surface=unsized | {"ground": "meadow"}, impact={"sets": None}, variant=[])
+    model, study = read_dossier(own, **PLACE).second
+    assert {*model.split(", ")} == {"constant_talus", "constant_meadow"}
+    make_layer(tmp_path / "named.gpkg", zones, crs=None,
+               ground=["constant_talus", "constant_meadow", "compact"])  # fmt: skip
+    named = {"ground": "constant_meadow", "zones": str(tmp_path / "named.gpkg")}
+    expected = rockfall.hazard(own.replace(surface=unsized | named), **PLACE)
+    found = run_study(study)
+    for name in ("line_frequency", "line_energy_by_period"):
+        assert (found[name].values == expected[name].values).all()
+        assert found[name].values.any()
 
 
 @pytest.mark.all

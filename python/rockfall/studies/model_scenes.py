@@ -50,6 +50,8 @@ OF_TABLES = ("block_shape", "block_shape_share", "block_axes", "ground_strength_
 STOPPING = 100.0
 SECOND = "talus"  # impact table that replaces impact sets
 BY_SETS = "impact sets, method "  # start of a model name, before the method
+CONSTANT = "constant_"  # start of the names of grounds with constant coefficients
+BY_NAME = " by name"  # end of the name of the case's ground where zones name it
 AS_GIVEN = "grounds of the case"
 
 
@@ -127,19 +129,35 @@ def by_tables(
 
 def second_model(own: Scene) -> tuple[str, Scene] | None:
     """Name and scene of another model for the ground of a scene. Impact sets replace tables and
-    classical grounds if rocks have a suitable size; else the table `talus` replaces the impact
-    sets. None if neither is possible."""
+    classical grounds if rocks have a suitable size, otherwise constant coefficients of the same
+    ground replace tables; the table `talus` replaces impact sets. None if no model is possible."""
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
         return None
     models = {ground.model for ground in own.grounds if ground.name in varied} or {IMPACT_SETS}
     if not models & {IMPACT_SETS, RATIO_TABLE}:
-        return next(_by_sets(own, varied, []), None)
+        return next(_by_sets(own, varied, []), None) or _by_constants(own, varied)
     rule = find_ground(own.case, GroundTable(table_path(own.case)), SECOND, "second model")
     if _unsized_part(own, varied) > 0:
         return None
     return rule.name, with_rocks(own, rule, rule, varied)
+
+
+def _by_constants(own: Scene, varied: Collection[str]) -> tuple[str, Scene] | None:
+    """Names of the included grounds with constant coefficients that replace grounds of the same
+    name, and the scene; None if no ground has one."""
+    shipped, changed = GroundTable(shipped_grounds()), {}
+    for ground in own.grounds:
+        name = CONSTANT + ground.name.removesuffix(BY_NAME)
+        if ground.name in varied and ground.model in TABLES and name in shipped.rows:
+            rule = shipped.ground(name, own.case)
+            changed[ground.name] = rule._replace(name=CONSTANT + ground.name)
+    if not changed:
+        return None
+    grounds = tuple(changed.get(ground.name, ground) for ground in own.grounds)
+    names = dict.fromkeys(rule.name.removesuffix(BY_NAME) for rule in changed.values())
+    return ", ".join(names), own.replace(grounds=grounds)
 
 
 def _unsized_notes(
@@ -230,7 +248,7 @@ def _with_named_apart(scene: Scene) -> Scene:
     if of_zones is None or not named.any():
         return scene
     (rule,) = (ground for ground in scene.grounds if ground.name == own)
-    grounds = *scene.grounds, rule._replace(name=f"{own} by name")
+    grounds = *scene.grounds, rule._replace(name=f"{own}{BY_NAME}")
     numbers = np.where(named, len(grounds), of_zones).astype(np.int8)
     return scene.replace(grounds=grounds, material_ground=numbers)
 

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 LEFT, RIGHT, TOP = 0.28, 0.1, 0.08  # map margins [inch]
 TICKS, STRIP, ROW = 0.24, 0.44, 0.19  # heights below the map [inch]: coordinates, scale, legend row
 NARROWEST_BAR = 3.0  # minimum width of the colour bar [inch]
-KEY_COLUMN = 1.75  # width of a legend column [inch]
+KEY_COLUMN = 1.75  # minimum width of a legend column [inch]
+KEY_PATCH = 0.5  # width of a legend entry without its text [inch]
 INCH = 0.0254  # metres per inch
 SCALES = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # leading digits of scales
 APART = 1.0  # minimum distance between coordinates [inch]
@@ -104,7 +105,7 @@ def new_sheet(
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
-    width, columns = room.wide, _columns(room)
+    width, columns = room.wide, _columns(room, key)
     bottom = TICKS + STRIP + below + ROW * -(-len(key) // columns)
     inner, tallest = inner_size(room, key, below)
     scale = INCH * round_scale(max((east - west) / inner, (north - south) / tallest) / INCH)
@@ -128,13 +129,20 @@ def new_sheet(
 
 def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
     """Width and height of the map frame [inch] next to this legend, below this space."""
-    bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room))
+    bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room, key))
     return room.wide - LEFT - RIGHT, room.high - bottom - TOP
 
 
-def _columns(room: Room) -> int:
-    """Number of legend columns."""
-    return max(1, int(room.wide / KEY_COLUMN))
+def _columns(room: Room, key: Sequence[Any]) -> int:
+    """Number of legend columns that leave space for the longest text."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=SMALL)
+    widths = (text_to_path.get_text_width_height_descent(entry.get_label(), font, False)[0]
+              for entry in key)  # fmt: skip
+    column = max(widths, default=0.0) / 72 + KEY_PATCH
+    return max(1, int(room.wide / max(column, KEY_COLUMN)))
 
 
 def round_scale(rough: float) -> float:
