@@ -132,5 +132,5 @@ def _prepare(folder, **groups):
 
 @pytest.fixture
 def many(batch, gallery, tmp_path):
-    """The same case with many boulders."""
+    """Folder with the prepared case, with many boulders."""
     return gallery.copy("many", partial(_prepare, case={"boulders": MANY}), tmp_path)

@@ -17,7 +17,7 @@ SCRIPTS = sorted(
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
 def test_what_a_script_imports_of_the_package_is_there(script):
-    """Without running them: they may need packages that are not installed, or run at import."""
+    """Scripts are not imported: they may need packages that are not installed, or run at import."""
     for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
         package = (node.module or "").split(".")[0] if isinstance(node, ast.ImportFrom) else ""
         if package in ("rockfall", "rockfall_lab"):

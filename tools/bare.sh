@@ -3,7 +3,7 @@
 # Run `./run demo` and `./run test` from the README on bare systems without Node.js, compilers and Python. As root;
 # takes 15 minutes and 4 GB per system.
 #
-# usage: bare.sh [SUITE...] default: bookworm trixie noble, if offered
+# usage: bare.sh [SUITE...]   default: bookworm trixie noble, if offered
 set -eu
 cd -P "$(dirname "$0")/.."
 PATH=$PATH:/usr/sbin:/sbin

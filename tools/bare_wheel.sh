@@ -3,7 +3,7 @@
 # Install the wheel of dist/ with pip in a bare Debian with Python but no compiler, as root, and run the first steps of
 # the tutorial. The system stays in build/bare/SUITE. MOST: maximum seconds of installation and run.
 #
-# usage: bare_wheel.sh [SUITE] bookworm (Python 3.11), trixie (3.13), sid (3.14)
+# usage: bare_wheel.sh [SUITE]   bookworm (Python 3.11), trixie (3.13), sid (3.14)
 set -eu
 cd -P "$(dirname "$0")/.."
 PATH=$PATH:/usr/sbin:/sbin

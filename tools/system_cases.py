@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Small cases of every kind, whose results must be bit-identical on every system.
 
-usage: system_cases.py make FOLDER FOLDER/*/trial of NAME.nml, of the shipped cases system_cases.py
-run FOLDER OUT OUT/NAME.nc for each, by the rockfall of this Python system_cases.py prepare FOLDER
-READY READY/NAME/case.nml for rockfall-batch system_cases.py batch READY OUT PROGRAM... OUT/NAME.nc
-for each, by this rockfall-batch system_cases.py compare OUT OUT differences between two such
-folders, by variable
+usage: system_cases.py make FOLDER      FOLDER/*/trial of NAME.nml, of the shipped cases
+       system_cases.py run FOLDER OUT   OUT/NAME.nc for each, by the rockfall of this Python
+       system_cases.py prepare FOLDER READY        READY/NAME/case.nml for rockfall-batch
+       system_cases.py batch READY OUT PROGRAM...  OUT/NAME.nc for each, by this rockfall-batch
+       system_cases.py compare OUT OUT  differences between two such folders, by variable
 """
 
 import os

@@ -4,9 +4,10 @@
 `python tools/tutorial.py FOLDER` does this in an empty folder and prints differences between pages
 and program. On a page of docs/tutorial, blocks have these meanings:
 
-sh commands, run in the reader's folder text output of the preceding commands; "..." matches
-anything fortran title="case.nml" keys to set in this file, and groups to add csv
-title="case_zones.csv" contents of this file
+    sh                           commands, run in the reader's folder
+    text                         output of the preceding commands; "..." matches anything
+    fortran title="case.nml"     keys to set in this file, and groups to add
+    csv title="case_zones.csv"   contents of this file
 """
 
 import contextlib

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Make dist/: the source distribution and, from it, wheels that need no compiler.
 
-usage: wheel.py [--once] [PYTHON...] one wheel per interpreter; default: this Python
+usage: wheel.py [--once] [PYTHON...]   one wheel per interpreter; default: this Python
 
 Each wheel is built twice. The second build, in another folder and time zone, must give identical
 bytes.

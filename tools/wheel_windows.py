@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Make a wheel and rockfall-batch.exe for Windows on x86-64 in dist/, with Debian's mingw-w64.
 
-usage: wheel_windows.py needs gfortran-mingw-w64-x86-64, and Maven to fetch Python for Windows
+usage: wheel_windows.py   needs gfortran-mingw-w64-x86-64, and Maven to fetch Python for Windows
 
 Meson builds the kernel, but cannot build extensions for the Python of another system: the two
 extensions are linked here.

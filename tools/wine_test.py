@@ -2,8 +2,9 @@
 """Tests under Wine: Fortran tests, and cases that must be bit-identical to this system; or Python
 tests.
 
-usage: wine_test.py after `./run wheel-windows`; packages for Windows come from PyPI wine_test.py
-ARGS pytest alone wine_test.py --python [FILE...] given or not yet run files of Python tests; hours
+usage: wine_test.py             after `./run wheel-windows`; packages for Windows come from PyPI
+       wine_test.py ARGS        pytest alone
+       wine_test.py --python [FILE...]   given or not yet run files of Python tests; hours
 
 `--python` stores the outcome of each file in build-windows/python-tests.json, and the output next
 to it. After a stop it continues with the next file, or starts again if the table was removed.

@@ -2,7 +2,7 @@
 !> Runs a case with flights in time steps, and compares single flights with exact flights from the same start. Prints
 !> `name value` lines; results are written to a part file as by rockfall-batch.
 !>
-!> stepping CASE SCENE SCHEME STEP REPEAT FLIGHTS PART
+!>     stepping CASE SCENE SCHEME STEP REPEAT FLIGHTS PART
 program stepping
    use, intrinsic :: iso_fortran_env, only: error_unit
    use rockfall_kinds, only: wp, i8

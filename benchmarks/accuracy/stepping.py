@@ -8,9 +8,9 @@ Builds another kernel in a temporary folder, with the product's flags and with
 are unchanged. After each step a boulder is compared with the bilinear surface. There are three
 schemes:
 
-euler velocity first, then position from the new velocity (symplectic Euler) parabola exact
-parabola, evaluated only at the steps interpolated the same, then back to where the interpolated
-height is zero
+    euler         velocity first, then position from the new velocity (symplectic Euler)
+    parabola      exact parabola, evaluated only at the steps
+    interpolated  the same, then back to where the interpolated height is zero
 
 In the first two schemes, a boulder lands at the first point below the ground and is lifted
 vertically. Open programs use these or similar schemes: PlatRock 3D (Euler in its source of 2019,

@@ -20,10 +20,10 @@ ROCKS = 10  # boulders per run
 SIDE = 0.05  # half the side of a release square [m]
 PROGRAM = """
 import json, sys
-sys.path.append("/usr/lib/python3/dist-packages")  # where Debian has GDAL for Python
+sys.path.append("/usr/lib/python3/dist-packages")  # Debian's GDAL for Python
 from platrock.Common import BounceModels, Math
 from platrock.ThreeD import Objects, Simulations
-BounceModels.Toe_Tree_2022 = lambda: None  # of forests, with data that it fetches by network
+BounceModels.Toe_Tree_2022 = lambda: None  # forest model that downloads data
 dem, release, seed, given = sys.argv[1:]
 ground, velocities = json.loads(given)
 

@@ -33,10 +33,10 @@ ground,1,bourrier_hungr,{GROUND["R_t"]},{GROUND["v_half"]},{GROUND["phi"]},{TILT
 """
 PLATROCK = """
 import json, sys, time
-sys.path.append("/usr/lib/python3/dist-packages")  # where Debian has GDAL for Python
+sys.path.append("/usr/lib/python3/dist-packages")  # Debian's GDAL for Python
 from platrock.Common import BounceModels
 from platrock.ThreeD import Objects, Simulations
-BounceModels.Toe_Tree_2022 = lambda: None  # of forests, with data that it fetches by network
+BounceModels.Toe_Tree_2022 = lambda: None  # forest model that downloads data
 dem, release, ground, rocks = sys.argv[1:]
 terrain = Objects.Terrain(DEM_asc=dem)
 run = Simulations.Simulation(

@@ -3,9 +3,12 @@
 
 `python make_layers.py [FOLDER]` writes them to the current folder, or to FOLDER:
 
-dem.tif elevations, cells of 2 m site.gpkg cliff and ground (polygons), road (line), houses
-(polygons) net.gpkg a planned net (line) forest.gpkg trees (points) houses.gpkg houses (polygons)
-with their values and residents traffic.gpkg the road (line): vehicles per day
+    dem.tif      elevations, cells of 2 m
+    site.gpkg    cliff and ground (polygons), road (line), houses (polygons)
+    net.gpkg     a planned net (line)
+    forest.gpkg  trees (points)
+    houses.gpkg  houses (polygons) with their values and residents
+    traffic.gpkg the road (line): vehicles per day
 
 It needs the packages required by rockfall, but not rockfall itself. The valley is invented; it has
 coordinates in EPSG:25832 so that a GIS can show it, but it is not a real place.

@@ -36,7 +36,7 @@ from rockfall_lab.blocks.case import restitution_of
 from rockfall_lab.tables import table_of
 from tools.ship_tables import RADIUS, contacts_of, part_case
 
-LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # [m] down the plane, [m/s], number
+LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # distance down the plane [m], initial speed [m/s], number
 CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0  # [m]; cells, rows above the release; [m]
 ABOVE_RELIEF, STEP = 6.0, 1.5  # slopes: first, step [degree]
 NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
@@ -69,8 +69,8 @@ PLACES = (  # plane, strength / (rho_b g R_b), relief [degree]
     ("hard-elongated", 120.0, 13.5),
     ("hard-platy", 300.0, 13.5),
 )
-SHIPPED = {"shipped": 0.0, "smaller relief": SAFER}  # shipped ground: relief less by [degree]
-GROUPS = {  # of places, by the names of their planes
+SHIPPED = {"shipped": 0.0, "smaller relief": SAFER}  # relief reductions [degree]
+GROUPS = {  # patterns of plane names
     "compact blocks": "[a-z]+-compact",
     "compact blocks, ploughed": "ploughed-compact",
     "compact blocks, hard": "hard-compact",
@@ -208,7 +208,7 @@ class Trial(NamedTuple):
 
     place: Place
     thrown: np.ndarray  # passing fractions by tables simulated there (table, slope)
-    shipped: dict[str, np.ndarray]  # by the shipped ground, by column (slope)
+    shipped: dict[str, np.ndarray]  # passing fractions on shipped ground, by column (slope)
     steeper: float  # slope on which half pass, shipped minus simulated [degree]
 
 

@@ -337,7 +337,7 @@ def stiff():
 
 @pytest.mark.parametrize("name", ALIKE)
 def test_similar_impacts_are_similar_to_the_last_bit(stiff, name):
-    """With equal Froude and Cauchy numbers, all dimensionless results are equal."""
+    """Equal Froude and Cauchy numbers give equal dimensionless results."""
     length, speed, *factors = ALIKE[name]
     case, plain = stiff
     groups = {"packing": case.packing, "material": case.material, "impact": case.impact}

@@ -142,7 +142,7 @@ def test_a_law_that_has_lost_its_scatter_is_refused():
 
 
 def test_a_fit_adds_up_in_one_order(monkeypatch):
-    """With more threads, BLAS rounds differently, and a set could not be reproduced bit for bit."""
+    """BLAS rounds differently with more threads: sets would not be bit-identical."""
     threads = []
 
     def likeliest(*arguments):

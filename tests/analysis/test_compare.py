@@ -52,7 +52,7 @@ def file_of_result(result, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def of_two(tmp_path_factory):
-    """The same run from two sources."""
+    """File of a run from two sources."""
     release = {"x": [150.0, 170.0], "y": [380.0, 380.0]}
     return make_run(tmp_path_factory.mktemp("two"), boulders=500, release=release)
 
@@ -246,7 +246,7 @@ def test_table_3_follows_from_table_2(result):
 
 
 def test_an_observed_mean_has_the_interval_of_its_n(result):
-    """For two intervals of equal half width h, that of the difference has sqrt(2) h."""
+    """Two intervals of half width h give half width sqrt(2) h to the difference."""
     v = at(result, "speed")
     std, n = v.std(ddof=1), v.size
     assert n > 500  # Student's t is almost normal

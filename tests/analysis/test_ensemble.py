@@ -437,7 +437,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
 
 
 def test_an_index_above_its_total_is_remarked(small, monkeypatch):
-    """By no more than the errors of both, or by more; no remark if totals are larger."""
+    """The excess is within the errors of both, or not; larger totals give no remark."""
     changed = small.copy(deep=True)
     for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
         changed[name][...] = value

@@ -31,7 +31,7 @@ def levels(*samples, yearly, **how):
 
 
 def test_a_level_is_the_value_that_is_as_frequent():
-    """Of 1,000 boulders, ten per year, the k-th largest is exceeded k/100 times per year."""
+    """The k-th largest of 1,000 boulders, ten per year, is exceeded k/100 times per year."""
     sample = np.random.default_rng(1).permutation(np.arange(1.0, 501.0))
     value, low, high = levels(sample, yearly=[10.0])
     assert value.tolist() == [491, 497, 500, 500, 500]
@@ -134,7 +134,7 @@ def test_lines_of_a_layer_are_those_that_are_typed(tmp_path):
 
 
 def test_what_hits_an_object_and_a_segment_has_the_levels_of_its_line(tmp_path):
-    """The same place as a line of the case, and as an object and a segment without width."""
+    """A line of the case is also an object and a segment without width."""
     shape = shapely.LineString(np.transpose([LINE["x"], LINE["y"]]))
     layer, road = tmp_path / "objects.gpkg", tmp_path / "road.gpkg"
     make_layer(layer, [shape], name=["wall"], width=[4.0])

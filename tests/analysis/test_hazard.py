@@ -479,7 +479,7 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
 
 
 def test_a_factor_on_frequencies_widens_their_limits_and_nothing_else(tmp_path, layer):
-    """For cells, objects and risks; a class is certain if it holds over the whole range."""
+    """A class of a cell, object or risk is certain if it holds over the whole range."""
     path = layer(ROAD, vulnerability=[0.5], persons=[1.0])
     known = hazard(make_case(tmp_path), objects=path)
     wide = {"frequency_factor": [0.5, 3.0]}

@@ -94,7 +94,7 @@ def test_a_level_of_the_tail_is_not_below_one_of_the_sample():
 
 
 def test_levels_as_written_do_not_fall_with_rarity():
-    """With digits by its wide interval, a later level of 24.46 would print as 24, below 24.4."""
+    """Rounded by its wide interval, a later level of 24.46 would print as 24, below 24.4."""
     row = {"level_1000": 24.4, "level_1000_low": 24.3, "level_1000_high": 24.5,
            "level_10000": 24.46, "level_10000_low": 20.0, "level_10000_high": 31.0,
            "level_100000": 39.9, "level_100000_low": 24.0, "level_100000_high": 60.0}  # fmt: skip
@@ -191,7 +191,7 @@ def test_levels_have_the_units_of_the_values():
 
 
 def test_a_level_that_many_boulders_exceed_is_that_of_the_sample():
-    """For any tail: this one has no mean."""
+    """The distribution may have any tail: this one has no mean."""
     values = np.abs(stats.cauchy.rvs(size=30_000, random_state=1))
     found = tail(values)
     value, low, high, refused = found.levels[1000]

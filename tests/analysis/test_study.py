@@ -57,7 +57,7 @@ def test_a_study_is_its_scenes_and_its_numbers(case):
 
 
 def test_scenes_that_are_compared_have_the_same_boulders(case):
-    """Whatever their seeds; other scenes keep their seeds, which draw other volumes."""
+    """Compared scenes get equal seeds; other scenes keep their seeds."""
     varied = case.replace(boulder={"volume": "normal", "volume_std": 0.2})
     scene = read_scene(varied, **ARRAYS)
 

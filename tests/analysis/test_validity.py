@@ -463,7 +463,7 @@ def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, s
 
 
 def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
-    """By its rest angle, meadow of 33 degrees holds no boulder."""
+    """Meadow of 33 degrees is too steep for its rest angle to hold boulders."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     case = make_case(
         tmp_path, *sets(), terrain={}, case={"boulders": 100},
@@ -596,7 +596,7 @@ def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path,
 
 
 def test_warnings_of_several_results_are_given_once(tmp_path):
-    """With the values of the first result, and the names of the results concerned if not all."""
+    """Warnings have values of the first result, and names of results if only some are concerned."""
     folders = [tmp_path / name for name in ("bare", "forest")]
     for folder in folders:
         folder.mkdir()

@@ -306,7 +306,7 @@ def test_a_forest_variant_needs_a_forest(tmp_path):
     ],
 )
 def test_equal_variants_are_refused(tmp_path, one, two):
-    """Whatever keys make them equal."""
+    """Different keys can make variants equal."""
     case = site(tmp_path, [{"name": "a"} | one, {"name": "b"} | two])
     with refused("&variant name = 'b': equals variant 'a': change a key, or leave out one of the"):
         variants(case)

@@ -181,7 +181,7 @@ def test_the_command(variants, tmp_path, capsys):
 
 
 def test_a_line_in_two_places_is_told(variants, tmp_path):
-    """The same boulders are counted farther up: the difference is not due to protection."""
+    """Boulders are counted farther up: the difference is not due to protection."""
     case = bare(tmp_path)
     (line,) = case.line
     higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))

@@ -468,7 +468,7 @@ def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
 
 
 def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, capsys):
-    """With the true rocks, blocks agree with the density; with others they differ."""
+    """Blocks agree with the density for the true rocks, and differ for others."""
     folder, result = truth
     seen = replace(witnessed(result, 0), contacts=None)
     sizes = {0.2: None, 0.05: None}

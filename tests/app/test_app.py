@@ -779,7 +779,7 @@ def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
 
 
 def test_layers_of_a_case_become_features(place):
-    """Whatever their form; the run of the document is bit-identical to that of the case."""
+    """Layers may have any form; document and case give bit-identical runs."""
     box = shapely.box
     make_layer(
         "zones.gpkg", [box(W, N - 200, W + 300, N), box(W, N - 400, W + 300, N - 200)],

@@ -30,7 +30,7 @@ CASE = "ready/case.nml"
 
 @pytest.mark.parametrize("of", [1, 3])
 def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
-    """With every output; parts begin within sources."""
+    """The case has every output; parts begin within sources."""
     case = make_full_case(tmp_path)
     prepare(case, tmp_path / "ready")
     for k in range(1, of + 1):
@@ -49,7 +49,7 @@ def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
 
 
 def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
-    """For ground of constant strength; classical ground has no blocks."""
+    """The ground has constant strength; classical ground has no blocks."""
     names = np.where(np.arange(60) < 25, 1, -1) + np.zeros((80, 1), "i2")
     make_raster(tmp_path / "grounds.tif", names.astype("i2"), crs="EPSG:32632", nodata=-1)
     (tmp_path / "grounds.csv").write_text(
@@ -258,7 +258,7 @@ def test_any_byte_that_is_another_is_refused_or_harmless(ready, batch):
 def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
     spoil(ready / "ready/scene.nc", "source_x", change=put(3.0))
     done = batch(CASE, cwd=ready)
-    assert done.returncode == 2 and done.stderr.count("\n") == 2  # one is a warning about the line
+    assert done.returncode == 2 and done.stderr.count("\n") == 2  # the other line is a warning
     assert (
         f"{CASE}: &release: source 1 (3.000, 4999980.000) lies outside the terrain" in done.stderr
     )

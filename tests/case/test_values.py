@@ -65,7 +65,7 @@ def test_values_have_the_types_of_their_keys():
 
 
 def test_what_is_given_is_told_from_defaults():
-    """Whether they are written or not: a written case has all values."""
+    """A written case has all values, given and default."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
     assert found["impact"].given == {"form": "table"}  # implied by the table

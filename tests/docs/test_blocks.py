@@ -3,10 +3,13 @@
 
 Blocks have these meanings:
 
-sh commands, with few boulders python runs after the preceding blocks of its page; `case` and
-`result` exist fortran groups of a case that reads its files, completed from case.nml; or a complete
-laboratory case csv table with equal numbers of columns in all rows fortran, csv, python with
-title="FILE" contents of this file, for the following blocks text output of a program, or a drawing
+    sh                    commands, with few boulders
+    python                runs after the preceding blocks of its page; `case` and `result` exist
+    fortran               groups of a case that reads its files, completed from case.nml; or a
+                          complete laboratory case
+    csv                   table with equal numbers of columns in all rows
+    fortran, csv, python  with title="FILE": contents of this file, for the following blocks
+    text                  output of a program, or a drawing
 
 Blocks that cannot run here follow a line `<!-- not run: REASON -->`. The tutorial has a separate
 test, which also compares output. Archived pages are not run.

@@ -181,7 +181,7 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
 
 
 def test_numbers_of_the_model_come_from_errors():
-    """Where nothing was observed, they are the value itself."""
+    """Without observations, the number is the value itself."""
     passing = only("vaujany-forest", "forest", "passing", "vaujany-observed")
     assert passing.simulated == pytest.approx(34 * (1 + passing.error / 100))
     assert passing.simulated_error == pytest.approx(0.34 * passing.standard_error)

@@ -25,7 +25,7 @@ WRITTEN = {"run.sh", "merge.sh", "submit.sh"}  # written by `rockfall slurm`
 @pytest.mark.skipif(len(FILES) < 100, reason="no checkout of git")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_on_a_page_are_there(page):
-    """By their complete path, or by its end."""
+    """Pages give complete paths, or their ends."""
     named = set(re.findall(r"`([\w./-]+\.(?:py|f90|ts|sh))`", page.read_text(encoding="utf-8")))
     gone = [
         name for name in named - WRITTEN if not any(file.endswith(f"/{name}") for file in FILES)

@@ -492,7 +492,7 @@ def test_windows_and_the_other_door_give_the_same_bits(folder, tmp_path_factory,
 
 
 def in_files(scene, folder):
-    """The same arrays as rasters, in local coordinates."""
+    """Write the arrays of a scene as rasters in local coordinates."""
     place = Affine(scene.cell, 0, 0, 0, -scene.cell, scene.z.shape[0] * scene.cell)
     for name, raster in {"dem": scene.z, **scene.rasters}.items():
         make_raster(folder / f"{name}.tif", raster, place, None)

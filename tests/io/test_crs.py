@@ -217,7 +217,7 @@ def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
 
 
 def test_a_datum_that_is_not_known_is_said():
-    """For a projection on a bare ellipsoid, coordinates are used unchanged."""
+    """Coordinates of a projection on a bare ellipsoid are used unchanged."""
     bare = CRS.from_string("+proj=utm +zone=32 +ellps=GRS80 +type=crs")
     grid = Grid(2.6e6, 1.2e6, 1.0, 100, 100, CRS.from_epsg(2056))
     assert not transformation(bare, grid).is_best

@@ -56,7 +56,7 @@ def small():
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """The same folder, as the current folder; without drawing, which takes long."""
+    """Current folder, a copy of `ready`; slow drawing is replaced."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, small) for name in ("passing", "profile", "stops")]

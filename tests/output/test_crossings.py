@@ -118,7 +118,7 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
 
 @pytest.mark.parametrize("size", [1.0, 1e9])
 def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypatch):
-    """Whether the lines fit in memory or not; a selection of boulders is another result."""
+    """Lines may exceed memory; a selection of boulders is a different result."""
     monkeypatch.setattr(module, "MAX_SHARED", size)
     half = result.isel(boulder=slice(0, 150))
     alone = [rockfall.line_statistics(result), rockfall.return_levels(result, [10])]

@@ -149,7 +149,7 @@ def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
 
 
 def test_arcs_over_slides_and_waits_would_be_needles(drawn):
-    """With free fall between all vertices, some legs would be higher than the views' error."""
+    """Free fall between all vertices would make some legs higher than the views' error."""
     result, _ = drawn
     motion = motion_of(result).straightened()
     lasts = (motion.end - motion.start)[3, motion.gravity == 0].max()

@@ -390,7 +390,7 @@ def ready(tmp_path_factory):
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """The same folder, as the current folder."""
+    """Current folder, a copy of `ready`."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -95,7 +95,7 @@ def pages(result, levels, tmp_path_factory):
     ["de", "without", *(pytest.param(one, marks=pytest.mark.all) for one in ("en", "fr", "it"))],
 )
 def test_the_signature_is_on_page_1_in_every_language(pages, name):
-    """For a report of many lines, with and without more warnings than page 1 can hold."""
+    """The report has many lines, with and without more warnings than page 1 can hold."""
     weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
     page = (pages / f"{name}.html").read_text(encoding="utf-8").split('<section id="results">')[0]
     first, *others = weasyprint.HTML(string=page).render().pages

@@ -126,7 +126,7 @@ def laid_out(*locales):
 @pytest.mark.all
 @laid_out("de", "fr", "it")
 def test_every_text_is_within_its_sheet_and_cell(documents, locale):
-    """With energies of seven digits."""
+    """Energies have seven digits."""
     document = documents("wide", locale)
     all_within(document)
     assert "signature" in document.pages[0].anchors

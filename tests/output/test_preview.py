@@ -100,7 +100,7 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
 
 
 def test_each_ground_has_a_softer_and_a_firmer_neighbour():
-    """By strength, in both directions; talus, whose strength is proportional to size, has none."""
+    """Neighbours are ordered by strength; talus, with strength proportional to size, has none."""
     order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]
     for k, name in enumerate(order):
         assert band(name) == (*order[max(0, k - 1) : k], *order[k + 1 : k + 2])
@@ -122,7 +122,7 @@ def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
 
 
 def test_memory_of_samples_grows_with_what_lines_see(tmp_path):
-    """For boulders not kept: bins fill up, and tails have the largest values of each line."""
+    """Boulders are not kept: bins fill up, and tails have the largest values of each line."""
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, 31)]
     found = []
     for lines, each in ((many[-3:], 200), (many, 200), (many, 20_000)):

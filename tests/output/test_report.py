@@ -118,7 +118,7 @@ def warned(result):
 
 
 def interrupted(result, done):
-    """The same run, stopped after some boulders."""
+    """Copy of a result, as if stopped after `done` boulders."""
     part = result.isel(boulder=slice(done))
     return part.assign_attrs(complete=0, boulder_last=done)
 
@@ -127,7 +127,7 @@ def interrupted(result, done):
 
 
 def test_page_1_says_the_numbers_of_the_line_table(result):
-    """With no more digits than supported by their intervals."""
+    """Numbers have no more digits than their intervals support."""
     rows = rows_of(result)
     road, cliff = ([str(cell).split("\n") for cell in row] for row in headline(rows).rows)
     table = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["road <b>"]

@@ -53,7 +53,7 @@ def run(case, **how):
 
 @pytest.fixture(scope="module")
 def free(case):
-    """The same lines without barriers, which stop no boulder."""
+    """Run with the same lines but without barriers."""
     lines = [{key: one[key] for key in ("name", "x", "y")} for one in (NET, WALL)]
     return run(case.replace(line=[ROAD, *lines]))
 

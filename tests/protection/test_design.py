@@ -283,7 +283,7 @@ def test_checks_say_what_fails(result, tmp_path):
 
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
-    """Whether 600 boulders suffice depends on how close the barrier is to the requirement."""
+    """600 boulders may be too few if the barrier is close to the requirement."""
     asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high

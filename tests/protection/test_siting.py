@@ -213,7 +213,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
 
 
 def test_the_table_says_what_is_printed(case):
-    """With unconfirmed rebounds nothing is proven; the choice applies under these rebounds."""
+    """Unconfirmed rebounds prove nothing; the choice applies under these rebounds."""
     ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
     about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
     found = site(ground, "road", max_bypass=1.0, **about, **TERRAIN)

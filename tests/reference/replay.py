@@ -339,7 +339,7 @@ def _alternatives(world: World, state: State) -> list[State]:
 
 
 def _differs(contact: Contact, row: np.ndarray, status: str) -> str:
-    """How the kernel's continuation differs from the reference; `status` is the kernel's."""
+    """Describe a difference between kernel and reference; `status` is the kernel's."""
     if contact.status != status:
         return f"kernel {status or 'goes on'}, reference {contact.status or 'goes on'}"
     if (contact.rebound is None) != (row[RATIO] == 0):

@@ -195,7 +195,7 @@ def test_a_table_of_scars(place):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_scars_on_the_page_of_grounds_are_those_of_their_strengths(name):
-    """For a block of R_b = 0.4 m that falls by 1 m, in integer centimetres."""
+    """Scars are of a block of R_b = 0.4 m that falls by 1 m, in integer centimetres."""
     page = (ROOT / "docs" / "impact_tables.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
     depth, radius = float(row.split("|")[-2]) / 100, 0.4

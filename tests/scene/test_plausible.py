@@ -123,7 +123,7 @@ def undeclared(value, nodata=None):
 
 
 def in_degrees(site):
-    """The same ground with cells in degrees, undeclared."""
+    """Ground of the site with cells in degrees, undeclared."""
     site.dem(site.z, crs=None, transform=Affine(6e-5, 0, 7.1, 0, -4.5e-5 * 6 / 4.5, 45.1))
     site.uniform()
     site.set("release", x=[7.1 + 30 * 6e-5], y=[45.1 - 10 * 6e-5])

@@ -272,7 +272,7 @@ def smoother(scene):
 
 
 def test_own_grounds_are_said_to_stop_boulders_too_early(case):
-    """With a relief smaller by 2 degrees, if tables have it; shipped values are calibrated."""
+    """Relief is 2 degrees smaller, if tables have it; shipped values are calibrated."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
     assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
     parts = re.findall(r"ground '(talus|rock) .* up to (\d+) %", "\n".join(scene.remarks))

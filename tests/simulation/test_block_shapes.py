@@ -239,7 +239,7 @@ def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
 
 
 def test_sources_say_the_shape_of_their_boulders(tmp_path):
-    """By name or by measured axes; other boulders have the shape of the case."""
+    """Sources give names or measured axes; other boulders have the shape of the case."""
     shapes = [3, 1, 2, 1]
     case = by_sources(tmp_path)
     result = rockfall.run(case, **terrain())
@@ -376,7 +376,7 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
 
 
 def test_only_tables_that_boulders_need_are_loaded(tmp_path):
-    """For two of three shapes, and for shapes that only sources have."""
+    """Boulders have two of three shapes, or shapes that only sources have."""
 
     def bytes_of(case):
         return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes

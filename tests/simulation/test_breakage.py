@@ -79,7 +79,7 @@ def test_threads_chunks_and_shards_change_nothing(folder, broken, tmp_path):
 
 
 def test_both_programs_have_the_same_bits(batch, tmp_path):
-    """With every output, obstacles, and a part that begins within a source."""
+    """The case has every output, obstacles, and a part that begins within a source."""
     prepared = make_prepared(
         tmp_path, breakage=BOTH, case={"boulders": 20}, forest=FOREST,
         output={"energy_balance": True},

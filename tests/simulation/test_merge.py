@@ -45,7 +45,7 @@ def test_parts_joined_in_any_order_are_the_run(tmp_path, case, of):
 
 
 def test_the_run_is_dated_by_its_last_part(case):
-    """For any order and time zones; a part without a date, from an older version, is accepted."""
+    """Order and time zones may vary; parts without dates, from older versions, are accepted."""
     dates = ["2026-11-23T23:30:00+01:00", "2026-11-23T23:00:00+00:00", ""]
     parts = [
         run(case, shard=(k, 3)).assign_attrs(date_created=date)

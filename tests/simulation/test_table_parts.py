@@ -283,7 +283,7 @@ def test_who_meets_strong_ground_does_so_on_all_grounds(tmp_path):
 
 
 def test_fragments_meet_the_ground_of_their_boulder(tmp_path):
-    """With strength proportional to R_b, so that size does not determine the part."""
+    """Strength is proportional to R_b, so that size does not determine the part."""
     ground = YieldingGround(38.0, STRENGTH, 0.7, strength_radius=0.3, relief=11.0)
     case = coded_case(
         tmp_path, ground, 300, radius=1.0, impact={"impact_limit": 30},

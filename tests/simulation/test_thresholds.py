@@ -87,7 +87,7 @@ def test_a_map_that_is_not_asked_for_changes_no_other(tmp_path, result):
 
 
 def test_energy_lines_are_between_those_of_sources_and_cells(result):
-    """For one source, the line to each cell; for two sources, the steeper and the flatter line."""
+    """One source has one line to each cell; two sources have a steeper and a flatter line."""
     z = scenes.rough()
     angles = []
     for k in range(2):

@@ -44,7 +44,7 @@ def test_reach_rises_with_the_volume_within_noise():
 
 
 def test_sets_that_are_not_smooth_are_told():
-    """With the sphere sets, large boulders stop where the set of ratio 5 applies."""
+    """Large boulders on sphere sets stop where the set of ratio 5 applies."""
     assert misfit(sets="laboratory-spheres", ratio="nearest") > 10
 
 

@@ -147,7 +147,7 @@ def test_no_sigma_is_a_sigma_of_zero(tmp_path):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
-    """By its own name, by another name, and by the name of the table."""
+    """The row is given by its own name, by another name, and by the name of the table."""
     cells = {key: cell for key, cell in shipped_rows().rows[name].cells.items() if cell}
     mine = on_row(tmp_path, cells | {"name": "mine"})
     shipped = on_row(tmp_path, cells, surface={"ground": name, "ground_table": None})
@@ -222,7 +222,7 @@ def part_of(row, column):
 
 @pytest.mark.parametrize("density, gravity", [(1000.0, 9.81), (7000.0, 9.81), (2700.0, 1.62)])
 def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
-    """For unusual boulders, their part must be among the columns that the kernel chooses from."""
+    """The part of unusual boulders must be among the columns from which the kernel chooses."""
     boulder = {"volume": "fixed", "volume_mean": 0.27, "density": density}
     case = rockfall.Case(
         case={"boulders": 1}, impact={"form": "table", "table": "meadow"}, boulder=boulder,

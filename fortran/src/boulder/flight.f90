@@ -38,7 +38,7 @@ module rockfall_flight
    !> Part of a flight over one patch: height above it = d0 + d1 s + d2 s**2 for s = t - t0 in 0..t1-t0.
    type :: span_t
       integer :: i, j         !! indices of the patch
-      real(wp) :: t0, t1      !! since the start of the flight [s]
+      real(wp) :: t0, t1      !! time since the start of the flight [s]
       real(wp) :: d0, d1, d2  !! [m], [m/s], [m/s2]
    end type span_t
 
@@ -247,7 +247,7 @@ contains
       real(wp), intent(in) :: x, y, z, v1, v2, v3  !! start of the flight [m], [m/s]
       real(wp), intent(in) :: gravity              !! [m/s2]
       real(wp), intent(in) :: per_cell             !! [1/m]
-      real(wp), intent(in) :: t                    !! since the start [s]
+      real(wp), intent(in) :: t                    !! time since the start [s]
       real(wp), intent(in) :: i, j, z00, a, b, c   !! as in patch_t [-], [m]
       real(wp), intent(out) :: d0, d1              !! [m], [m/s]
       real(wp) :: u, w

@@ -57,7 +57,7 @@ module rockfall_forest
    !> Hit of a stem by a flight.
    type :: tree_hit_t
       integer :: tree = 0                         !! index in the forest; 0: no hit
-      real(wp) :: time = 0.0_wp                   !! since the start of the flight [s]
+      real(wp) :: time = 0.0_wp                   !! time since the start of the flight [s]
       real(wp) :: offset = 0.0_wp                 !! offset of the stem's axis from the path, > 0: to the left [m]
       real(wp) :: height = 0.0_wp                 !! height of the contact point above the ground [m]
    end type tree_hit_t

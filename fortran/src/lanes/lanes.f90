@@ -582,7 +582,7 @@ contains
    subroutine group_by_set(n, c, first, number, d)
       integer, intent(in) :: n
       type(contacts_t), intent(in) :: c
-      integer, intent(out) :: first(:), number(:)  !! by set; the last element is for no set
+      integer, intent(out) :: first(:), number(:)  !! indices and numbers by set; last element: no set
       type(draws_t), intent(inout) :: d
       integer, dimension(counters, size(first)) :: counted, slot
       integer :: counter, set, k, m

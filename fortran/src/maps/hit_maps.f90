@@ -187,7 +187,7 @@ contains
    pure subroutine restrict_times(offset, v, distance, time, times)
       real(wp), intent(in) :: offset, v       !! start relative to the node [m]; velocity along the axis [m/s]
       real(wp), intent(in) :: distance, time  !! [m], [s]
-      real(wp), intent(out) :: times(2)       !! since the start [s]
+      real(wp), intent(out) :: times(2)       !! times since the start [s]
       real(wp) :: ends(2)
 
       times = [0.0_wp, time]

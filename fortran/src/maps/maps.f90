@@ -171,7 +171,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity    !! [m/s2]
       type(flight_t), intent(in) :: start
-      real(wp), intent(in) :: time       !! since the start [s]
+      real(wp), intent(in) :: time       !! time since the start [s]
       real(wp), intent(in) :: spin       !! twice the rotational energy per mass [m2/s2]
       type(span_t), intent(in), contiguous, optional :: spans(:)
       type(axis_t) :: east, north
@@ -204,9 +204,9 @@ contains
    !> Maximum height [m] from time t of span k to a later time. On return, k and t are the start for the next call.
    pure subroutine find_max_height(spans, until, k, t, top)
       type(span_t), intent(in), contiguous :: spans(:)
-      real(wp), intent(in) :: until    !! since the start of the flight [s]
+      real(wp), intent(in) :: until    !! time since the start of the flight [s]
       integer, intent(inout) :: k
-      real(wp), intent(inout) :: t     !! since the start of the flight [s]
+      real(wp), intent(inout) :: t     !! time since the start of the flight [s]
       real(wp), intent(out) :: top
 
       top = 0

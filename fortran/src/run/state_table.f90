@@ -12,7 +12,7 @@ module rockfall_state_table
    integer, parameter :: max_rank = 4
 
    type :: array_t
-      type(variable_t) :: variable        !! variable; those of group "work" are not in files
+      type(variable_t) :: variable        !! files have no variables of group "work"
       character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
       integer :: rank = 0
       character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first varies fastest

@@ -27,8 +27,8 @@ module rockfall_line_samples
        kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
    integer, parameter :: max_parts = 50, ranges = 20  !! above this number, sources are combined into ranges
-   integer, parameter :: max_parted = 256             !! or fewer ranges: maximum of parts times places, 0.6 MB each
-   integer, parameter :: max_grouped = 2048           !! maximum of groups of sources times places, 10 kB each
+   integer, parameter :: max_parted = 256             !! maximum of parts times places, else fewer ranges; 0.6 MB each
+   integer, parameter :: max_grouped = 2048           !! maximum number of source groups times places; 10 kB each
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
    integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &

@@ -47,7 +47,7 @@ contains
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: omega_r  !! W [m/s]
       type(crossings_t), intent(inout) :: crossings
-      real(wp), intent(in), optional :: until  !! since the start of the flight [s]
+      real(wp), intent(in), optional :: until  !! time since the start of the flight [s]
       integer :: columns(2), rows(2), k, j
 
       if (.not. allocated(scene%line_index)) then

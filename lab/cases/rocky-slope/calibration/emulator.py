@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Impact sets at any setting of the laboratory, interpolated from the settings in design.nc.
 
-python emulator.py # accuracy of each setting, predicted from the others
+    python emulator.py      # accuracy of each setting, predicted from the others
 
 A set is a vector of means and covariances of V_out for given incident directions. Its principal
 components over the settings, for all ratios together, are Gaussian processes of the parameters

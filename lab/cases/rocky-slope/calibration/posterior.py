@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Inference of the laboratory's parameters from the paper's slope, by emcee.
 
-python posterior.py WORK --prior 512 # site statistics over the prior: prior.csv python posterior.py
-WORK --wave 8 # next training settings, into settings.csv python posterior.py WORK --steps 100 # the
-chain; continues an interrupted one python posterior.py WORK --draws 24 # states of the posterior:
-posterior.csv
+    python posterior.py WORK --prior 512      # site statistics over the prior: prior.csv
+    python posterior.py WORK --wave 8         # next training settings, into settings.csv
+    python posterior.py WORK --steps 100      # the chain; continues an interrupted one
+    python posterior.py WORK --draws 24       # states of the posterior: posterior.csv
 
 A state is a laboratory setting, the boulder state used as its rebound, and the unknown properties
 of the slope. Its likelihood combines the published statistics at EL1 by methods A and B, the
