@@ -221,6 +221,8 @@ def wrong_in_code(path: Path) -> Iterator[str]:
                     yield f"{place}:{number}: '{found[0]}': {said}"
             if (is_plain or path.suffix == ".ts") and " " in line.strip():  # no name of code
                 yield from idioms(f"{place}:{number}", line)
+    if path.suffix == ".py":
+        yield from headless(path)
     if PACKAGE in path.parents:
         yield from empty_names(path)
         for number, text in messages_of(path):
@@ -235,7 +237,7 @@ def wrong_in_code(path: Path) -> Iterator[str]:
 
 
 def empty_names(path: Path) -> Iterator[str]:
-    """Meaningless names of variables and arguments, and headless docstrings."""
+    """Meaningless names of variables and arguments."""
     place = path.relative_to(ROOT)
     tree = ast.parse(path.read_text(encoding="utf-8"))
     promised = {
@@ -254,10 +256,15 @@ def empty_names(path: Path) -> Iterator[str]:
             name = node.arg if isinstance(node, ast.arg) else ""
         if name in EMPTY_NAMES:
             yield f"{place}:{node.lineno}: '{name}': name the thing"
+
+
+def headless(path: Path) -> Iterator[str]:
+    """Docstrings that begin with neither a verb nor a noun."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
             if HEADLESS.match(ast.get_docstring(node) or ""):
                 name = getattr(node, "name", "module")
-                yield f"{place}: docstring of {name}: begin with a verb or a noun phrase"
+                yield f"{path.relative_to(ROOT)}: docstring of {name}: begin with a verb or a noun"
 
 
 def wrapped(text: str) -> str:

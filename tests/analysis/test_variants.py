@@ -82,7 +82,7 @@ def test_boulders_in_common_make_intervals_narrower():
 
 
 def test_newcombe_by_hand():
-    """Of 50 pairs, 36 pass in both, 12 only in the variant, 2 only in the first: Wilson limits of
+    """36 of 50 pairs pass in both, 12 only in the variant, 2 only in the first: Wilson limits of
     48/50 and 38/50, combined with the correlation of the pairs (Newcombe 1998, method 10)."""
     here, before = (np.repeat(of, [36, 12, 2]).astype(bool) for of in ([1, 1, 0], [1, 0, 1]))
 
