@@ -2,20 +2,21 @@
 """Cost of many evaluation lines: run, lines and report, by several builds.
 
     python -m benchmarks.speed.crossings [--lines 1000] [--pieces 1] [--boulders 100000]
-        [--repeat 3] [--other PYTHON ...] [--commands run lines report] [--killed]
+        [--repeat 3] [--commit 7080d106] [--other PYTHON ...] [--commands run lines report]
+        [--killed]
 
 The slope of `cases/vaujany` with lines across it, or with fewer lines cut into pieces, like
-segments of a road. `--other` gives Pythons of other rockfall builds, which take turns with this
-build; results are minima over the turns. On a busy machine use the CPU times. `--killed` also kills
-runs after their first save and resumes them: the result must be bit-identical to an uninterrupted
-run. Tried for `none` without gain: heaps with four children per node, tails boulder by boulder.
+segments of a road. `--commit` and `--other` are those of `products.py`; results are minima over the
+turns. On a busy machine use the CPU times. `--killed` also kills runs after their first save and
+resumes them: the result must be bit-identical to an uninterrupted run. Tried for `none` without
+gain: heaps with four children per node, tails boulder by boulder.
 """
 
 import argparse
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.builds import pythons_of
 from benchmarks.machine import VAUJANY, best_turns, machine, run_child
 from benchmarks.speed.many import kill_on_the_way, same
 
@@ -57,10 +58,10 @@ def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None
         (folder / f"{name}.nml").write_text(text + groups)
 
 
-def killed(folder: Path, command: str, seconds: float) -> None:
+def killed(python: str, folder: Path, command: str, seconds: float) -> None:
     """Kill a run, resume it, and print whether it equals the uninterrupted run."""
     case = COMMANDS[command][1]
-    words = [sys.executable, "-m", "rockfall", "run", case, "--quiet", "-o", "killed.nc"]
+    words = [python, "-m", "rockfall", "run", case, "--quiet", "-o", "killed.nc"]
     kill_on_the_way(folder, words, seconds)
     run_child(*words, "--resume", cwd=folder)
     found = "the same bits" if same(folder / FILES[command], folder / "killed.nc") else "OTHER BITS"
@@ -74,14 +75,15 @@ def main() -> None:
     parser.add_argument("--pieces", type=int, default=1)
     parser.add_argument("--boulders", type=int, default=100_000)
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--commit", nargs="*", default=[])
     parser.add_argument("--other", nargs="*", default=[])
     parser.add_argument("--commands", nargs="+", default=["run", "lines"], choices=COMMANDS)
     parser.add_argument("--killed", action="store_true")
     given = parser.parse_args()
     print(machine())
     print(f"{given.lines:,} lines, {given.boulders:,} boulders")
-    pythons = [*given.other, sys.executable]
     with TemporaryDirectory(dir=Path.cwd()) as top:
+        pythons = pythons_of(given.commit, given.other, Path(top))
         folders = [Path(top) / f"{k}" for k in range(len(pythons))]
         for folder in folders:
             folder.mkdir()
@@ -91,11 +93,13 @@ def main() -> None:
             best = best_turns(pythons, folders, [*COMMANDS[command]], given.repeat)
             for python, folder, (wall, cpu, peak) in zip(pythons, folders, best, strict=True):
                 size = (folder / FILES[command]).stat().st_size if command in FILES else 0
-                print(f"{command:7} {wall:7.1f} s, {cpu:7.1f} s of CPU, {peak / MB:7,.0f} MB, "
-                      f"file {size / MB:8,.1f} MB  {python}", flush=True)  # fmt: skip
+                print(f"{command:7} {wall:7.1f} s, {cpu:7.1f} s of CPU ({cpu / best[0][1]:.2f}), "
+                      f"{peak / MB:7,.0f} MB, file {size / MB:,.1f} MB  {python}",
+                      flush=True)  # fmt: skip
             walls[command] = best[-1][0]
         for command in {"run", "none"} & walls.keys() if given.killed else ():
-            killed(folders[-1], command, walls[command] / 2)  # last: it reads complete results
+            # last, because it reads complete results
+            killed(pythons[-1], folders[-1], command, walls[command] / 2)
 
 
 if __name__ == "__main__":

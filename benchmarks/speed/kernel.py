@@ -10,15 +10,13 @@ thread, minima over the turns.
 
 import argparse
 import json
-import os
-import subprocess
 import sys
-import sysconfig
 import tempfile
 from pathlib import Path
 
 import rockfall
-from benchmarks.machine import NOTHING, ROOT, VAUJANY, machine, run_child
+from benchmarks.builds import build, extracted
+from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 from benchmarks.speed.table_rebound import RADIUS, TABLES
 from benchmarks.speed.throughput import EVERY_MAP, MAPS, measure
 from benchmarks.speed.walk import FINEST, on_cells
@@ -47,36 +45,6 @@ def rows(boulders: int, folder: Path) -> dict[str, float]:
         scene = read_scene(case.replace(output=NOTHING | {"maps": maps}), **arrays)
         found[name] = measure(scene, 1, 1).rebound()
     return found
-
-
-def build(sources: Path) -> str:
-    """PYTHONPATH for the package built from a source tree, and for its benchmarks."""
-    core = f"fortran/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    for words in (["setup", "build"], ["compile", "-C", "build", core]):
-        done = subprocess.run(
-            ["meson", *words], cwd=sources, env=os.environ | {"PATH": path}, capture_output=True
-        )
-        if done.returncode:
-            sys.exit(f"meson {' '.join(words)} failed:\n{done.stdout.decode()}")
-    package = sources / "python/rockfall"
-    (package / Path(core).name).symlink_to(sources / "build" / core)
-    about = sources / "python/rockfall-1.0.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: rockfall\nVersion: 1.0.0\n")
-    return os.pathsep.join(map(str, (package.parent, sources)))
-
-
-def extracted(commit: str, folder: Path) -> Path:
-    """Files of a commit; without a commit, the current state of the files in git."""
-    folder.mkdir()
-    if commit:
-        pack = ["git", "archive", commit]
-    else:
-        pack = ["sh", "-c", "git ls-files -z | tar c --null --files-from -"]
-    packed = subprocess.run(pack, cwd=ROOT, capture_output=True, check=True)
-    subprocess.run(["tar", "x"], cwd=folder, input=packed.stdout, check=True)
-    return folder
 
 
 def main() -> None:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cost of products: report, PDF, hazard, dossier, export, lines, figures, by several builds.
 
-    python -m benchmarks.speed.products [--boulders 100000] [--repeat 3]
+    python -m benchmarks.speed.products [--boulders 100000] [--repeat 3] [--commit 7080d106]
         [--other PYTHON ...] [--commands report pdf hazard dossier export lines figures]
 
 The slope of `cases/vaujany` with seven maps; for the hazard, `cases/settlement` with few boulders,
 so that file access dominates; for the dossier, `cases/decision` unchanged, with four variants of
-three scenarios and a second model. `--other` gives Pythons of other rockfall builds, which take
-turns with this build, each with its own result; results are minima over the turns. On a busy
-machine use the CPU times.
+three scenarios and a second model. `--commit` builds that commit and the current sources as for a
+release; `--other` gives Pythons of other builds. All take turns, each with its own result; results
+are minima over the turns, with the ratio to the first build. On a busy machine use the CPU times.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.builds import pythons_of
 from benchmarks.machine import ROOT, VAUJANY, best_turns, machine, run_child
 
 MB = 1e6
@@ -72,13 +73,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--boulders", type=int, default=100_000)
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--commit", nargs="*", default=[])
     parser.add_argument("--other", nargs="*", default=[])
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=COMMANDS)
     given = parser.parse_args()
     print(machine())
     print(f"{given.boulders:,} boulders, {len(MAPS)} maps")
-    pythons = [*given.other, sys.executable]
     with TemporaryDirectory(dir=Path.cwd()) as top:
+        pythons = pythons_of(given.commit, given.other, Path(top))
         folders = [Path(top) / f"{k}" for k in range(len(pythons))]
         for python, folder in zip(pythons, folders, strict=True):
             folder.mkdir()
