@@ -11,17 +11,18 @@ from benchmarks.machine import ROOT
 
 
 def build(sources: Path) -> str:
-    """PYTHONPATH of the package built from a source tree, and of the benchmarks there."""
-    core = f"fortran/_core{sysconfig.get_config_var('EXT_SUFFIX')}"
+    """PYTHONPATH of the package built from a source tree, and of the benchmarks there. Packages
+    that only an older commit needs must be installed (f90nml)."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    for words in (["setup", "build"], ["compile", "-C", "build", core]):
+    for words in (["setup", "build"], ["compile", "-C", "build"]):
         done = subprocess.run(
             ["meson", *words], cwd=sources, env=os.environ | {"PATH": path}, capture_output=True
         )
         if done.returncode:
             sys.exit(f"meson {' '.join(words)} failed:\n{done.stdout.decode()}")
     package = sources / "python/rockfall"
-    (package / Path(core).name).symlink_to(sources / "build" / core)
+    for extension in sources.glob(f"build/**/*{sysconfig.get_config_var('EXT_SUFFIX')}"):
+        (package / extension.name).symlink_to(extension)
     about = sources / "python/rockfall-1.0.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: rockfall\nVersion: 1.0.0\n")

@@ -42,7 +42,10 @@ def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int
 
 def run_child(*words: str | Path, cwd: Path | None = None) -> tuple[str, float, int]:
     """Output of a command, its CPU seconds, and its peak memory [bytes]."""
-    child = subprocess.Popen([*map(str, words)], cwd=cwd, stdout=subprocess.PIPE, text=True)
+    env = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}  # compiled modules are kept, as usual
+    child = subprocess.Popen(
+        [*map(str, words)], cwd=cwd, stdout=subprocess.PIPE, text=True, env=env
+    )
     said = child.stdout.read()
     _, status, usage = os.wait4(child.pid, 0)
     if status:

@@ -9,6 +9,7 @@ complete program, from start to written file.
 """
 
 import argparse
+import itertools
 import re
 import tempfile
 from multiprocessing import get_context
@@ -23,8 +24,8 @@ from rockfall.result import variables
 
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-AIM = 0.15, 0.25  # targets for memory, for time
-LINES = 200
+AIM = 0.15, 0.25  # of memory, of time
+LINES = 200, 5000
 
 
 def estimated(said: str, word: str, units: dict[str, float]) -> float:
@@ -70,11 +71,11 @@ def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | N
     )
 
 
-def lines() -> list[dict]:
-    """Lines across the slope of cases/vaujany, from the top down."""
+def lines(count: int) -> list[dict]:
+    """Lines across the slope of cases/vaujany, from its top down."""
     return [
-        {"name": f"{k}", "x": [1.25, 198.75], "y": [570.0 - 560.0 * k / LINES] * 2}
-        for k in range(LINES)
+        {"name": f"{k}", "x": [1.25, 198.75], "y": [570.0 - 560.0 * k / count] * 2}
+        for k in range(count)
     ]
 
 
@@ -97,13 +98,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         n = max(1, int(scale * 50_000))
-        for kept in ("all", "none"):
-            for maps in (None, MAPS):
-                output = NOTHING | {"maps": maps, "kept": kept}
-                case = vaujany.replace(case={"boulders": n}, output=output, **absolute)
-                case = case.replace(line=lines())
-                what = f"vaujany, {n:,} x {LINES} lines, kept {kept}, {len(maps or [])} maps"
-                good.append(compare(what, case, folder))
+        for count, kept, maps in itertools.product(LINES, ("all", "none"), (None, MAPS)):
+            output = NOTHING | {"maps": maps, "kept": kept}
+            case = vaujany.replace(case={"boulders": n}, output=output, **absolute)
+            case = case.replace(line=lines(count))
+            what = f"vaujany, {n:,} x {count} lines, kept {kept}, {len(maps or [])} maps"
+            good.append(compare(what, case, folder))
         for boulders, output in () if given.only else (
             (10_000, every), (1_000_000, NOTHING), (1_000_000, every)
         ):  # fmt: skip
