@@ -24,7 +24,7 @@ from rockfall.result import variables
 
 BYTES = {"MB": 1e6, "GB": 1e9}
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-AIM = 0.15, 0.25  # of memory, of time
+AIM = 0.15, 0.25  # targets for memory, for time
 LINES = 200, 5000
 
 
@@ -72,7 +72,7 @@ def valley(folder: Path, side: int, sources: int, each: int, maps: list[str] | N
 
 
 def lines(count: int) -> list[dict]:
-    """Lines across the slope of cases/vaujany, from its top down."""
+    """Lines across the slope of cases/vaujany, from the top down."""
     return [
         {"name": f"{k}", "x": [1.25, 198.75], "y": [570.0 - 560.0 * k / count] * 2}
         for k in range(count)

@@ -56,6 +56,18 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
 
 
+@pytest.mark.parametrize("lines", [1, 9])
+def test_crossings_are_written_piece_by_piece(tmp_path, lines, monkeypatch):
+    many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, lines + 1)]
+    scene = scene_of(tmp_path, 8, 10, maps=None, line=many)
+    run = pilot.pilot_run(scene)
+    crossings = run.tally.crossed()  # of all boulders
+    assert pilot.memory(scene, run)["made"] == pilot.PACKAGES + 2 * 8 * crossings > pilot.PACKAGES
+    monkeypatch.setattr(pilot, "BLOCK", crossings / 4)
+    monkeypatch.setattr(pilot, "PIECE", crossings / 2)
+    assert pilot.memory(scene, run)["made"] == pilot.PACKAGES + (1 + 1 / 4) * 8 * crossings / 2
+
+
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(pilot, "PILOT_BOULDERS", 500)
     monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 400)  # writing takes time

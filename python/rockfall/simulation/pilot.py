@@ -14,14 +14,14 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.memory import BYTES_AT_LINE, BYTES_IN_FILE
 from rockfall.simulation.simulate import CHUNK_CROSSINGS, check_team, run_chunks, start
-from rockfall.simulation.spilled_crossings import BLOCK
+from rockfall.simulation.spilled_crossings import BLOCK, PIECE
 from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 
 PROBE_BOULDERS = 100  # boulders used to estimate the number of rebounds
 PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, the same on all machines
 PILOT_BOULDERS = 20_000  # maximum boulders; cells of larger runs are extrapolated
-PROGRAM = 80e6  # memory of the program and its packages in a simulation [bytes]
+PROGRAM = 85e6  # memory of the program and its packages in a simulation [bytes]
 PACKAGES = 20e6  # additional memory of packages that write results [bytes]
 READING = 80e6  # additional memory to read a window [bytes]
 START = 0.4  # CPU time to start and end [s]
@@ -180,6 +180,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
     if pilot.blocks:
         held["samples"] = _sample_bytes(tally, pilot)
     made = len(names - {*plan.counts, *MAXIMA, HITS}) * 4 * math.prod(tally.box.shape)
+    piece = 8 * min(PIECE, crossings)  # bytes of boulder numbers that are written together
+    made += piece + piece * block // max(1, crossings)  # and of their part from one block
     if scene.windows:
         rasters = scene.windows.bytes + READING
     else:
