@@ -51,6 +51,14 @@ def hazard(folder, objects, **how):
     return rockfall.hazard(make_case(folder), dem=Z, transform=GRID, objects=objects, **how)
 
 
+def test_names_are_unique(tmp_path):
+    """Objects without a name get their number; repeated names get the next free number."""
+    names = ["house", "house", "house 1", " ", None, "5"]
+    shapes = [shapely.box(x, 250, x + 10, 260) for x in range(20, 140, 20)]
+    found = hazard(tmp_path, make_layer(tmp_path / "a.gpkg", shapes, crs=None, name=names))
+    assert found.object.values.tolist() == ["house 2", "house 3", "house 1", "4", "5 1", "5 2"]
+
+
 def test_each_object_has_the_numbers_that_it_has_alone(tmp_path, layers):
     together = hazard(tmp_path, layers)
     assert together.object_layer.values.tolist() == ["houses", "houses", "roads", "marks"]

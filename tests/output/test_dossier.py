@@ -363,8 +363,26 @@ def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
     hazard = made.first
     expected = [float(hazard["line_frequency"][0]), *hazard["object_frequency"].values]
     assert rows.tolist() == pytest.approx(expected, rel=1e-12)
-    assert rows.index.tolist() == ["road", "road (twins)", "road (twins) #2"]
+    assert rows.index.tolist() == ["road", "road 1", "road 2"]
+    assert hazard["object"].values.tolist() == ["road 1", "road 2"]
     shown = {place.k: row for place, row in zip(places_of(hazard)[1:],
              answer_table(hazard, 100.0).rows[1:], strict=True)}  # fmt: skip
     for k, row in shown.items():
         assert row[1].value == hazard["object_frequency"].values[k]
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_house_is_never_compared_with_a_net_of_its_name(case, tmp_path):
+    """The net, which one variant lacks, and the house both reach the table of differences."""
+    make_layer(tmp_path / "twins.gpkg", HOUSES, crs=None, name=["net", None])
+    few = case.replace(case={"boulders": 40})
+    made = run_dossier(read_dossier(few, AtRisk(tmp_path / "twins.gpkg"), one_model=True, **PLACE))
+    rows = made.frequencies
+    rows = rows[(rows["quantity"] == "frequency") & (rows["statistic"] == "all")]
+    rows = rows.set_index(["line", "variant"])
+    for number, line in enumerate(["net (twins)", "2"]):
+        own = [float(each["object_frequency"][number]) for each in made.hazards.values()]
+        assert rows.loc[line]["value"].tolist() == pytest.approx(own, rel=1e-12)
+        assert rows.loc[line, "with net"]["difference"] == pytest.approx(own[1] - own[0])
+    assert rows.loc["net"].index.tolist() == ["with net"]
+    assert np.isnan(rows.loc["net", "with net"]["difference"])

@@ -97,13 +97,16 @@ def test_layers_of_a_hazard_have_its_frequencies(case, tmp_path):
     with refused("road: a run has no annual frequencies: add &scenario groups to the case, "
                  "and use rockfall.hazard"):  # fmt: skip
         rockfall.exceedance(rockfall.run(case, **PLACE), "road")
-    of_scenario = case.replace(scenario=[{"name": "one", "frequency": 0.5}])
+    net = {"name": "net", "x": [50.0, 250.0], "y": [100.0, 100.0], "height": 3.0, "class": 3}
+    of_scenario = case.replace(scenario=[{"name": "one", "frequency": 0.5}], barrier=[net])
     hazard = rockfall.hazard(of_scenario, objects=make_frame([HOUSE], name=["house"]), **PLACE)
     (tmp_path / "h").mkdir()
     rockfall.write_hazard(hazard, tmp_path / "h" / "out")
     for data in (hazard, tmp_path / "h" / "out" / "hazard.nc"):
         found = rockfall.layers(data)
-        (line,) = found["lines"].to_dict("records")
+        line, barrier = found["lines"].to_dict("records")
+        assert barrier["geometry"].bounds == (50.0, 100.0, 250.0, 100.0)
+        assert barrier["frequency"] == float(hazard["line_frequency"].sel(line="net"))
         assert line["line"] == "road" and line["geometry"].bounds == (0.0, 200.0, 300.0, 200.0)
         (house,) = found["objects"].to_dict("records")
         for row, place in ((line, "road"), (house, "house")):

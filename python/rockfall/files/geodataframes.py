@@ -47,12 +47,12 @@ def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
 
 
 def _hazard_lines(hazard: xr.Dataset) -> dict[str, tuple[str, list[Any]]]:
-    """Evaluation lines of a hazard, if any, with their frequencies [1/year]."""
+    """Evaluation lines and barriers of a hazard, if any, with their frequencies [1/year]."""
     import shapely
 
     if "line_frequency" not in hazard:
         return {}
-    by_name = {line["name"]: line for line in case_of(hazard).line}
+    by_name = {line["name"]: line for line in case_of(hazard).lines}
     names = hazard["line"].values.astype(str).tolist()
     places = [np.column_stack([by_name[name][axis] for axis in "xy"]) for name in names]
     columns = {"line": np.array(names, object)}

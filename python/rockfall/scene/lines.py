@@ -125,6 +125,8 @@ def numbered(names: Sequence[str]) -> Iterator[str]:
     often, count = Counter(names), Counter[str]()
     for name in names:
         count[name] += 1
+        while often[name] > 1 and f"{name} {count[name]}" in often:
+            count[name] += 1
         yield name if often[name] == 1 else f"{name} {count[name]}"
 
 

@@ -4,7 +4,7 @@ scenarios with common random numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.protection.yearly import YEARS
+from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
 from rockfall.simulation.parts.checkpoint import Checkpoint
@@ -141,6 +142,11 @@ def run_dossier(
     """Run the scenarios of each variant once, and combine them."""
     engine = Study(progress=progress, threads=threads, checkpoints=checkpoints)
     hazards, yearly = {}, {}
+    lines = {
+        own["name"]
+        for study in inputs.studies.values()
+        for own in (*study.lines, *study.case.barrier)
+    }
     for name, study in inputs.studies.items():
         by_name = {_run_name(name, scenario.name): scenario for scenario in study.scenarios}
 
@@ -148,7 +154,7 @@ def run_dossier(
             run: str, result: xr.Dataset, study: HazardInputs = study, by_name: Any = by_name
         ) -> tuple[ScenarioRun, YearlyRun]:
             own = ScenarioRun(study, by_name[run], result)
-            at_objects = _at_objects(study, result, own.lines)
+            at_objects = _at_objects(study, result, lines)
             return own, yearly_run(result, by_name[run].frequency, own.lines, at_objects)
 
         runs, rows = zip(*(each for _, each in engine.run(_scenes(study, by_name), numbers)),
@@ -174,12 +180,11 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
         yield name, replace(study.scene, case=scenario.case)
 
 
-def _at_objects(study: HazardInputs, result: xr.Dataset, lines: list[str]) -> dict[str, np.ndarray]:
+def _at_objects(
+    study: HazardInputs, result: xr.Dataset, lines: Collection[str]
+) -> dict[str, np.ndarray]:
     """Energies and heights of all boulders at objects with a width, by name. The layer is added to
-    a name that a line has, and a number to a repeated name."""
-    at_objects: dict[str, np.ndarray] = {}
-    for number, hits in object_hits(study.objects, result):
-        name = study.objects.names[number]
-        named = f"{name} ({study.objects.layers[number]})" if name in lines else name
-        at_objects[f"{named} #{number + 1}" if named in at_objects else named] = hits
-    return at_objects
+    a name that a line or barrier of any variant has."""
+    layers = zip(study.objects.names, study.objects.layers, strict=True)
+    names = [*numbered([f"{name} ({on})" if name in lines else name for name, on in layers])]
+    return {names[number]: hits for number, hits in object_hits(study.objects, result)}

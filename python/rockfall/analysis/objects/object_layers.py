@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,12 +90,15 @@ def only_layer(path: str | Path) -> str:
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects in each layer; names in several layers include the layer label."""
+    """Names of the objects in each layer; names in several layers include the layer label, and
+    repeated names a number."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:
             numbers.setdefault(name, set()).add(k)
-    return [
-        [f"{label}: {name}" if len(numbers[name]) > 1 else name for name in own]
+    distinct = numbered([
+        f"{label}: {name}" if len(numbers[name]) > 1 else name
         for own, label in zip(names, labels, strict=True)
-    ]
+        for name in own
+    ])  # fmt: skip
+    return [list(islice(distinct, len(own))) for own in names]

@@ -24,7 +24,7 @@ from rockfall.analysis.objects.vulnerability import SHIPPED, Curve
 from rockfall.case import Case, check_all_kept
 from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.vectors.layers import read_features
+from rockfall.io.vectors.layers import plain, read_features
 from rockfall.io.vectors.polygons import points_inside
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
@@ -132,8 +132,8 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
             f"{file.path}: feature {number}: has several points: split it into objects of one point"
         )
     columns = {name.lower(): values for name, values in columns.items()}
-    numbers = [str(number) for number in range(1, len(shapes) + 1)]
-    names = [str(name) for name in columns.get("name", numbers)]
+    given = [plain(name) for name in columns.get("name", [None] * len(shapes))]
+    names = [str(number if name is None else name) for number, name in enumerate(given, start=1)]
     return Read(Layer(str(file.path), columns, len(shapes)), shapely.force_2d(shapes), names)
 
 
