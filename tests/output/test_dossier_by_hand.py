@@ -37,6 +37,8 @@ CLASSES = (100, 250, 500, 1000, 1500, 2000, 3000, 4500)  # EAD 340059 [kJ]
 CLOSE = 1e-7  # relative digits of the 97.5 % quantile in limits
 LAMBDA = 0.2, 0.8, 0.5  # lethality, presence, vulnerability of the houses
 HOUSES = {"house A": (4.0, 300e3), "house B": (2.0, 500e3)}  # persons, value
+STEP, ROAD = 80.0, ((WEST + 5, NORTH - 300), (WEST + 245, NORTH - 306))  # segments: 80 m
+SECOND = {"talus": "constant_talus", "meadow": "constant_meadow"}  # grounds of the second model
 OTHER = ("residual", "low", "moderate", "high")
 MATRIX = (("moderate", "low", "low"), ("high", "moderate", "moderate"), ("high",) * 3)
 
@@ -61,8 +63,7 @@ def site(folder):
             {"name": ["slope", "flat"], "ground": ["talus", "meadow"]},
         ),
         "road": (
-            [shapely.LineString([(WEST + 5, below(300)), (WEST + 245, below(306))])],
-            {"name": ["road"]},
+            [shapely.LineString(ROAD)], {"name": ["road"]},
         ),
         "net": (
             [shapely.LineString([(WEST + 60, below(250)), (WEST + 190, below(250))])],
@@ -79,6 +80,7 @@ def site(folder):
         persons=[persons for persons, _ in HOUSES.values()],
         value=[value for _, value in HOUSES.values()],
     )  # fmt: skip
+    make_layer(folder / "axis.gpkg", [shapely.LineString(ROAD)], UTM, name=["way"], width=[0.0])
     return shapes
 
 
@@ -103,8 +105,9 @@ def project(tmp_path_factory):
         patch.setattr(dossier_page, "write_page", lambda page, path: Path(path).write_text(page))
         leave_pictures_blank(patch)
         words = ["dossier", names["case.nml"], "-o", str(folder / "dossier"), "--quiet"]
-        houses = ["--objects", str(folder / "houses.gpkg")]
-        assert main([*words, *houses, "--author", "A. Muster", "--one-model"]) == 0
+        words += ["--objects", str(folder / "houses.gpkg"), "--author", "A. Muster"]
+        words += ["--segments", str(folder / "axis.gpkg"), "--segment-length", f"{STEP}"]
+        assert main(words) == 0
     return folder, shapes
 
 
@@ -120,8 +123,25 @@ def boulders(project):
     """Results at each place for each boulder, by variant and scenario."""
     folder, shapes = project
     cases = rockfall.variants(rockfall.read_case(folder / "case.nml"))
+    grounds = (folder / "case_zones.csv").read_text()
+    for name, other in SECOND.items():
+        grounds = grounds.replace(f",{name},", f",{other},")
+    (folder / "second.csv").write_text(grounds)
+    cases["second"] = cases["today"].replace(surface={"table": "second.csv"})
     return {name: {own: run(case, own, shapes) for own in SCENARIOS}
             for name, case in cases.items()}  # fmt: skip
+
+
+def pieces():
+    """Ends of the segments of the road, by their names."""
+    start, end = np.array(ROAD)
+    length = math.dist(start, end)
+    edges = [*np.arange(0, length - STEP / 2, STEP), length]
+    return {
+        f"way, {low:.1f} to {high:.1f} m".replace(".0", ""):
+            [start + (end - start) * edge / length for edge in (low, high)]
+        for low, high in zip(edges, edges[1:], strict=False)
+    }  # fmt: skip
 
 
 def run(case, scenario, shapes):
@@ -133,6 +153,9 @@ def run(case, scenario, shapes):
         for name, shape in zip(HOUSES, shapes, strict=True)
         for x, y in [shape.exterior.xy]
     ]
+    for name, ends in pieces().items():
+        x, y = np.array(ends).T.tolist()
+        lines.append({"name": name, "x": x, "y": y, "object_width": 0.0})
     law = {"volume": "uniform", "volume_mean": None, "volume_min": low, "volume_max": high}
     alone = case.replace(scenario=[], boulder=law, output={"trajectories": BOULDERS})
     roads = [{"file": "site.gpkg", "layer": "road", "field": "name"}]
@@ -324,6 +347,7 @@ def test_classes_and_risks_of_houses(sheets):
     assert remaining[1] == pytest.approx(damage, rel=CLOSE)
     assert remaining[4] == pytest.approx(deaths, rel=CLOSE)
     assert remaining[7] == max(risks[house][3] for house in HOUSES)
+    rows |= table(sheets, "Segments of roads")
     assert remaining[0] == max((class_of(row[0:9:3]) for row in rows.values()), key=OTHER.index)
 
 
@@ -380,3 +404,59 @@ def test_scenarios_areas_and_files(sheets, project):
     for file, key in {"dem.tif": "dem", "case_zones.csv": "table"}.items():
         digest = hashlib.sha256((folder / file).read_bytes()).hexdigest()
         assert f"{key}: {digest}" in sums
+
+
+def test_segments(sheets, boulders):
+    """Frequencies, class and mean height; a boulder hits a segment with its side."""
+    rows, today = table(sheets, "Segments of roads"), boulders["today"]
+    assert {*rows} == {*pieces()}
+    for name, row in rows.items():
+        for k, least in enumerate((-1, 30, 300)):
+            counts = count(today, name, lambda energy, _, least=least: energy > least)
+            assert row[3 * k : 3 * k + 3] == pytest.approx(rates(counts), rel=CLOSE)
+        assert row[9].split("\n")[0] == class_of(row[0:9:3])
+        energies = [[*at[name]] for at in today.values()]
+        weights = [rate for rate, _, _ in SCENARIOS.values()]
+        assert row[10] == pytest.approx(weighted_q95(energies, weights), rel=CLOSE)
+    once = [sum(any(at[name][b][0].size for name in rows) for b in range(BOULDERS))
+            for at in today.values()]  # fmt: skip
+    assert sum(row[0] for row in rows.values()) >= rates(once)[0] * (1 - CLOSE)
+    assert max(row[0] for row in rows.values()) <= rates(once)[0]
+
+
+def weighted_q95(energies, weights):
+    """Quantile of the highest energies of boulders with unequal weights (Hazen's rule)."""
+    each = sorted((own[0].max(), weight) for of, weight in zip(energies, weights, strict=True)
+                  for own in of if own[0].size)  # fmt: skip
+    values, weight = np.array(each).T
+    return np.interp(0.95, (np.cumsum(weight) - weight / 2) / weight.sum(), values)
+
+
+def test_the_second_model(sheets, boulders):
+    """The frequency of each place on other grounds, and the model that governs."""
+    (head,) = [row[1] for row in sheets[0] if row[0] and "second model" in row[1]]
+    assert all(ground in head for ground in SECOND.values())
+    for place in ("road", *HOUSES):
+        row = table(sheets, "second model")[place]
+        for k, name in enumerate(("today", "second")):
+            counts = count(boulders[name], place, lambda energy, _: energy >= 0)
+            assert row[3 * k : 3 * k + 3] == pytest.approx(rates(counts), rel=CLOSE)
+        assert row[6:9] == table(sheets, "at each place")[place][6:9]
+        by_second = row[3] > row[0], row[9] > row[6]
+        case, other = by_second.count(False), by_second.count(True)
+        assert ("the case" in row[12]) == (case > 0)
+        assert ("constant" in row[12]) == (other > 0)
+
+
+def test_class_of_the_road(sheets, project):
+    """The highest class of the map cells that the line crosses."""
+    classes = read_hazard(project[0] / "dossier/hazard_today.nc")["hazard_class"].values
+    line, n = shapely.LineString(ROAD), classes.shape
+    crossed = [
+        classes[row, column]
+        for row, column in np.ndindex(*n)
+        if shapely.box(WEST + column * CELL, NORTH - (row + 1) * CELL,
+                       WEST + (column + 1) * CELL, NORTH - row * CELL).intersection(line).length > 1
+    ]  # fmt: skip
+    road = table(sheets, "at each place")["road"]
+    assert road[12].split("\n")[0] == OTHER[max(crossed) - 1]
