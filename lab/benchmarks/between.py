@@ -3,10 +3,10 @@
 
     python -m lab.benchmarks.between FOLDER [--tables 3]
 
-FOLDER stores contacts and results; missing ones are computed, in about 20 minutes on one core.
+FOLDER stores contacts and results; missing ones are computed, in about 25 minutes on one core.
 Prints the fraction of boulders that passes 200 m of a plane, by tables simulated at places between
 the parts, and by the ground shipped by name, with that strength and relief
-(docs/archive/field_protocol.md, "Planes between their parts, judged").
+(docs/archive/field_protocol.md, "Planes between their parts, judged" and "for the last time").
 """
 
 import argparse
@@ -42,11 +42,13 @@ ABOVE_RELIEF, STEP = 6.0, 1.5  # slopes: first, step [degree]
 NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
 REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
 LIKE = {"ploughed": "meadow", "hard": "compact"}  # shipped grounds of these models
-THROWS, PATCHES, FIRST, NEXT = 400, 32, 95101, 100  # a table at a place; its seeds
+THROWS, PATCHES, NEXT = 400, 32, 100  # a table at a place; seed of the next
+FIRST = 95101, 96101  # seeds of the first table, by trial
 ALL = 10**9  # number of records
 AWAY = 1.0  # from the slope on which half of the boulders pass [degree]
-FOUND, JUDGED = 7, 8  # seeds of boulders: for that slope, for passing fractions
+FOUND, JUDGED = 7, (8, 9)  # seeds of boulders: for that slope; for passing fractions, by trial
 WRONG = 0.1  # bound of errors of passing fractions
+IN_FIRST = 20  # places of the first trial
 PLACES = (  # plane, strength / (rho_b g R_b), relief [degree]
     ("ploughed-compact", 17.0, 12.75),
     ("ploughed-compact", 17.0, 15.25),
@@ -68,6 +70,20 @@ PLACES = (  # plane, strength / (rho_b g R_b), relief [degree]
     ("ploughed-platy", 136.0, 11.5),
     ("hard-elongated", 120.0, 13.5),
     ("hard-platy", 300.0, 13.5),
+    ("ploughed-compact", 17.0, 8.0),
+    ("hard-compact", 300.0, 11.5),
+    ("ploughed-compact", 34.0, 12.75),
+    ("hard-compact", 1900.0, 14.5),
+    ("ploughed-compact", 68.0, 10.25),
+    ("hard-compact", 120.0, 17.5),
+    ("ploughed-compact", 136.0, 15.25),
+    ("hard-compact", 1900.0, 11.5),
+    ("ploughed-compact", 272.0, 12.75),
+    ("hard-compact", 48.0, 17.5),
+    ("ploughed-compact", 540.0, 10.25),
+    ("hard-compact", 750.0, 17.5),
+    ("ploughed-compact", 34.0, 17.75),
+    ("ploughed-compact", 272.0, 17.75),
 )
 SHIPPED = {"shipped": 0.0, "smaller relief": SAFER}  # relief reductions [degree]
 GROUPS = {  # patterns of plane names
@@ -136,7 +152,8 @@ class Place:
     """A place between the parts of a plane; a folder stores its contacts and results."""
 
     def __init__(self, number: int, folder: Path):
-        self.number, self.folder = number, folder
+        self.folder = folder
+        self.trial, self.number = divmod(number, IN_FIRST)
         self.name, self.strength, self.relief = PLACES[number]
         self.model, self.shape = self.name.split("-")
         self.pressure = float(f"{self.strength * USUAL_WEIGHT * RADIUS:.6g}")
@@ -145,7 +162,7 @@ class Place:
         """Table simulated at the place, of all its contacts."""
         restitution = restitution_of(self.pressure, USUAL_DENSITY)
         ground = {"yield_pressure": self.pressure, "restitution": restitution}
-        seed = FIRST + self.number + NEXT * table
+        seed = FIRST[self.trial] + self.number + NEXT * table
         case = part_case(self.name, 0, 0).replace(
             lab={"throws": THROWS, "seed": seed},
             ground=ground | {"relief": self.relief, "patches": PATCHES},
@@ -168,7 +185,8 @@ class Place:
             with tempfile.TemporaryDirectory() as name:
                 folder = Path(name)
                 keys = self.shipped(column) if column in SHIPPED else self._keys_of(column, folder)
-                return [passing(keys, slope, folder, JUDGED) for slope in self.slopes()]
+                seed = JUDGED[self.trial]
+                return [passing(keys, slope, folder, seed) for slope in self.slopes()]
 
         return self._stored(column.replace(" ", "-"), passes)
 
