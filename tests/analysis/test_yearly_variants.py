@@ -66,6 +66,16 @@ def test_frequencies_and_levels_are_those_of_the_hazard(case, table, name):
             assert table.loc[line, name, "energy_by_period", f"{period:g}"]["value"] == level
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_boulders_that_pass_a_barrier_are_those_that_its_hazard_has_behind_it(case, table):
+    found = rockfall.hazard(variants(case)["net"], **PLACE)
+    k = found["line"].values.tolist().index("net")
+    weights = found["frequency"].values / found["boulders"].values
+    passing = weights @ found["line_behind"].values[:, k]
+    assert table.loc["net", "net", "frequency", "all"]["value"] == pytest.approx(passing, rel=1e-9)
+    assert 0 < passing < float(found["line_frequency"][k])
+
+
 def test_what_changes_nothing_differs_by_nothing(case):
     """A net below both lines."""
     names = [{"name": "bare", "without": ["barrier"]}, {"name": "far"}]
