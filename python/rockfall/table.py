@@ -184,14 +184,15 @@ class Table(NamedTuple):
         longest = (max(map(len, "\n".join(column).split("\n"))) for column in columns)
         return sum(1 + letters for letters in longest) > LETTERS
 
-    def data(self) -> tuple[list[Column], Iterator[list[object]]]:
-        """Columns and rows, with interval limits in separate columns."""
+    def data(self, ends: Sequence[str] = ENDS) -> tuple[list[Column], Iterator[list[object]]]:
+        """Columns and rows, with interval limits in separate columns, whose labels have these
+        ends."""
         columns: list[Column] = []
         split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
                  for k in range(len(self.columns))]  # fmt: skip
         for column, is_split in zip(self.columns, split, strict=True):
-            ends = ENDS if is_split else ("",)
-            columns += [column._replace(label=f"{column.label}{end}") for end in ends]
+            own = ends if is_split else ("",)
+            columns += [column._replace(label=f"{column.label}{end}") for end in own]
         return columns, (_spread(row, split) for row in self.rows)
 
 

@@ -27,7 +27,9 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
 from rockfall.studies.hazard import run_study
 from rockfall.studies.yearly_variants import yearly_table
+from rockfall.table import Table
 from rockfall.tables.dossier import (
+    Section,
     answer_table,
     places_of,
     remaining_tables,
@@ -129,6 +131,9 @@ def test_every_number_of_page_1_is_in_the_tables_and_from_python(case, made):
     assert not [number for number in said if number not in known]
     book = openpyxl.load_workbook(folder / "dossier.xlsx")
     first = book.worksheets[1]
+    assert first.oddHeader.left.text.startswith("Boulders at each place, with 95 % intervals")
+    heads = [cell.value for cell in first[1]]
+    assert heads[1:4] == [f"boulders a year{end}" for end in ("", ", lower limit", ", upper limit")]
     values = {row[0]: row[1:] for row in first.iter_rows(min_row=2, values_only=True)}
     hazard = read_hazard(folder / "hazard_today.nc")
     for place in places_of(hazard):
@@ -233,13 +238,18 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
         assert (other[name].values == expected[name].values).all()
     own = read_hazard(folder / "hazard_today.nc")
     more = float(other["line_frequency"][0]) > float(own["line_frequency"][0])
-    governs = "Governs: talus" if more else "Governs: the case"
+    governs = "Governs: talus" if more else "Governs: the case's model"
     assert "(talus)" in first_page(page)
     assert governs in first_page(page) or "frequency: " in first_page(page)
     by_sets = Dossier({"": own}, pd.DataFrame(), second=Second("impact sets, method B", other))
     with speaking("de"):
         (table,) = second_tables(by_sets)
     assert table.caption.endswith(": Parametersatz, Methode B")
+    constant = Dossier({"": own}, pd.DataFrame(), second=Second("constant_a, constant_b", other))
+    with speaking("fr"):
+        (sentence,), (table,) = second_answer(constant), second_tables(constant)
+    assert "selon l'autre modèle que le sol admet (coefficients constants)," in sentence
+    assert table.caption.endswith(": coefficients constants (constant_a, constant_b)")
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -289,13 +299,21 @@ def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(cas
         assert found[name].values.any()
 
 
+def test_only_tables_of_places_are_cut():
+    rows = [("one", 1), ("two", 2), ("three", 3)]
+    tables = [Table.of("measures", ("", "net"), rows), Table.of("places", ("place", "net"), rows)]
+    cut = dossier_page._cut(Section("variants", "", [], tables), 2)
+    assert [len(table.rows) for table in cut.tables] == [3, 2] and len(cut.notes) == 1
+
+
 @pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_many_houses_take_no_more_pages(case, tmp_path, monkeypatch):
     from weasyprint import HTML
 
     houses = [shapely.box(x, y, x + 9, y + 9) for x in range(60, 240, 30) for y in (100, 130, 160)]
-    make_layer(tmp_path / "many.gpkg", houses, crs=None, name=[f"h{k}" for k in range(18)])
+    long = "Einfamilienhaus mit Einliegerwohnung an der oberen Talstrasse"
+    make_layer(tmp_path / "many.gpkg", houses, crs=None, name=[f"{long} {k}" for k in range(18)])
     pages = []
     monkeypatch.setattr(dossier_page, "write_page", lambda page, _: pages.append(page))
     leave_pictures_blank(monkeypatch)

@@ -96,10 +96,11 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
     ]
     with speaking(language):
         figure = hazard_sheet(found, TERRAIN, imprint, many)
+        scenario = say("join.colon", before="a", after="0")
     figure.draw_without_rendering()
     assert figure.get_size_inches() == pytest.approx([420 / 25.4, 297 / 25.4])
     texts = [text.get_text() for text in figure.texts]
-    for part in ("No. 12", "the canton", "A. Engineer", "300", "a: 0", "warning 0", "(A3)"):
+    for part in ("No. 12", "the canton", "A. Engineer", "300", scenario, "warning 0", "(A3)"):
         assert any(part in text for text in texts), part
     shown = "\n".join(texts)
     assert shown.count("warning ") == shown.count("end ") < 9  # no warning is cut

@@ -49,6 +49,7 @@ from rockfall.text.hazard import limits_of_hazard
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # map on page 2, with the title below
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
+PLACES = (6, 4, 2)  # maximum places in a table of page 1, reduced until the signature fits
 LOWEST, TITLE = 95.0, 22.0  # minimum height of the closing figure, and height of its title [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # maximum sentences on page 1
 
@@ -73,14 +74,19 @@ def write_dossier_page(
         content = _content(dossier, dict(designs), given)
         page = rendered("dossier.html.j2", closing=None, **content)
         if is_pdf(path):
-            page = _fitted(page, content, dossier.first, given.terrain)
+            page = _fitted(page, content, dossier, given.terrain)
     write_page(page, path)
 
 
-def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Terrain | None) -> str:
-    """Fit a page to at most `SHEETS` sheets, with fewer table rows if necessary. Add a map of the
-    sources if there is room at the end, or a spare sheet."""
+def _fitted(page: str, content: dict[str, Any], dossier: Dossier, terrain: Terrain | None) -> str:
+    """Fit the signature to the first sheet and a page to at most `SHEETS` sheets, with fewer table
+    rows if necessary. Add a map of the sources if there is room at the end, or a spare sheet."""
     fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
+    hazard, places = dossier.first, iter(PLACES)
+    while not fitted.is_signed and (rows := next(places, 0)):
+        content["tables_first"] = [_in_lines(table) for table in first_tables(dossier, rows)]
+        page = rendered("dossier.html.j2", closing=None, **content)
+        fitted = layout(page, "end")
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
         page = rendered("dossier.html.j2", closing=None, **content)
@@ -93,11 +99,15 @@ def _fitted(page: str, content: dict[str, Any], hazard: xr.Dataset, terrain: Ter
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section with its tables of places cut to this number of rows, and a note on omissions."""
+    """Section with its tables of places, whose first column has a title, cut to this number of
+    rows, and a note on omissions."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section
-    tables = [table._replace(rows=table.rows[:most]) for table in section.tables]
+    tables = [
+        table._replace(rows=table.rows[:most]) if table.head[0] else table
+        for table in section.tables
+    ]
     return section._replace(tables=tables, notes=[say("dossier.cut", n=most), *section.notes])
 
 
@@ -132,7 +142,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
         more_warnings=warnings[WARNINGS:],
         answers=list(answers(dossier, designs)),
         tables_first=[_in_lines(table) for table in first_tables(dossier)],
-        certainty=[say("office.intervals"), say("summary.the_brackets_hold_no_error_of")],
+        certainty=_certainty(),
         map=picture(close_map(hazard, given.terrain, MAP), _map_title(dossier), "", on_paper=True),
         sections=list(pages.values()),
         figures=dict(_figures(dossier)),
@@ -140,11 +150,11 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
     )
 
 
-def first_tables(dossier: Dossier) -> Iterator[Table]:
+def first_tables(dossier: Dossier, most: int = MOST) -> Iterator[Table]:
     """Tables of page 1: the first places of the complete tables, which follow later."""
-    yield answer_table(dossier.first, dossier.period, MOST)
+    yield answer_table(dossier.first, dossier.period, most)
     if len(dossier.hazards) > 1:
-        yield variants_table(dossier, MOST)
+        yield variants_table(dossier, most)
         yield from remaining_tables(dossier)
 
 
@@ -169,7 +179,9 @@ def question(dossier: Dossier) -> str:
     """The client's question: the text of the case, or the question that the numbers answer."""
     if asked := case_in(dossier.first.attrs).case["question"]:
         return str(asked)
-    names = [place.name for place in places_of(dossier.first)[:MOST]]
+    places = places_of(dossier.first)
+    undivided = [place for place in places if place.kind != "segment"] or places
+    names = [place.name for place in undivided[:MOST]]
     key = "dossier.question_of_variants" if len(dossier.hazards) > 1 else "dossier.question"
     return say(key, places=names)
 
@@ -223,7 +235,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
-    """Yield figures by section; each follows the second table of its section."""
+    """Yield figures by section; each follows two tables of its section."""
     curves = curves_figure(dossier.hazards)
     shown = [picture(curves, say("dossier.curves"), say("dossier.curves_caption"), on_paper=True)]
     if has_segments(dossier.first):
@@ -235,9 +247,14 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
     yield "places", shown
 
 
+def _certainty() -> list[Text]:
+    """Sentences on what the intervals include."""
+    return [say("office.intervals"), say("summary.the_brackets_hold_no_error_of")]
+
+
 def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
     """Sections of page 1, and of the following pages."""
-    notes = [question(dossier), *answers(dossier, designs)]
+    notes = [question(dossier), *answers(dossier, designs), *_certainty()]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:
         tables += [variants_table(dossier), *remaining_tables(dossier)]

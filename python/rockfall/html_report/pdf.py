@@ -20,6 +20,7 @@ PANGO = "libpango-1.0-0 libpangoft2-1.0-0 libharfbuzz-subset0"  # Debian package
 FONTS = "fonts-dejavu-core"
 OPTIONS: dict[str, Any] = {"pdf_version": "1.4"}  # later versions compress the creator metadata
 CSS_PIXELS = 96 / 25.4  # CSS pixels per millimetre
+SIGNATURE = "signature"  # anchor of the signature in templates/dossier.html.j2
 BOTTOM = 16.0  # bottom margin of a sheet [mm], as in templates/page.css
 
 
@@ -61,7 +62,7 @@ def write_pdf(page: str, path: Path) -> None:
     """Typeset an HTML page as a PDF, atomically and without network access."""
     with atomic_write(path) as part:
         document = _laid_out(page)
-        if "signature" not in document.pages[0].anchors:
+        if SIGNATURE not in document.pages[0].anchors:
             reason = "the signature is not on page 1: shorten the title and the line names"
             warnings.warn(f"{path.name}: {reason}", stacklevel=4)  # the folder may be temporary
         add_steps(len(document.pages))
@@ -81,10 +82,12 @@ def _noted(paint: Callable[..., None]) -> Callable[..., None]:
 
 
 class Layout(NamedTuple):
-    """Number of sheets of a typeset page, and the height [mm] below an anchor on its sheet."""
+    """Number of sheets of a typeset page, the height [mm] below an anchor on its sheet, and whether
+    the signature is on the first sheet."""
 
     sheets: int
     below: float
+    is_signed: bool
 
 
 def layout(page: str, anchor: str) -> Layout:
@@ -95,7 +98,7 @@ def layout(page: str, anchor: str) -> Layout:
         for sheet in sheets
         if anchor in sheet.anchors
     ]
-    return Layout(len(sheets), max(below, default=0.0))
+    return Layout(len(sheets), max(below, default=0.0), SIGNATURE in sheets[0].anchors)
 
 
 def _laid_out(page: str) -> Document:

@@ -21,7 +21,7 @@ def write_dossier_document(title: str, sections: Sequence[Section], path: Path) 
 def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
     """Write each table to a sheet of a workbook, after a sheet with the sentences. Numbers have
     all digits; interval limits have separate columns."""
-    rows: list[tuple[str, str]] = [("", title), ("", say("office.intervals"))]
+    rows: list[tuple[str, str]] = [("", title)]
     sheets, number = [], 0
     for section in sections:
         rows += [

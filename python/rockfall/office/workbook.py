@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.io.atomic import atomic_write
+from rockfall.language import say, translated
 from rockfall.table import Table
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f]")  # characters not allowed in XML
 WIDEST, PAD = 60, 2  # maximum column width and padding, in letters
 NARROWEST_HEAD = 12  # minimum letters of a header that is wrapped
 DIGITS = 3  # minimum digits displayed; the cell keeps full precision
+LONGEST_HEADER = 120  # maximum letters of a printed page header; Excel allows 255 with its codes
 LINE = 15.0  # line height [pt]
 LETTER = 1.2  # maximum mean letter width, in units of the column width
 
@@ -40,9 +42,10 @@ def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
     book = Workbook()
     book.remove(book.active)
     book.properties.creator = "rockfall"
+    ends = "", *(f", {say(f'interval.{end}_limit')}" for end in ("lower", "upper"))
     for sheet in sheets:
         page = book.create_sheet(sheet.name)
-        columns, rows = sheet.table.data()
+        columns, rows = sheet.table.data(ends)
         head: list[list[object]] = [[column.title for column in columns]] * sheet.is_table
         for number, row in enumerate(chain(head, rows), start=1):
             for column, value in enumerate(row, start=1):
@@ -52,6 +55,8 @@ def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
         _widen(page, sheet.is_table)
         _heighten(page)
         _set_print(page, sheet.is_table)
+        caption = CONTROL.sub(" ", translated(sheet.table.caption))
+        page.oddHeader.left.text = caption[:LONGEST_HEADER].replace("&", "&&")
     with atomic_write(path) as part, open(part, "wb") as file:
         book.save(file)
     return path

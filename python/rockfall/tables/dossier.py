@@ -19,7 +19,7 @@ from rockfall.language import Text, say, word
 from rockfall.protection.yearly import YearlyDesign
 from rockfall.result.variables import ENDS
 from rockfall.studies.dossier import Dossier
-from rockfall.studies.model_scenes import BY_SETS
+from rockfall.studies.model_scenes import BY_SETS, CONSTANT
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
     Risk,
@@ -171,11 +171,15 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
         say("hazard.place"), say("hazard.boulders_a_year"), say("dossier.by_model", model=model),
         energy, say("dossier.by_model", model=model), say("dossier.governs"),
     )  # fmt: skip
-    yield Table.of(say("dossier.second_caption", model=model), heads, rows)
+    name = dossier.second.model
+    named = say("dossier.constants_of", grounds=name) if name.startswith(CONSTANT) else model
+    yield Table.of(say("dossier.second_caption", model=named), heads, rows)
 
 
 def _shown(model: str) -> Text | str:
-    """Name of a model in the current language; grounds keep their names in the case."""
+    """Short name of a model in the current language; a ground keeps its name in the case."""
+    if model.startswith(CONSTANT):
+        return say("dossier.by_constants")
     if not model.startswith(BY_SETS):
         return model
     return say("dossier.by_sets", method=model.removeprefix(BY_SETS))
@@ -314,7 +318,7 @@ def period_table(dossier: Dossier) -> Table:
         for place in places_of(dossier.first)
     ]
     heads = say("hazard.place"), *dossier.hazards
-    return Table.of(say("variants.energy_by_period", years=f"{dossier.period:g}"), heads, rows)
+    return Table.of(say("dossier.energy_caption", years=dossier.period), heads, rows)
 
 
 def remaining_tables(dossier: Dossier) -> Iterator[Table]:

@@ -162,7 +162,7 @@ def _write_title(block: _Block, hazard: xr.Dataset, imprint: Imprint) -> None:
         (say("sheet.signature"), ""),
         (say("sheet.computed"), str(hazard.attrs.get("date_created", ""))[:10]),
     ):
-        block.write(f"{label}: {value or '_' * 30}", most=2)
+        block.write(say("join.colon", before=label, after=value or "_" * 30), most=2)
     block.skip()
 
 
@@ -210,7 +210,8 @@ def _write_scenarios(block: _Block, hazard: xr.Dataset) -> None:
     columns = (hazard[name].values for name in ("scenario", "frequency", "boulders"))
     for name, yearly, boulders in zip(*columns, strict=True):
         style = {"yearly": Number(number(yearly)), "boulders": int(boulders)}
-        block.write(f"{name}: {say('sheet.scenario', **style)}", SMALL, most=2)
+        text = say("join.colon", before=name, after=say("sheet.scenario", **style))
+        block.write(text, SMALL, most=2)
     block.write(say("hazard.population"), SMALL)
     block.skip()
 
