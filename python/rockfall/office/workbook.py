@@ -56,7 +56,7 @@ def write_workbook(sheets: Iterable[Sheet], path: Path) -> Path:
         _heighten(page)
         _set_print(page, sheet.is_table)
         caption = CONTROL.sub(" ", translated(sheet.table.caption))
-        page.oddHeader.left.text = caption[:LONGEST_HEADER].replace("&", "&&")
+        page.oddHeader.left.text = caption[:LONGEST_HEADER].replace("&", "&&") or None
     with atomic_write(path) as part, open(part, "wb") as file:
         book.save(file)
     return path
