@@ -259,8 +259,8 @@ contains
           .and. (this%ground /= "" .or. this%ground_map /= "" .or. this%by_table)) then
          return
       else if (count([zones, by_raster, uniform]) /= 1) then
-         call fail(error, group%file//": &surface: give one of: zones with table; mean_radius (method B) or rg70, " &
-                   //"rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
+         call fail(error, group%file//": &surface: give a ground, or one of: zones with table; mean_radius " &
+                   //"(method B) or rg70, rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
          call require_key(group, "zones", "which gives the places of the zones", error)
       else if (by_raster .and. this%method == method_b) then
