@@ -220,7 +220,7 @@ def table(sheets, words):
 @pytest.mark.all
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
     """Also for each variant, above each threshold, and for a house in plan."""
-    rows, by_variant = table(sheets, "at each place"), table(sheets, "by variant")
+    rows, by_variant = table(sheets, "at each place"), table(sheets, "year, by variant")
     objects = table(sheets, "Objects")
     for place in ("road", *HOUSES):
         expected = rates(count(boulders["today"], place, lambda energy, _: energy >= 0))
@@ -244,7 +244,7 @@ def test_levels_by_return_period(sheets, boulders, project):
     levels counted in a result."""
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for words, (name, unit, index) in {
-        "Energy [kJ]": ("energy", 1e-3, 0), "Height [m]": ("height", 1.0, 1),
+        "[kJ] reached once per": ("energy", 1e-3, 0), "Height [m]": ("height", 1.0, 1),
     }.items():  # fmt: skip
         steps = hazard[f"exceeded_{name}"].values * unit
         for place, row in table(sheets, words).items():
@@ -256,18 +256,25 @@ def test_levels_by_return_period(sheets, boulders, project):
                 assert (above[0] >= 1 / period * (1 - 1e-9)) or level == 0
                 assert above[1] <= 1 / period * (1 + 1e-9)
     sentences = {row[1] for row in sheets[0] if not row[0]}
-    rows = [row for words in ("Energy [kJ]", "Height [m]") for row in table(sheets, words).values()]
+    rows = [
+        row
+        for words in ("[kJ] reached once per", "Height [m]")
+        for row in table(sheets, words).values()
+    ]
     limits = [row[k + 1 : k + 3] for row in rows for k in range(0, 15, 3)]
     is_open = any(low is not None and high is None for low, high in limits)
     assert ("A single limit: too few boulders pass for the other." in sentences) == is_open
     assert is_open
     first = table(sheets, "at each place")
-    for words, columns in {"Energy [kJ]": slice(6, 9), "Height [m]": slice(9, 12)}.items():
+    for words, columns in {
+        "[kJ] reached once per": slice(6, 9),
+        "Height [m]": slice(9, 12),
+    }.items():
         for place, row in table(sheets, words).items():
             assert [*first[place][columns]] == [*row[6:9]]
-    by_variant = table(sheets, "energy once in 100")
+    by_variant = table(sheets, "reached once in 100 years, by variant")
     assert {place: row[:3] for place, row in by_variant.items()} == {
-        place: row[6:9] for place, row in table(sheets, "Energy [kJ]").items()
+        place: row[6:9] for place, row in table(sheets, "[kJ] reached once per").items()
     }
 
 
@@ -364,7 +371,7 @@ def test_what_no_object_has_is_not_zero(project):
 
 
 def test_variants_and_their_differences(sheets, project):
-    rows = table(sheets, "by variant")
+    rows = table(sheets, "year, by variant")
     measures = table(sheets, "Variants")
     assert measures["nets and walls"] == ("-", "net: 3 m, 250 kJ")
     assert measures["cost"] == ("-", "120,000")
