@@ -271,7 +271,7 @@ def test_names_must_be_unique_for_every_file_system(tmp_path):
         ({"dams": "dam 2"}, "dams: unknown &dam 'dam 2', known: dam"),
         ({"release_steep_cells": True}, "&release steep_cells = .true.: is not valid for points"),
         ({"forest_polygons": "a.gpkg"}, "&forest: give one of polygons, trees and stems"),
-        ({"without": "surface"}, "&surface: give one of"),
+        ({"without": "surface"}, "&surface: give a ground, or one of"),
     ],
 )  # fmt: skip
 def test_a_variant_that_makes_no_case_is_named(tmp_path, group, message):
