@@ -42,7 +42,7 @@ module rockfall_boulder
    !> Random properties of a boulder that modify the ground along its whole path.
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
-      real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of a impact table [-]
+      real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of an impact table [-]
       real(wp) :: ratio_factor = 1.0_wp          !! factor on R_b/R_m [-]
    end type soil_draw_t
 
