@@ -111,9 +111,14 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
+#: Differences of equal numbers are rounding errors of this order.
+NOISE = 1e-12
+
+
 def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
-    """Format a number with `digits` significant digits, thousands separators and no exponent; "-"
-    if it is NaN. `up` rounds up, for required minima."""
+    """Format a number with `digits` significant digits and thousands separators, without an
+    exponent unless six decimals would show 0; "-" if it is NaN. `up` rounds up, for required
+    minima."""
     value = float(value)
     if not math.isfinite(value):
         return Number("-")
@@ -123,7 +128,9 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     beyond, near = min(beyond, 6), round(value, min(beyond, 6))
     if up and near < value * (1 - 1e-12):
         near = round(near + 10.0**-beyond, beyond)
-    return Number(f"{near:,.{max(0, beyond)}f}" if near else "0")
+    if not near:
+        return small(value) if abs(value) > NOISE else Number("0")
+    return Number(f"{near:,.{max(0, beyond)}f}")
 
 
 def small(value: float) -> Number:

@@ -70,7 +70,11 @@ class Estimate(NamedTuple):
         """Number of decimals that the interval justifies."""
         limits = [end for end in (self.low, self.high) if not math.isnan(end)]
         half = max(abs(self.value - end) for end in limits)
-        return min(4, -math.floor(math.log10(half / 2))) if half else 2
+        if not half:
+            return 2
+        largest = max(abs(self.value), *map(abs, limits))
+        most = max(4, 1 - math.floor(math.log10(largest)))  # it must not be rounded to 0
+        return min(most, -math.floor(math.log10(half / 2)))
 
     def shown(self, value: float, *, up: bool = False) -> Number:
         """Format the number, or a limit, with the digits of the cell."""

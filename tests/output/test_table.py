@@ -149,6 +149,8 @@ def test_what_has_no_room_in_a_line_is_below_it():
         (Estimate(12.3456, 12.1, math.nan), "12.3 (from 12.1)"),
         (Estimate(12.3456, digits=3), "12.3"),
         (Estimate(math.nan), "-"),
+        (Estimate(3e-6, 1e-6, 9e-6), "0.000003 (0.000001–0.000009)"),  # not 0
+        (Estimate(3e-9, 0.0, 9e-9, digits=2), "3.0e-9 (0 to 9.0e-9)"),
         (Estimate(6.491, 6.2, 6.801, digits=2, up=True), "6.5 (6.2–6.9)"),
         (Estimate(0.0, 0.0, 0.0384), "0.00 (0.00–0.04)"),
         (Estimate(-2.0, -4.0, 1.0), "-2 (-4 to 1)"),
