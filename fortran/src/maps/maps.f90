@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps: statistics of the boulders in each raster cell. They consist of counts, integer sums and maxima, so results do
+!> Maps of statistics of the boulders in each cell. They consist of counts, integer sums and maxima, so results do
 !> not depend on the order of boulders. A boulder counts once per cell: its visits are collected first.
 !>
 !> Threads that add to the same maps lock one band of rows at a time. A boulder's cells are adjacent, so one lock serves

@@ -437,7 +437,7 @@ contains
    elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
       real(wp), intent(in) :: of_record       !! advance of the record [-]
       real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
-      real(wp), intent(in) :: speed, along, across, normal  !! record: before the contact, and after it [-]
+      real(wp), intent(in) :: speed, along, across, normal  !! of the record, before the contact and after it [-]
 
       own_reach = own_duration(of_record, keeps, stretch)/mean_speed(speed, along, across, normal)
    end function own_reach

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Scene: all input of a boulder's simulation, constant during a run; built by rockfall_scene.
+!> The scene: all input of a boulder's simulation, constant during a run; built by rockfall_scene.
 module rockfall_scene_type
    use rockfall_kinds, only: wp, i8
    use rockfall_random, only: random_key_t, normal_table_t, boulder_number
