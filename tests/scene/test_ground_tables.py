@@ -333,3 +333,22 @@ def test_a_name_of_a_ground_comes_before_a_file(tmp_path):
     (tmp_path / "road").write_text(CALM_SETS)
     case = case_with(tmp_path, uniform_mean_radius=0.2)
     assert find_ground(case, SHIPPED, "road", "").model == "constant"
+
+
+def test_a_zone_without_a_ground_is_reported_unless_the_case_chooses_one(tmp_path):
+    """The default is not named as if it had been requested."""
+    rows = "1,0.2,talus\n2,0.2,\n3,inf,\n"
+    arrays, surface = zones(tmp_path, rows)
+    case = case_with(tmp_path, **surface)
+    unset = case.replace(impact={"sets": None})
+    remarks = read(unset, **arrays).remarks
+    said = "no ground (1 of 3 zones), so the default vaujany-observed applies"
+    assert [said in line for line in remarks].count(True) == 1
+    assert f"{tmp_path / 'zones.csv'}: line 3: {said}" in "\n".join(remarks)
+    for own in (case, unset.replace(surface={"ground": "meadow"})):
+        assert not [line for line in read(own, **arrays).remarks if "no ground" in line]
+    arrays, surface = zones(tmp_path, rows.replace("2,0.2,", "2,,"))
+    unset = unset.replace(surface=surface)
+    said = "no ground: give one, the default 'vaujany-observed' needs mean_radius > 0"
+    with refused(f"{tmp_path}/zones.csv: zone 2: {said}"):
+        read(unset, **arrays)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rockfall._core import rockfall_f2py as _core
-from rockfall.case import Case
+from rockfall.case import Case, is_given
 from rockfall.case.zones import case_zones, polygon_zones
 from rockfall.errors import RockfallError
 from rockfall.evidence import only
@@ -19,6 +19,8 @@ from rockfall.grounds import (
     named_ground,
     table_path,
     usual_ground,
+    usual_key,
+    usual_name,
     zone_ground,
 )
 from rockfall.grounds.impact_tables import (
@@ -107,12 +109,22 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
     check_number(by_name.values(), str(table.path))
     shapes = possible_shapes(case) or BLOCK_SHAPES[:1]
     remarks = [note for rule in by_name.values() for note in _plane_remarks(rule, shapes)]
+    blank = [zone for zone in zones.values() if not (zone.names_ground or np.inf in zone.sizes)]
+    if named and blank and not _chooses_ground(case):
+        numbers = {"n": len(blank), "zones": len(zones), "name": base.name}
+        remarks.append(remark(blank[0].where, "input.blank_ground", **numbers))
     inputs.remarks += [note for note in remarks if note not in inputs.remarks]
     rasters.grounds = tuple(by_name.values())
     numbers = {name: k for k, name in enumerate(by_name, start=1)}
     if named:
         rasters.material_ground = np.array([numbers[name] for name in of_zones], np.int8)
     return zones, dict(table.names)
+
+
+def _chooses_ground(case: Case) -> bool:
+    """Return True if the case gives the ground for zones and cells without one."""
+    keys = "form", usual_key(case)
+    return "ground" in case.surface or any(is_given(case, "impact", key) for key in keys)
 
 
 def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
@@ -202,8 +214,10 @@ def _check_sizes(
             raise RockfallError(f"{places[k]}: {', '.join(columns)} needed for method {method}")
         if need and (missing or (need == 2 and not rasters.sizes[k].all())):
             name = rasters.grounds[ground].name if rasters.grounds else inputs.case.impact["sets"]
-            text = f"ground '{name}' needs {', '.join(columns)}"
-            raise RockfallError(f"{places[k]}: {text}{' > 0' if need == 2 else ''}")
+            needs = f"'{name}' needs {', '.join(columns)}{' > 0' if need == 2 else ''}"
+            if name == usual_name(inputs.case) and not _chooses_ground(inputs.case):
+                raise RockfallError(f"{places[k]}: no ground: give one, the default {needs}")
+            raise RockfallError(f"{places[k]}: ground {needs}")
     if rasters.grounds:
         rasters.sizes = np.where(np.isnan(rasters.sizes), 0.0, rasters.sizes)
 
