@@ -3,6 +3,7 @@
 same boulders."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.studies.model_scenes import ROCKS, variants, with_rocks
 from rockfall.studies.models import COLUMNS, read_models, run_models, write_models
+from rockfall.tables.models import spread_answer
 
 SHIPPED = GroundTable(shipped_grounds())
 CLASSICAL = [*ROCKS]
@@ -74,6 +76,19 @@ def test_each_model_is_run_as_it_would_be_alone(case, found):
     mean = np.nanmean(at_lines(result)["line_speed"].values[0])
     row = at(found, "impact sets, method A", "Straße", "speed")
     assert np.isclose(row["value"], mean, rtol=1e-14) and row["low"] < mean < row["high"]
+
+
+def test_the_line_is_said_at_which_models_differ_widely(found):
+    """By impact sets half of the boulders pass, by all others one in 50."""
+    rows = found.table["statistic"] == "fraction"
+    table = found.table[rows & (found.table["line"] == "Straße")].copy()
+    table[["value", "low", "high"]] = 0.02, 0.018, 0.022
+    table.loc[table["model"] == "impact sets, method B", ["value", "low", "high"]] = 0.5, 0.4, 0.6
+    assert len(table) == len(found.names)
+    (text,) = spread_answer(replace(found, table=table))
+    assert text.startswith("Straße: rebound models differ by a factor of 25 in frequency.")
+    table["value"] = table["low"] = table["high"] = 0.02
+    assert not [*spread_answer(replace(found, table=table)), *spread_answer(None)]
 
 
 def test_rocks_choose_the_ground_and_named_grounds_stay(case):

@@ -254,6 +254,28 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     assert table.caption.endswith(": coefficients constants (constant_a, constant_b)")
 
 
+@pytest.mark.parametrize(
+    ("rate", "low", "high", "expected"),
+    [
+        (0.6, 0.5, 0.7, "road: rebound models differ by a factor of 50 in frequency. Before"),
+        (0.0, 0.0, 0.5, "road: rebound models differ by a factor of over 60 in frequency. Before"),
+        (12.0, 11.0, 13.0, "road: "),  # a factor of 2.5
+        (6.0, 0.5, 28.5, "road: "),  # within the intervals
+    ],
+)
+def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, expected):
+    """A line at which 30 (28 to 32) boulders a year pass by the model of the case."""
+    own = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
+    other = own.copy(deep=True)
+    for hazard, limits in ((own, (30.0, 28.0, 32.0)), (other, (rate, low, high))):
+        for end, limit in zip(("", "_low", "_high"), limits, strict=True):
+            hazard[f"line_frequency{end}"].values[:] = limit
+    dossier = Dossier({"": own}, pd.DataFrame(), second=Second("talus", other))
+    first = next(dossier_page.answers(dossier, {}))
+    assert first.startswith(expected)
+    assert ("rebound models differ" in first) == ("factor" in expected)
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
     """Also runs by the second model, whose checkpoints a killed dossier finds."""

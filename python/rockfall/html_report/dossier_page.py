@@ -38,6 +38,7 @@ from rockfall.tables.dossier import (
     answer_table,
     around_ends,
     barrier_answers,
+    models_apart,
     places_of,
     remaining_tables,
     second_answer,
@@ -198,8 +199,10 @@ def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
 
 
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
-    """Sentences on page 1: lines, the most frequently hit objects, and the barrier."""
+    """Sentences on page 1: models that differ widely, lines, the most frequently hit objects, and
+    the barrier."""
     hazard = dossier.first
+    yield from models_apart(dossier)
     yield from yearly_answers(hazard, dossier.period)
     objects = [place for place in places_of(hazard) if place.kind == "object"]
     for _, k, name in objects[:HOUSES]:

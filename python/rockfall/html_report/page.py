@@ -81,7 +81,13 @@ from rockfall.tables.lines import (
     precision_table,
     rows_of,
 )
-from rockfall.tables.models import missing_spread, model_tables, spread_table, spread_words
+from rockfall.tables.models import (
+    missing_spread,
+    model_tables,
+    spread_answer,
+    spread_table,
+    spread_words,
+)
 from rockfall.tables.run import (
     barrier_table,
     dam_tables,
@@ -203,7 +209,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         compared = compare(result, observed)
     agreement = [] if compared is None else [disagreement(compared)]
     outside = [
-        *doubts_note(doubts), *warnings(result),
+        *spread_answer(models), *doubts_note(doubts), *warnings(result),
         *(f"{text}." for text in agreement if text.key == DISAGREES),
         *missing_spread(result, models),
     ]  # fmt: skip

@@ -34,6 +34,7 @@ from rockfall.tables.hazard import (
     segment_table,
     total,
 )
+from rockfall.tables.models import apart
 from rockfall.tables.run import hazard_inputs
 from rockfall.tables.variants import difference_table, measures_table
 from rockfall.tables.yearly_design import (
@@ -211,6 +212,16 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
             "dossier.second", name=name, model=_shown(dossier.second.model),
             own=own.number, other=other.number, governs=governs,
         )  # fmt: skip
+
+
+def models_apart(dossier: Dossier) -> Iterator[Text]:
+    """Sentence on the place where both models differ widely; none if they agree."""
+    if dossier.second is not None:
+        hazards = dossier.first, dossier.second.hazard
+        places = places_of(dossier.first)
+        yield from apart(
+            (place.name, [_frequency(hazard, place) for hazard in hazards]) for place in places
+        )
 
 
 def _highest(hazard: xr.Dataset) -> Risk:

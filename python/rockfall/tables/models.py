@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,8 @@ import xarray as xr
 
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
-from rockfall.language import say, word
-from rockfall.quantities import QUANTITIES, Quantity, percent
+from rockfall.language import Text, say, word
+from rockfall.quantities import QUANTITIES, Quantity, number, percent
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.same_case import check_same_case
 from rockfall.studies.models import QUANTITIES as AT_LINES
@@ -28,6 +28,7 @@ TITLES = {
     "log_density": "mean logarithm",
 }  # fmt: skip
 BARE = ("ks", "p", "log_density")  # statistics without a unit
+APART = 3.0  # ratio of frequencies by two models above which page 1 begins with it
 ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
 PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 
@@ -72,6 +73,32 @@ def spread_table(models: Models | None) -> list[Table]:
     ]
     caption = say("spread.caption", number=len(models.names), boulders=models.boulders)
     return [Table.of(caption, (say("label.line_or_barrier"), *map(say, HEADLINE)), rows)]
+
+
+def apart(places: Iterable[tuple[str, Sequence[Estimate]]]) -> Iterator[Text]:
+    """Sentence on the place whose frequencies by several models differ most, if by more than
+    `APART` and beyond their intervals. The upper limit replaces a frequency of zero."""
+    worst = APART, "", False
+    for name, rates in places:
+        least, most = (choose(rates, key=lambda rate: rate.value) for choose in (min, max))
+        if most.low > least.high > 0:
+            worst = max(worst, (most.value / (least.value or least.high), name, not least.value))
+    ratio, name, is_over = worst
+    if name:
+        factor = number(ratio, 2)
+        yield say(
+            "spread.apart", name=name, factor=say("spread.over", n=factor) if is_over else factor
+        )
+
+
+def spread_answer(models: Models | None) -> Iterator[Text]:
+    """Sentence on the line where the models differ widely; none if they agree."""
+    if models is not None:
+        yield from apart(
+            (line, [Estimate(row["value"], row["low"], row["high"]) for _, row in rows.iterrows()])
+            for line in _lines(models)
+            for rows in [_at(models, line, ("fraction", "fraction"))]
+        )
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
