@@ -19,9 +19,12 @@ from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
 from rockfall.files.segment_files import segment_table
 from rockfall.kernel_rules import fraction_limits
+from rockfall.language import speaking
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.result.crossings import at_lines
 from rockfall.studies.hazard import read_study
+from rockfall.tables.dossier import answer_table
+from rockfall.tables.hazard import period_tables
 from rockfall.tables.hazard import segment_table as shown_segments
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
@@ -159,6 +162,24 @@ def test_classes_are_those_of_the_matrix(tmp_path):
     assert (rows["hazard"][often] == "high").all() and often.any()
     never = rows["frequency_high"] < 1 / 300
     assert set(rows["hazard"][never]) <= {"none", "residual"}
+
+
+@pytest.mark.parametrize(
+    ("language", "expected"),
+    [
+        ("en", "road, 0 to 22.5 m"), ("de-CH", "road, 0 bis 22.5 m"),
+        ("de-AT", "road, 0 bis 22,5 m"), ("fr", "road, de 0 à 22,5 m"),
+        ("it", "road, da 0 a 22,5 m"),
+    ],
+)  # fmt: skip
+def test_pages_name_segments_in_their_language(tmp_path, language, expected):
+    """Python and files keep one name, which finds the segment in any language."""
+    found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD), length=22.5)
+    with speaking(language):
+        for table in (shown_segments(found), answer_table(found, 100.0), *period_tables(found)):
+            assert expected in [str(row[0]) for row in table.texts()]
+        assert hazard_figures(found)
+        assert rockfall.return_period(found, "road, 0 to 22.5 m").value > 0
 
 
 def test_a_winding_road_is_hit_wherever_it_is_crossed(tmp_path):

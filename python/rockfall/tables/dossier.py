@@ -29,6 +29,7 @@ from rockfall.tables.hazard import (
     level_cell,
     object_table,
     period_tables,
+    place_names,
     risk_table,
     scenario_table,
     segment_table,
@@ -80,7 +81,8 @@ def places_of(hazard: xr.Dataset) -> list[Place]:
             order = np.flatnonzero(np.isnan(hazard["line_barrier_height"].values))
         else:
             order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
-        places += [Place(kind, int(k), str(hazard[kind].values[k])) for k in order]
+        names = place_names(hazard, kind)
+        places += [Place(kind, int(k), names[k]) for k in order]
     return places
 
 

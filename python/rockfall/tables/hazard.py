@@ -12,6 +12,7 @@ import xarray as xr
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES, find_place
 from rockfall.analysis.objects.risk import CLASS_ENDS
+from rockfall.analysis.objects.segments import segment_names
 from rockfall.files.hazard_files import object_table as objects_of
 from rockfall.files.risk_files import class_words, has_risk, risk_columns
 from rockfall.files.segment_files import has_segments
@@ -76,14 +77,23 @@ def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Tabl
     places = places[:MOST] if place is None else [*{find_place(hazard, place)} & {*places}]
     if not places:
         return
+    names_of = {kind: place_names(hazard, kind) for kind in dict(places)}
     years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]
     for quantity, factor in ("energy", 1e-3), ("height", 1.0):
         names = [f"{quantity}_by_period{end}" for end in ENDS]
         rows = []
         for kind, k in places:
             levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
-            rows.append((str(hazard[kind].values[k]), *map(level_cell, *levels.tolist())))
+            rows.append((names_of[kind][k], *map(level_cell, *levels.tolist())))
         yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
+
+
+def place_names(hazard: xr.Dataset, kind: str) -> list[str]:
+    """Names of lines, objects or segments (`kind`); those of segments in the current language."""
+    if kind != "segment":
+        return [str(name) for name in hazard[kind].values]
+    parts = (hazard[f"segment_{name}"].values for name in ("road", "start", "end"))
+    return segment_names(*parts)
 
 
 def level_cell(value: float, low: float, high: float) -> Estimate | float:
@@ -114,7 +124,7 @@ def object_table(hazard: xr.Dataset) -> Table:
 
 def segment_table(hazard: xr.Dataset) -> Table:
     """Table of the most frequently hit segments: frequencies, class, energies and heights."""
-    frame = segments_of(hazard).assign(segment=hazard["segment"].values)
+    frame = segments_of(hazard).assign(segment=place_names(hazard, "segment"))
     order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
     names, titles = _frequencies(hazard)
     rows = [

@@ -25,6 +25,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.vectors.layers import read_lines
 from rockfall.io.vectors.polygons import points_inside
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
+from rockfall.language import say, speaking
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
@@ -60,11 +61,9 @@ class Segments:
 
     @property
     def labels(self) -> list[str]:
-        """Segment names: road, start and end."""
-        places = zip(self.roads, self.start.round(1), self.end.round(1), strict=True)
-        return list(
-            numbered([f"{road}, {start:.10g} to {end:.10g} m" for road, start, end in places])
-        )
+        """Segment names: road, start and end, in English."""
+        with speaking("en"):
+            return segment_names(self.roads, self.start, self.end)
 
 
 class _Stretch(NamedTuple):
@@ -85,6 +84,13 @@ class _Piece(NamedTuple):
     end: float
     axis: Any
     ground: Any  # polygon; the axis for a line without a width
+
+
+def segment_names(roads: Sequence[str], starts: np.ndarray, ends: np.ndarray) -> list[str]:
+    """Unique names of segments between two chainages [m], in the current language."""
+    places = zip(roads, starts.round(1), ends.round(1), strict=True)
+    names = [say("hazard.stretch", road=road, start=start, end=end) for road, start, end in places]
+    return list(numbered(names))
 
 
 def check_roads(given: AtRisk) -> None:

@@ -42,7 +42,7 @@ def curves_figure(hazards: Mapping[str, xr.Dataset]) -> Figure:
         axes.set_visible(False)
     for axes, place in zip(panels.flat, shown, strict=False):
         for k, (name, hazard) in enumerate(hazards.items()):
-            curve = exceedance(hazard, place.name)
+            curve = exceedance(hazard, str(first[place.kind].values[place.k]))
             energy = np.maximum(curve["energy"].to_numpy(), curve["energy"].to_numpy()[1]) / 1000
             colour = COLOURS[k % len(COLOURS)]
             axes.plot(energy, curve["frequency"], color=colour, lw=1.2, label=name)
