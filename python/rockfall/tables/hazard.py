@@ -92,8 +92,8 @@ def place_names(hazard: xr.Dataset, kind: str) -> list[str]:
     """Names of lines, objects or segments (`kind`); those of segments in the current language."""
     if kind != "segment":
         return [str(name) for name in hazard[kind].values]
-    parts = (hazard[f"segment_{name}"].values for name in ("road", "start", "end"))
-    return segment_names(*parts)
+    roads, starts, ends = (hazard[f"segment_{name}"].values for name in ("road", "start", "end"))
+    return segment_names(roads.tolist(), starts, ends)
 
 
 def level_cell(value: float, low: float, high: float) -> Estimate | float:
