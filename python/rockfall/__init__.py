@@ -39,7 +39,7 @@ _MODULES = {  # public name -> its module, and its name there if different
     "merge": "studies.runs",
     "new_case": "draft.new_case",
     "open": "session.session:open_session",
-    "origins": "analysis.hazard.origins",
+    "origins": "studies.hazard",
     "read_case": "case.case",
     "read_result": "result.dataset",
     "report": "products",

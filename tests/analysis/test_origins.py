@@ -2,13 +2,17 @@
 """Origins: the contributions of sources to a place sum to its total, and none exceeds what the
 source releases."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import rockfall
 import scenes
 from made import make_layer, refused
+from rockfall.analysis.hazard.origins import origin_areas, origins_at
 from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.cli import main
 from rockfall.language import LANGUAGES, speaking
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.hazard.origin_map import (
@@ -19,6 +23,8 @@ from rockfall.plots.hazard.origin_map import (
 )
 from rockfall.quantities import number
 from rockfall.studies.hazard import read_study
+from slope_case import CASE as SLOPE
+from slope_case import write_slope
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -130,16 +136,128 @@ def test_a_geopackage_has_the_sources(hazard, tmp_path):
         assert np.allclose(table[f"to house {name}"], values, equal_nan=True)
 
 
-def test_a_table_lists_the_origins_of_each_place(hazard, tmp_path):
-    pd = pytest.importorskip("pandas")
-    rockfall.write_hazard(hazard, tmp_path / "out")
-    table = pd.read_csv(tmp_path / "out/origins.csv")
-    own = table[table["name"] == "house"].reset_index(drop=True)
-    found = rockfall.origins(hazard, "house")
-    assert {*own["place"]} == {"object"} and {*table["name"]} == {"road", "left", "house"}
-    for name in found:
-        factor = 1e-3 if name.startswith("energy") else 1.0
-        assert np.allclose(own[name], factor * found[name], equal_nan=True), name
+CELL = 97.5, 152.5
+
+
+@pytest.fixture
+def beside(case, monkeypatch):
+    """Run beside the files of the case, whose paths are relative."""
+    monkeypatch.chdir(case.path("sets.nml").parent)
+
+
+def hits_at(case):
+    """Boulders of each scenario that hit an object in `CELL`, from the maps of a hazard."""
+    at = {"x": CELL[0], "y": CELL[1]}
+    return rockfall.hazard(case, **PLACE)["scenario_hits"].sel(at).values.astype(int)
+
+
+@pytest.mark.usefixtures("beside")
+def test_sources_of_a_cell_are_those_without_which_its_hits_on_the_map_are_fewer(case, hazard):
+    """Sources are added one after the other, which leaves the boulders of the others unchanged."""
+    x, y = case.release["x"], case.release["y"]
+    sums = [hits_at(case.replace(release={"x": x[:k], "y": y[:k]})) for k in range(1, len(x) + 1)]
+    counts = np.diff(sums, axis=0, prepend=0)
+    by_source = dict(zip(x, counts @ (np.array([8.0, 0.5]) / 600), strict=True))
+    found = rockfall.origins(hazard, CELL, **PLACE).set_index("x")["frequency"]
+    assert len(found) > 1 and found[122.5] == pytest.approx(by_source[120.0] + by_source[121.0])
+    for cell, source in (52.5, 52.0), (262.5, 260.0):
+        assert found.get(cell, 0.0) == pytest.approx(by_source[source])
+    at = {"x": CELL[0], "y": CELL[1]}
+    assert found.sum() == pytest.approx(float(hazard["hit_frequency"].sel(at)), rel=1e-6)
+
+
+@pytest.mark.usefixtures("beside")
+def test_a_circle_has_the_sources_of_a_point_of_its_width(case, hazard, tmp_path):
+    path = tmp_path / "circle.gpkg"
+    layer = make_layer(path, [shapely.Point(*CELL)], crs=None, name=["o"], width=[24.0])
+    other = rockfall.origins(rockfall.hazard(case, objects=layer, **PLACE), "o")
+    found = rockfall.origins(hazard, (*CELL, 12.0), **PLACE)
+    assert found["frequency"].sum() > rockfall.origins(hazard, CELL, **PLACE)["frequency"].sum()
+    assert found.equals(other)
+
+
+@pytest.mark.parametrize("side", [1.0, 100.0, 1e9])
+def test_areas_sum_up_their_cells(hazard, side):
+    cells, areas = origins_at(hazard, "line", 0), origin_areas(hazard, "line", 0, side)
+    assert len(areas) == {1.0: 3, 100.0: 3, 1e9: 1}[side]
+    for name in "frequency", "share":
+        assert areas[name].sum() == pytest.approx(cells[name].sum(), rel=1e-12)
+    energy = [table["frequency"] @ table["energy_mean"] for table in (cells, areas)]
+    assert energy[0] == pytest.approx(energy[1], rel=1e-12)
+    assert areas["energy_q95"].max() == cells["energy_q95"].max()
+    if side == 1e9:
+        assert areas["reach"][0] == pytest.approx(cells["frequency"].sum() / 8.5)
+
+
+MUST = "must be X,Y or X,Y,RADIUS, radius at most 50 m"
+
+
+@pytest.mark.usefixtures("beside")
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ((1e6, 312.5), "x = 1000000, y = 312.5: lies outside the terrain, x 0 to 300, y 0 to 400"),
+        ((202.5, 202.5), "x = 202.5, y = 202.5: the terrain has no elevation there"),
+        ((np.nan, 312.5), f"nan, 312.5: {MUST}"),
+        ((127.5, 312.5, 50.5), f"127.5, 312.5, 50.5: {MUST}"),
+        ((127.5, 312.5, -1.0), f"127.5, 312.5, -1: {MUST}"),
+        ((127.5,), f"127.5: {MUST}"),
+    ],
+)
+def test_places_that_cannot_be_are_refused(hazard, place, why):
+    hollow = Z.copy()
+    hollow[39, 40] = np.nan  # 202.5, 202.5
+    with refused(f"place{':' if why[0] == 'x' else ''} {why}"):
+        rockfall.origins(hazard, place, dem=hollow, transform=PLACE["transform"])
+
+
+@pytest.mark.usefixtures("beside")
+def test_a_hazard_of_other_inputs_is_refused(hazard):
+    with refused("place 97.5, 152.5: inputs or version differ from those of the hazard: rerun it"):
+        rockfall.origins(hazard, CELL, dem=scenes.rough(seed=2), transform=PLACE["transform"])
+
+
+def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypatch, capsys):
+    rasterio, pd = pytest.importorskip("rasterio"), pytest.importorskip("pandas")
+    pytest.importorskip("matplotlib", reason="the report extra is not installed")
+    monkeypatch.chdir(tmp_path)
+    write_slope()
+    Path("case.nml").write_text(
+        SLOPE.replace(
+            "x = 600060.0, y = 4999980.0", "x = 600020., 600060., 600100., y = 3*4999980."
+        )
+        + "&scenario name = 'a', frequency = 3.0 /\n&scenario name = 'b', return_period = 40.0 /\n"
+    )
+    hazard = rockfall.hazard(rockfall.read_case("case.nml"))
+    rockfall.write_hazard(hazard, "zones")
+    place = 600062.5, 4999932.5
+    at = {"x": place[0], "y": place[1]}
+    for options, expected, own in (
+        (["--line", "L"], "L", hazard["line_frequency"].values[0]),
+        (["--at", "600062.5,4999932.5"], place, float(hazard["hit_frequency"].sel(at))),
+    ):
+        assert main(["origins", "zones", *options, "-o", "out", "--overwrite"]) == 0
+        found, table = rockfall.origins(hazard, expected), pd.read_csv("out/cells.csv")
+        assert np.allclose(table["frequency"], found["frequency"], rtol=1e-12)
+        assert np.allclose(table["energy_q95_kJ"], 1e-3 * found["energy_q95"])
+        for name, total in (("frequency", own), ("share", 100.0)):
+            with rasterio.open(f"out/{name}.tif") as raster:
+                assert np.nansum(raster.read(1)) == pytest.approx(total, rel=1e-6)
+                assert np.isfinite(raster.read(1)).sum() == 3  # the sources
+        printed = capsys.readouterr().out
+        assert f"{options[1]}: {number(own)} boulders a year" in printed
+    assert main(["origins", "zones", "--at", "600062.5,4999932.5", "-o", "out"]) == 2
+    for option, text, why in (
+        ("--line", "house", "house: no line; there are L"),
+        ("--object", "L", "L: no object; there are none"),
+        ("--at", "600002.5,4999995", "600002.5,4999995: no simulated boulder arrives"),
+        ("--at", "1,2,3,4", "must be X,Y or X,Y,RADIUS"),
+        ("--at", "here", "must be X,Y or X,Y,RADIUS"),
+    ):
+        capsys.readouterr()
+        assert main(["origins", "zones", option, text, "-o", "none"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert why in line and not Path("none").exists()
 
 
 def test_a_point_without_a_width_has_no_known_sources(case):

@@ -11,7 +11,6 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import exceedance
-from rockfall.analysis.hazard.origins import origins
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.app.messages import Message, binary_message, text_message
 from rockfall.app.surroundings import Offer
@@ -25,7 +24,7 @@ from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
 from rockfall.protection.design import design
 from rockfall.protection.yearly import YearlyDesign, yearly_design
 from rockfall.result.crossings import line_names
-from rockfall.studies.hazard import read_study, run_study
+from rockfall.studies.hazard import origins, read_study, run_study
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
 from rockfall.tables.hazard import object_table, period_tables, scenario_table

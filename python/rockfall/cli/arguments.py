@@ -301,6 +301,16 @@ def _add_studies(commands: _Commands) -> None:
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
     _add_overrides(zone)
+    text = "map the sources of the boulders that reach a place of a hazard"
+    origins = _add(commands, "hazard", "origins", text, "HAZARD.nc")
+    place = origins.add_mutually_exclusive_group(required=True)
+    _option(place, "--line NAME", str, "line or barrier")
+    _option(place, "--object NAME", str, "object")
+    text = "circle, default radius: half of &hazard object_width; runs the scenarios again"
+    _option(place, "--at X,Y[,RADIUS]", str, text)
+    _option(origins, "-o --output DIR", Path, "default: HAZARD_origins")
+    text = "side of the squares of the table of source areas; default: %(default)s"
+    _option(origins, "--side M", float, text, default=50.0)
     _add_dossier(commands)
     text = "run the variants of a case, with common random numbers, and compare them"
     several = _add(commands, "variants", "variants", text, "CASE")

@@ -12,7 +12,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import period_table
-from rockfall.analysis.hazard.origins import ENERGIES, SOURCES, origins_at
+from rockfall.analysis.hazard.origins import ENERGIES, SOURCES
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.hazard.zones import (
     certain_fractions,
@@ -143,9 +143,6 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     if len(levels := period_table(hazard)):
         write_csv(levels, folder / "return_periods.csv")
         yield folder / "return_periods.csv"
-    if len(origins := origin_table(hazard)):
-        write_csv(origins, folder / "origins.csv")
-        yield folder / "origins.csv"
     if has_risk(hazard):
         write_csv(total_table(hazard), folder / "risk.csv")
         yield folder / "risk.csv"
@@ -245,26 +242,9 @@ def _source_layer(hazard: xr.Dataset) -> tuple:
     for kind, k in _with_sources(hazard):
         name = f"to {hazard[kind].values[k]}"
         columns[name] = hazard[f"{kind}_source_frequency"].values[k]
-        for energy in _energies(hazard, kind):
+        for energy in ENERGIES:
             columns[f"{name} {energy}"] = 1e-3 * hazard[f"{kind}_source_{energy}"].values[k]
     return "Point", [(shapely.points(x, y), columns)]
-
-
-def origin_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table of `rockfall.origins` for all lines and the most frequently hit objects, with `place`
-    (line or object), `name`, and energies [kJ]; no rows if sources are unknown.
-    """
-    import pandas as pd
-
-    tables = [pd.DataFrame()]
-    for kind, k in _with_sources(hazard):
-        table = origins_at(hazard, kind, k)
-        names = [*_energies(hazard, kind)]
-        table[names] *= 1e-3
-        table.insert(0, "place", kind)
-        table.insert(1, "name", str(hazard[kind].values[k]))
-        tables.append(table)
-    return pd.concat(tables, ignore_index=True)
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
@@ -274,11 +254,6 @@ def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)
             order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
             yield from ((kind, int(k)) for k in order[~unknown[order]][:MOST_PLACES])
-
-
-def _energies(hazard: xr.Dataset, kind: str) -> Iterator[str]:
-    """Names of the energies by origin in a hazard; older files have none."""
-    return (name for name in ENERGIES if f"{kind}_source_{name}" in hazard)
 
 
 def _object_layer(hazard: xr.Dataset) -> tuple:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.finished import is_same_case
 from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.hazard.origins import SOURCES, origins_at, with_origins
 from rockfall.analysis.hazard.scenarios import (
     Scenario,
     base_case,
@@ -37,7 +40,7 @@ from rockfall.analysis.objects.objects import (
 from rockfall.analysis.objects.segments import check_roads, roads_of
 from rockfall.analysis.objects.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.validity.warnings import joined_warnings, warn_each
-from rockfall.case import Case, case_of
+from rockfall.case import Case, case_in, case_of, check_all_kept, key_table
 from rockfall.errors import RockfallError
 from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, of_frames
@@ -45,7 +48,10 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.parts.checkpoint import Checkpoint
+from rockfall.studies.back.places import check_on_terrain
 from rockfall.studies.study import Study
+
+WIDTH = "hazard", "object_width"  # key of the default width of a place
 
 
 def hazard(
@@ -86,6 +92,55 @@ def hazard(
     combined = run_study(study, results=results, progress=progress, threads=threads)
     warn_each(joined_warnings(messages_of(combined)))
     return combined
+
+
+def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> pd.DataFrame:
+    """Origins of the boulders that reach a place of a hazard, most frequent first: cell centre
+    `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all arriving
+    boulders, the fraction `reach` of the cell's boulders that arrive, and their kinetic energies
+    [J]: `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval `energy_q95_low`,
+    `energy_q95_high`, NaN if too few boulders arrive. The place is the name of a line or object, or
+    a circle (x, y) or (x, y, radius) [m], by default as wide as `&hazard object_width`, for which
+    the scenarios run again; `arrays` are those of `rockfall.hazard`. A RockfallError for an unknown
+    place lists the known names; points without a width are refused.
+
+    >>> import rockfall
+    >>> case = rockfall.read_case("case.nml")
+    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
+    >>> found = rockfall.origins(rockfall.hazard(case), "L")
+    >>> float(found["share"].sum().round(9))
+    1.0
+    """
+    return origins_at(*traced(hazard, place, **arrays))
+
+
+def traced(
+    hazard: xr.Dataset,
+    place: str | Sequence[float],
+    among: Sequence[str] = SOURCES,
+    *,
+    progress: bool = False,
+    **arrays: Any,
+) -> tuple[xr.Dataset, str, int]:
+    """Hazard with the origins of a place of `origins`, and the kind and index of the place there;
+    a name must be one of the kinds `among`."""
+    if isinstance(place, str):
+        return hazard, *with_origins(hazard, place, among)
+    where, case = f"place {', '.join(f'{value:.12g}' for value in place)}", case_in(hazard.attrs)
+    check_all_kept(case, "the origins of a place need")
+    limits = (key.high for key in key_table() if (key.group, key.name) == WIDTH)
+    most, width = next(limits) or math.inf, case.hazard["object_width"]
+    width = 2 * place[2] if len(place) == 3 else width
+    if len(place) not in (2, 3) or not (np.isfinite(place).all() and 0 <= width <= most):
+        raise RockfallError(f"{where}: must be X,Y or X,Y,RADIUS, radius at most {most / 2:g} m")
+    x, y = map(float, place[:2])
+    line = {"name": where, "x": [x, x], "y": [y, y], "object_width": width}
+    study = read_study(case.replace(line=[line], variant=[]), **arrays)
+    check_on_terrain(study.scene, ["place"], np.array([x]), np.array([y]))
+    rerun = run_study(study, progress=progress)
+    if not np.array_equal(rerun["scenario_hits"].values, hazard["scenario_hits"].values):
+        raise RockfallError(f"{where}: inputs or version differ from those of the hazard: rerun it")
+    return rerun, "line", 0
 
 
 def read_study(

@@ -5,6 +5,7 @@ import json
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
+import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
@@ -14,7 +15,7 @@ from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
 from rockfall.language import Text, say, unpacked, word
 from rockfall.quantities import count, number
-from rockfall.table import as_text
+from rockfall.table import Column, Table, as_text
 from rockfall.tables.hazard import (
     MOST,
     assumptions,
@@ -25,6 +26,8 @@ from rockfall.tables.hazard import (
     scenario_table,
     segment_table,
 )
+
+AREAS = 10  # maximum source areas printed
 
 
 def hazard_summary(hazard: xr.Dataset) -> str:
@@ -128,3 +131,16 @@ def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
         return texts
     data = json.loads(str(hazard["scenario_messages"].values[k]))
     return [unpacked(remark, text) for remark, text in zip(data, texts, strict=True)]
+
+
+def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
+    """Boulders a year that reach a place, and the source areas from which most of them come; `side`
+    is the side of the areas [m]."""
+    metres = [Column(axis, "m", 0) for axis in "xy"]
+    columns = [*metres, *(Column(str(name)) for name in areas.columns[2:])]
+    rows = areas[:AREAS].itertuples(index=False, name=None)
+    arrive, sources = number(areas["frequency"].sum()), count(areas["cells"].sum(), "source cell")
+    text = f"{place}: {arrive} boulders a year, from squares of {side:g} m with {sources}"
+    more = len(areas) - AREAS
+    rest = f"\n  and {count(more, 'more square')}, in areas.csv" if more > 0 else ""
+    return f"{text}\n{as_text(Table('', columns, [*rows]))}{rest}"

@@ -101,31 +101,20 @@ def _arriving(
     return {"frequency": frequency} | dict(zip(ENERGIES, energies, strict=True))
 
 
-def origins(hazard: xr.Dataset, place: str) -> pd.DataFrame:
-    """Origins of the boulders that reach a line or object of a hazard, most frequent first: cell
-    centre `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all
-    arriving boulders, the fraction `reach` of the cell's boulders that arrive, and their kinetic
-    energies [J]: `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval
-    `energy_q95_low`, `energy_q95_high`, NaN if too few boulders arrive. A RockfallError for an
-    unknown place lists the known names; points without a width are refused.
-
-    >>> import rockfall
-    >>> case = rockfall.read_case("case.nml")
-    >>> case = case.replace(scenario=[{"name": "small", "return_period": 10.0}])
-    >>> found = rockfall.origins(rockfall.hazard(case), "L")
-    >>> float(found["share"].sum().round(9))
-    1.0
-    """
-    kind, k = find_place(hazard, place, SOURCES)
+def with_origins(hazard: xr.Dataset, place: str, among: Sequence[str] = SOURCES) -> tuple[str, int]:
+    """Kind (one of `among`) and index of a place whose sources are known."""
+    kind, k = find_place(hazard, place, among)
+    if f"{kind}_source_energy_mean" not in hazard:
+        raise RockfallError(f"{place}: the hazard is of an older version: rerun it")
     if np.isnan(hazard[f"{kind}_source_frequency"].values[k]).any():
         raise RockfallError(
             f"{place}: is a point without a width, whose sources are unknown: give it a width"
         )
-    return origins_at(hazard, kind, k)
+    return kind, k
 
 
 def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
-    """Table of `origins` at the line or object (`kind`) with index k."""
+    """Table of `rockfall.origins` at the line or object (`kind`) with index k."""
     import pandas as pd
 
     rates = hazard[f"{kind}_source_frequency"].values[k]
@@ -135,6 +124,31 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
     columns["share"] = rates[order] / rates.sum() if order.size else rates[order]
     columns["reach"] = rates[order] / hazard["source_frequency"].values[order]
     for name in ENERGIES:
-        if f"{kind}_source_{name}" in hazard:  # absent in older files
-            columns[name] = hazard[f"{kind}_source_{name}"].values[k][order]
+        columns[name] = hazard[f"{kind}_source_{name}"].values[k][order]
     return pd.DataFrame(columns)
+
+
+def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataFrame:
+    """Table of `origins_at`, summed over squares with this side [m]: centre of the source cells,
+    their number `cells`, and as `energy_q95` the highest of them. Squares without arrivals are
+    omitted."""
+    import pandas as pd
+
+    x, y, released = (hazard[f"source_{name}"].values for name in ("x", "y", "frequency"))
+    rates = hazard[f"{kind}_source_frequency"].values[k]
+    squares = np.floor(np.column_stack([x, y]) / side)
+    part = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
+    cells, frequency = np.bincount(part), np.bincount(part, rates)
+    means, highest = (hazard[f"{kind}_source_{name}"].values[k] for name in ENERGIES[:2])
+    quantile = np.full(cells.size, -np.inf)
+    np.fmax.at(quantile, part, highest)
+    with np.errstate(invalid="ignore"):
+        columns = {
+            "x": np.bincount(part, x) / cells, "y": np.bincount(part, y) / cells, "cells": cells,
+            "frequency": frequency, "share": frequency / rates.sum(),
+            "reach": frequency / np.bincount(part, released),
+            "energy_mean": np.bincount(part, np.nan_to_num(means) * rates) / frequency,
+            "energy_q95": quantile,
+        }  # fmt: skip
+    table = pd.DataFrame(columns)[frequency > 0]
+    return table.sort_values("frequency", ascending=False, kind="stable", ignore_index=True)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard of a case, from scenarios to zones."""
+"""Hazard of a case, from scenarios to zones, and the origins of the boulders at a place."""
 
 import argparse
+import math
 from pathlib import Path
 
 from rockfall.analysis.hazard.combined import HazardInputs
@@ -9,7 +10,7 @@ from rockfall.analysis.hazard.finished import is_finished
 from rockfall.analysis.hazard.scenarios import base_case
 from rockfall.analysis.hazard.variables import map_names
 from rockfall.case import Case
-from rockfall.case.files import input_files
+from rockfall.case.files import files_behind, input_files
 from rockfall.cli.checkpoints import (
     check_study_folder,
     is_done,
@@ -17,24 +18,30 @@ from rockfall.cli.checkpoints import (
     study_interrupted,
 )
 from rockfall.cli.given import at_risk, memory_of, overridden, stem_of
-from rockfall.cli.messages import DONE, print_files, say, warn
-from rockfall.errors import need
-from rockfall.files.hazard_files import put_hazard
+from rockfall.cli.messages import DONE, print_files, say, warn, warnings_told
+from rockfall.errors import RockfallError, need
+from rockfall.files.hazard_files import in_folder, put_hazard, read_hazard
+from rockfall.files.origin_files import FIGURE, FILES, origin_tables, put_origins
 from rockfall.interrupts import interrupts
 from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.io.output_files import check_output, overwriting
+from rockfall.io.tables import plain_decimal
 from rockfall.language import catalogue, speaking
+from rockfall.plots.cartography.sheet import PAGE
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet, warning_pages
+from rockfall.plots.hazard.origin_map import origin_map
 from rockfall.plots.style import save, save_pages
+from rockfall.plots.terrain import terrain_of
 from rockfall.result.maps.flat_maps import shown
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import add_steps, working
 from rockfall.simulation.simulate import Interrupted
-from rockfall.studies.hazard import read_study, run_study
-from rockfall.text.hazard import hazard_summary, hazard_warnings, warning_groups
+from rockfall.studies.hazard import read_study, run_study, traced
+from rockfall.tables.dossier import Place
+from rockfall.text.hazard import hazard_summary, hazard_warnings, origins_text, warning_groups
 
 DOTS = 200  # figure resolution [dots per inch]
 SHEET = "hazard_sheet.pdf"
@@ -123,7 +130,7 @@ def _run_to(
 def _files(case: Case) -> list[str]:
     """Names of the files of a hazard."""
     names = ["hazard.nc", "hazard.gpkg"]
-    tables = "objects", "risk", "segments", "return_periods", "origins"
+    tables = "objects", "risk", "segments", "return_periods"
     names += [f"{name}.csv" for name in tables]
     names += ["hazard_class.png", "risk.png", "segments.png", SHEET]
     names += [f"{name}.{ending}" for name, _ in map_names(case) for ending in ("tif", "qml")]
@@ -131,3 +138,35 @@ def _files(case: Case) -> list[str]:
         shown("return_period", return_period) for return_period in case.hazard["return_periods"]
     )
     return [*names, *(f"intensity_{period}.png" for period in periods)]
+
+
+def origins_command(arguments: argparse.Namespace) -> int:
+    need("origins need", "vector", "pyogrio", "shapely")
+    need("origins need", "report", "matplotlib")
+    given = getattr(arguments, "hazard.nc")
+    path = in_folder(given)
+    stem = path.stem if path == given else path.resolve().parent.name
+    folder = arguments.output or Path(f"{stem}_origins")
+    if not 0 < arguments.side < math.inf:
+        raise RockfallError(f"--side {arguments.side:g}: must be above 0")
+    hazard = read_hazard(path)
+    inputs = [path, *files_behind(hazard)]
+    check_study_folder(folder, FILES, inputs)
+    named = arguments.object if arguments.line is None else arguments.line
+    at = [*map(plain_decimal, arguments.at.split(","))] if named is None else named
+    place = arguments.at if named is None else named
+    kinds = ["object"] if arguments.line is None else ["line"]
+    with interrupts(), working():
+        traced_hazard, kind, k = traced(hazard, at, kinds, progress=True)
+        tables = origin_tables(traced_hazard, kind, k, arguments.side)
+        if tables["cells"].empty:
+            raise RockfallError(f"{place}: no simulated boulder arrives")
+        with warnings_told():
+            terrain = terrain_of(traced_hazard, beside=path.parent)
+        with atomic_folder(folder, inputs) as part:
+            paths = [*put_origins(traced_hazard, tables, part), part / FIGURE]
+            figure = origin_map(traced_hazard, terrain, Place(kind, k, place), PAGE)
+            save(figure, paths[-1], DOTS)
+    print(origins_text(tables["areas"], place, arguments.side))
+    print_files([folder / path.name for path in paths])
+    return DONE

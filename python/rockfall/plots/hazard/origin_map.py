@@ -46,7 +46,7 @@ def parts_and_words(table: pd.DataFrame) -> tuple[np.ndarray, list[Text]]:
     parts = parts_of_total(rates) if rates.size else np.zeros(0, int)
     names = ("first", "50"), ("next", "30"), ("rest", "20")
     words = [say(f"dossier.origin_{name}", part=Number(part)) for name, part in names]
-    for k in np.unique(parts) if "energy_mean" in table else ():
+    for k in np.unique(parts):
         own = table[parts == k]
         mean = np.average(own["energy_mean"], weights=own["frequency"])
         energies = {"mean": number(1e-3 * mean), "q95": number(1e-3 * own["energy_q95"].max())}
