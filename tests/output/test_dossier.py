@@ -32,11 +32,11 @@ from rockfall.table import Table
 from rockfall.tables.dossier import (
     Section,
     answer_table,
-    places_of,
     remaining_tables,
     second_answer,
     second_tables,
 )
+from rockfall.tables.hazard import places_of
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")

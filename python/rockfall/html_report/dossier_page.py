@@ -33,19 +33,18 @@ from rockfall.studies.dossier import Dossier
 from rockfall.table import Table, in_line
 from rockfall.tables.dossier import (
     MOST,
-    Place,
     Section,
     answer_table,
     around_ends,
     barrier_answers,
     models_apart,
-    places_of,
     remaining_tables,
     second_answer,
     sections,
     variants_table,
     years_between,
 )
+from rockfall.tables.hazard import Place, places_of
 from rockfall.text.hazard import limits_of_hazard
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # map on page 2, with the title below

@@ -22,13 +22,13 @@ from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import ENDS
 from rockfall.studies.run_until import verdicts_of
 from rockfall.table import TOO_FEW, Estimate, Table
-from rockfall.tables.dossier import places_of
 from rockfall.tables.ensemble import (
     are_undecided,
     headline_numbers,
     more_needed,
     orders_reversed,
 )
+from rockfall.tables.hazard import places_of
 from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers
 
 YEARS = 100.0  # return period on page 1

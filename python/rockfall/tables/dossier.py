@@ -22,6 +22,7 @@ from rockfall.studies.dossier import Dossier
 from rockfall.studies.model_scenes import BY_SETS, CONSTANT
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
+    Place,
     Risk,
     assumptions,
     class_table,
@@ -29,7 +30,7 @@ from rockfall.tables.hazard import (
     level_cell,
     object_table,
     period_tables,
-    place_names,
+    places_of,
     risk_table,
     scenario_table,
     segment_table,
@@ -59,31 +60,6 @@ class Section(NamedTuple):
     heading: str
     notes: Sequence[str]
     tables: Sequence[Table]
-
-
-class Place(NamedTuple):
-    """A line, object or segment of a hazard: its kind, and its index there."""
-
-    kind: str
-    k: int
-    name: str
-
-
-def places_of(hazard: xr.Dataset) -> list[Place]:
-    """Lines in the order of the case, then the most frequently hit objects and segments; barriers
-    are omitted."""
-    places = []
-    for kind in PLACES:
-        if kind not in hazard.dims:
-            continue
-        order = np.arange(hazard.sizes[kind])
-        if kind == "line":
-            order = np.flatnonzero(np.isnan(hazard["line_barrier_height"].values))
-        else:
-            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
-        names = place_names(hazard, kind)
-        places += [Place(kind, int(k), names[k]) for k in order]
-    return places
 
 
 def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:

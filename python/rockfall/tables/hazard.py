@@ -3,7 +3,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -86,6 +86,31 @@ def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Tabl
             levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
             rows.append((names_of[kind][k], *map(level_cell, *levels.tolist())))
         yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
+
+
+class Place(NamedTuple):
+    """A line, object or segment of a hazard: its kind, and its index there."""
+
+    kind: str
+    k: int
+    name: str
+
+
+def places_of(hazard: xr.Dataset) -> list[Place]:
+    """Lines in the order of the case, then the most frequently hit objects and segments; barriers
+    are omitted."""
+    places = []
+    for kind in PLACES:
+        if kind not in hazard.dims:
+            continue
+        order = np.arange(hazard.sizes[kind])
+        if kind == "line":
+            order = np.flatnonzero(np.isnan(hazard["line_barrier_height"].values))
+        else:
+            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
+        names = place_names(hazard, kind)
+        places += [Place(kind, int(k), names[k]) for k in order]
+    return places
 
 
 def place_names(hazard: xr.Dataset, kind: str) -> list[str]:

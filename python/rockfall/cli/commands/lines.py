@@ -25,7 +25,7 @@ from rockfall.plots.style import save
 from rockfall.result.crossings import line_names
 from rockfall.result.dataset import read_result
 from rockfall.simulation.progress import add_steps, working
-from rockfall.tables.dossier import places_of
+from rockfall.tables.hazard import places_of
 from rockfall.text.lines import groups_text, hazard_text, lines_text, profile_text
 from rockfall.text.summary import MOST_LINES
 

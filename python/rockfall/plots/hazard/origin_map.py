@@ -17,7 +17,7 @@ from rockfall.plots.cartography.sheet import Room, finish, new_sheet
 from rockfall.plots.hazard.hazard_figures import draw_places, extent_of
 from rockfall.plots.style import GREY, styled
 from rockfall.quantities import number
-from rockfall.tables.dossier import Place, places_of
+from rockfall.tables.hazard import Place, places_of
 
 if TYPE_CHECKING:
     import pandas as pd

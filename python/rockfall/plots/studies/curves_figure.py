@@ -13,7 +13,7 @@ from rockfall.analysis.hazard.levels import exceedance
 from rockfall.language import say
 from rockfall.plots.style import BLUE, GREEN, GREY, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
-from rockfall.tables.dossier import places_of
+from rockfall.tables.hazard import places_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
