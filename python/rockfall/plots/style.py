@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from rockfall.simulation.progress import step
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis, Tick
+    from matplotlib.backend_bases import RendererBase
     from matplotlib.figure import Figure
 
 _Look = dict[str, Any]
+_T = TypeVar("_T")
 
 BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"  # colours by Okabe and Ito (2008)
 INK, GREY = "#222222", "#8A8A8A"
@@ -112,30 +114,40 @@ def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: An
 
 
 def _keep_ticks(figure: Figure) -> None:
-    """Cache ticks by view and available space, because Matplotlib computes them repeatedly."""
+    """Cache ticks by view and available space, and the boxes of their labels by position, because
+    Matplotlib computes them repeatedly."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
-        # private attribute, without which figures take longer
-        make = getattr(axis, "_update_ticks", None)
-        if make is not None:
-            setattr(axis, "_update_ticks", _kept(axis, make))  # noqa: B010
+        # private attributes, without which figures take longer
+        for name, key in (("_update_ticks", _room), ("_get_ticklabel_bboxes", _place)):
+            make = getattr(axis, name, None)
+            if make is not None:
+                setattr(axis, name, _kept(axis, make, key))
 
 
-def _kept(axis: Axis, make: Callable[[], list[Tick]]) -> Callable[[], list[Tick]]:
-    kept: dict[Any, list[Tick]] = {}
+def _kept(
+    axis: Axis, make: Callable[..., _T], key_of: Callable[..., Hashable]
+) -> Callable[..., _T]:
+    kept: dict[Hashable, _T] = {}
 
-    def ticks() -> list[Tick]:
-        key = _room(axis)
+    def made(*arguments: Any) -> _T:
+        key = key_of(axis, *arguments)
         if key not in kept:
             kept.clear()
-            kept[key] = make()
+            kept[key] = make(*arguments)
         return kept[key]
 
-    return ticks
+    return made
 
 
 def _room(axis: Axis) -> tuple[float, ...]:
     """Values that determine the ticks: the view, and the available space."""
     return *axis.get_view_interval(), min(axis.get_tick_space(), MOST_TICKS)
+
+
+def _place(axis: Axis, _: list[Tick], renderer: RendererBase) -> tuple[Any, ...]:
+    """Values that determine the boxes of tick labels: position, view, resolution and fonts."""
+    bounds, view = axis.axes.bbox.bounds, axis.get_view_interval()
+    return *bounds, *view, axis.figure.dpi, type(renderer)
 
 
 def _lay_out(figure: Figure, ending: str, dpi: int) -> None:
