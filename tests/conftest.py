@@ -17,30 +17,11 @@ import rockfall
 import slope_case
 from gallery import Gallery
 from programs import MANY, find_program, make_prepared, run_program
+from warning_filters import pytest_configure  # noqa: F401
 
 
 def pytest_addoption(parser):
     parser.addoption("--all", action="store_true", help="run also what is marked `all`")
-
-
-#: Warnings that are no test failures: the first is expected in tests of the case in question.
-HARMLESS = (
-    "ignore::UserWarning",
-    "ignore::ResourceWarning",
-    *(  # warnings of libraries about each other's versions
-        f"ignore::{kind}:(?!rockfall|test|lab|benchmarks)"
-        for kind in ("DeprecationWarning", "PendingDeprecationWarning", "FutureWarning")
-    ),
-    "ignore:Use `@` matmul:PendingDeprecationWarning",
-    "ignore:Normalized/laundered field name:RuntimeWarning",
-    "ignore:The 'float_precision' argument",
-    "ignore:It looks like `register_random`",
-)
-
-
-def pytest_configure(config):
-    for one in ("error", *HARMLESS):
-        config.addinivalue_line("filterwarnings", one)
 
 
 def pytest_collection_modifyitems(config, items):

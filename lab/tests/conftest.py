@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Use one thread, as in the other tests; read when rockfall is loaded."""
+"""Use one thread, and take warnings for errors, as in the other tests."""
 
 import os
 
+from warning_filters import pytest_configure  # noqa: F401
+
+# Read when rockfall is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
