@@ -78,7 +78,6 @@ def test_a_hazard_gives_their_frequency(tmp_path):
         with speaking(language):
             (text,) = dossier.around_ends(hazard)
         assert len(text.split()) <= 25 and "{" not in text
-    assert not [*dossier.around_ends(hazard.drop_vars("line_around"))]  # as in an older file
 
 
 def test_a_scenario_that_misses_the_net_goes_around_it(tmp_path):

@@ -45,7 +45,7 @@ TYPICAL = {
 }  # fmt: skip
 WARNINGS = (
     "breakage", "broke", "cut_short", "faster", "forest", "impact_limit", "large_blocks", "logs",
-    "lost", "max_fragments", "no_legs", "not_kept", "observed_set", "outside_angle", "outside_both",
+    "lost", "max_fragments", "not_kept", "observed_set", "outside_angle", "outside_both",
     "outside_range", "outside_speed", "outside_speed_both", "outside_table", "outside_tables",
     "outside_thrown", "paper_set", "rolling", "spheres_set", "stayed", "tables", "fines",
 )  # fmt: skip
@@ -408,19 +408,17 @@ def test_the_set_of_the_paper_is_judged_by_the_method_of_the_case(tmp_path, meth
 @pytest.mark.parametrize(
     ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2"), ("*", "EL2")]
 )
-def test_tables_are_judged_by_the_worst_of_those_with_evidence(tmp_path, name, line):
+def test_tables_are_judged_by_the_worst_of_those_with_evidence(name, line):
     """Talus and meadow are always listed, `rocky-slope` if rebounds use it."""
     grounds = {
         "ground": [name], "ground_model": ["impact_table"], "rebounds_by_ground": [1000],
-        "ground_block_radius": [np.nan],
     }  # fmt: skip
     model = name if name == "rocky-slope" else "talus"
     mean = round(only("vaujany", "EL2", "passing_height_mean", "talus").error)
     quantity = "speed_std" if line == "EL1" else "passing_height_std"
     narrow = round(only("vaujany", line, quantity, model).error)
     wide = round(only("tschamut", "held-out", "run_out_std", "meadow").error)
-    case = make_case(tmp_path, *sets(), release=POINT)
-    (found,) = table_remarks(values() | grounds, case)
+    (found,) = table_remarks(values() | grounds)
     assert mean < 0 and narrow < 0 < wide  # a negative error is on the unsafe side
     assert f"means {mean} to +" in found.text
     assert found.text.endswith(f"deviations {narrow} to +{wide} %")
@@ -579,20 +577,12 @@ def tables(tmp_path_factory):
 
 
 def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path, tables):
-    """The user's own table is available only during the run. An older result without the block
-    radius uses the table available now."""
+    """The user's own table is available only during the run."""
     own = Path(shutil.copy(tables / "own.nc", tmp_path))
     law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
     case, result = on_grounds(tmp_path, {}, **law)
-    before = result.drop_vars("ground_block_radius")
-    for held, said in ((result, [True, True]), (before, [True, False])):
-        for is_there, is_said in zip((True, False), said, strict=True):
-            if is_there:
-                shutil.copy(tables / "own.nc", own)
-            else:
-                own.unlink()
-            large = [text for text in remarks(case, held) if "larger than R_b = 2.25 m" in text]
-            assert len(large) == is_said
+    own.unlink()
+    (_,) = [text for text in remarks(case, result) if "larger than R_b = 2.25 m" in text]
 
 
 def test_warnings_of_several_results_are_given_once(tmp_path):

@@ -657,9 +657,6 @@ def test_masses_are_those_of_each_source(serve, visit):
     known = dict(zip(live["boulder"].tolist(), live["mass"].tolist(), strict=True))
     assert all(known.get(k, m) == m for k, m in zip(kept["boulder"], kept["mass"], strict=True))
     assert {*kept["mass"].tolist()} == {4000.0, 5600.0}
-    older = exhibit.Exhibit(result.drop_vars("mass"), None)
-    (unknown,) = [decoded(one) for kind, one in older.messages() if kind == "trajectories"]
-    assert np.isnan(unknown["arrays"]["mass"]).all()
 
 
 def test_another_map_is_another_run_of_the_same_revision(serve, visit):

@@ -110,9 +110,6 @@ def test_what_a_signature_needs_is_before_it(result, bare):
     for word in ("2026-117", "Service of natural hazards", "2026-11-23", "rockfall 1", "17f2" * 16):
         assert word in page
     assert "Reliability" in page and "Pass frequency" in page
-    older = result.copy()
-    del older.attrs["date_created"]
-    assert "not recorded" in text_of(report(ReportInputs(older)))
 
 
 def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):

@@ -8,13 +8,9 @@ import pytest
 import rockfall
 from crossed import SINGLE
 from made import refused
-from rockfall.analysis.validity.remarks import model_warnings
-from rockfall.case import case_of
-from rockfall.cli import main
 from rockfall.files.trajectory_layers import flight_features
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import at_lines
-from rockfall.result.dataset import write_result
 from rockfall.result.motion import EXACT, motion_of, sampled
 from rockfall.result.trajectories import POINTS, curves
 from rockfall.result.variables import LEG
@@ -133,20 +129,6 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
     apex = motion.start[2] + rise
     assert (z.max(axis=1) <= np.maximum(ends.max(axis=0), apex) + 1e-6).all()
     assert (z.min(axis=1) >= ends.min(axis=0) - 1e-6).all()
-
-
-@pytest.mark.parametrize("moved", ["table"], indirect=True, scope="module")
-def test_trajectories_without_kinds_of_legs_are_flights(moved, tmp_path, capsys):
-    """Trajectories as written by older versions; one line reports it."""
-    result, line = moved[1].drop_vars("trajectory_leg"), "show slides and waits as flights"
-    with pytest.warns(UserWarning, match=line):
-        motion = motion_of(result)
-    assert {*motion.gravity} == {G}
-    assert any(line in str(text) for text in model_warnings(result, case_of(result)))
-    write_result(result, tmp_path / "old.nc")
-    section = ["--line", "150,380", "150,80", "-o", str(tmp_path / "section.csv")]
-    assert main(["section", str(tmp_path / "old.nc"), *section]) == 0
-    assert capsys.readouterr().err.count(line) == 1
 
 
 @pytest.mark.parametrize("moved", ["matrix", "table", "trees"], indirect=True, scope="module")

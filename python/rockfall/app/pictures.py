@@ -198,8 +198,7 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
 
 
 def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
-    """Mass of boulders by number [kg]; NaN without a table of boulders, and for results of
-    versions that did not record masses but whose sources may have set densities."""
+    """Mass of boulders by number [kg]; NaN without a table of boulders."""
     numbers = result["boulder"].values
     order = np.argsort(numbers)
     place = np.searchsorted(numbers, boulders, sorter=order).clip(max=max(numbers.size - 1, 0))
@@ -209,7 +208,5 @@ def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarra
     if "mass" in result:
         mass = result["mass"].values
     else:
-        known_density = "source_feature" not in result and "rock_density" not in case.boulder
-        density = case.boulder["density"] if known_density else np.nan
-        mass = density * result["volume"].values
+        mass = case.boulder["density"] * result["volume"].values
     return np.where(numbers[row] == boulders, mass[row], np.nan)

@@ -33,7 +33,7 @@ from rockfall.files.trajectory_layers import (
 )
 from rockfall.files.vector_style import STYLES, Style, put_styles
 from rockfall.io.atomic import atomic_folder, atomic_write
-from rockfall.io.coordinates.crs import in_plan, plan_wkt
+from rockfall.io.coordinates.crs import in_plan
 from rockfall.io.decimal_text import csv_rows, real_column, whole_column, word_column
 from rockfall.io.output_files import why_unwritten
 from rockfall.io.rasters.arrays import north_up
@@ -490,9 +490,8 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS from the variable `crs`, or None; older results include a vertical part."""
-    wkt = data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
-    return plan_wkt(wkt) if wkt and wkt.startswith("COMP") else wkt
+    """Horizontal CRS from the variable `crs`, or None."""
+    return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
 
 
 def write_geopackage(

@@ -9,11 +9,11 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import (
+    NO_DATUM,
     Bounds,
     Transformation,
     crs_name,
     degrees_way,
-    vertical_datum,
 )
 
 if TYPE_CHECKING:
@@ -57,8 +57,7 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
             f"longitudes and latitudes from {crs_name(crs)}: PROJ lacks the most accurate "
             "transformation here: check places on a map"
         ]
-    attrs = data["crs"].attrs if "crs" in data.variables else {}  # older results have it in the CRS
-    heights = attrs.get("vertical_datum") or vertical_datum(CRS.from_wkt(attrs.get("crs_wkt", wkt)))
+    heights = data["crs"].attrs.get("vertical_datum", NO_DATUM)
     return Geographic(way, crs_name(crs), heights, remarks)
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.combined import LAYOUT
 from rockfall.analysis.hazard.levels import period_table
 from rockfall.analysis.hazard.origins import ENERGIES, SOURCES
 from rockfall.analysis.hazard.variables import CLASS_ENDS
@@ -88,6 +89,8 @@ def read_hazard(path: str | Path) -> xr.Dataset:
         raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
     if "hazard_class" not in dataset:
         raise RockfallError(f"{path}: is not a hazard file: hazard_class is missing")
+    if (layout := dataset.attrs.get("hazard_layout")) != LAYOUT:
+        raise RockfallError(f"{path}: has hazard_layout = {layout}, not {LAYOUT}: run again")
     return dataset
 
 
@@ -269,10 +272,11 @@ def object_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Table with a row for each object: frequencies with limits, class, and risks if known."""
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
-    columns: dict[str, np.ndarray] = {"object": hazard["object"].values.astype(object)}
-    if "object_layer" in hazard:  # absent in older files
-        columns["layer"] = hazard["object_layer"].values.astype(object)
-    columns["geometry"] = np.array(geometry, dtype=object)
+    columns: dict[str, np.ndarray] = {
+        "object": hazard["object"].values.astype(object),
+        "layer": hazard["object_layer"].values.astype(object),
+        "geometry": np.array(geometry, dtype=object),
+    }
     columns |= {f"frequency{end}": hazard[f"object_frequency{end}"].values for end in ENDS}
     for threshold in hazard["threshold"].values.tolist():
         for end in ENDS:

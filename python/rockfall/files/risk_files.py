@@ -63,9 +63,7 @@ def risk_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
 
     shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
     columns = {"name": hazard["object"].values.astype(object)}
-    if "object_layer" in hazard:  # absent in older files
-        columns["layer"] = hazard["object_layer"].values.astype(object)
-    columns |= dict(risk_columns(hazard))
+    columns |= {"layer": hazard["object_layer"].values.astype(object), **dict(risk_columns(hazard))}
     kinds = np.array([plain_type(shape.geom_type) for shape in shapes])
     for kind, layer in LAYERS.items():
         here = kinds == kind

@@ -121,11 +121,10 @@ def front_of(
 def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
     """Parties of the report, and details of the run."""
     program, _, _ = str(result.attrs["source"]).partition(", ")
-    date = str(result.attrs.get("date_created", ""))[:10]
     return [
         (say("front.project"), parties.project),
         (say("front.client"), parties.client),
-        (say("front.date_of_the_run"), date or say("front.not_recorded")),
+        (say("front.date_of_the_run"), str(result.attrs["date_created"])[:10]),
         (say("label.program"), program),
         (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
     ]

@@ -84,7 +84,7 @@ def _page(
             (say("sheet.client"), parties.client),
             (say("sheet.author"), parties.author),
             (say("sheet.signature"), ""),
-            (say("sheet.computed"), str(first.attrs.get("date_created", ""))[:10]),
+            (say("sheet.computed"), str(first.attrs["date_created"])[:10]),
         ],
         warnings=list(_warnings(results)),
         lines=[

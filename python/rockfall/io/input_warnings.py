@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from rockfall.io.vectors.layers import REPROJECTED
 from rockfall.language import Text, packed, unpacked
 
 
@@ -19,16 +18,14 @@ class InputWarning(NamedTuple):
 
     @classmethod
     def of(cls, stored: Sequence[Any]) -> InputWarning:
-        """Warning from the attribute `input_warnings` of a file; older files have only English."""
-        where, text, *data = stored
-        return cls(str(where), unpacked(data[0] if data else None, text))
+        """Warning from the attribute `input_warnings` of a file."""
+        where, text, data = stored
+        return cls(str(where), unpacked(data, text))
 
     @property
     def is_reprojection(self) -> bool:
         """Return True for a reprojected layer; reports mention it in the list of files."""
-        if isinstance(self.text, Text):
-            return self.text.key.startswith("input.reprojected")
-        return self.text.startswith(REPROJECTED)
+        return isinstance(self.text, Text) and self.text.key.startswith("input.reprojected")
 
 
 def stored_warnings(warnings: Iterable[InputWarning]) -> str:

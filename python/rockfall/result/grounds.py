@@ -39,7 +39,7 @@ def rebounds_by_ground(values: Variables) -> list[GroundRebounds]:
         np.asarray(values[name]) for name in ("ground", "ground_model", "rebounds_by_ground")
     )
     radii = np.full(len(names), np.nan)
-    if "ground_block_radius" in values:  # absent in older results
+    if "ground_block_radius" in values:  # a hazard has none
         radii = np.asarray(values["ground_block_radius"])
     total = max(1, int(counts.sum()))
     return [

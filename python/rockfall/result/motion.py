@@ -8,7 +8,6 @@ next flight begins above the last vertex; the difference is the rise during the 
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -16,7 +15,6 @@ import numpy as np
 
 from rockfall.case import case_of
 from rockfall.errors import RockfallError
-from rockfall.language import say
 from rockfall.result.variables import LEG
 
 if TYPE_CHECKING:
@@ -80,11 +78,7 @@ def motion_of(result: Held, number: int | None = None, gravity: float | None = N
     boulder = result["trajectory_boulder"].values
     vertex = np.flatnonzero(np.isin(boulder, spread(np.unique(boulder).tolist(), number)))
     columns = np.stack([seconds(result[f"trajectory_{name}"].values[vertex]) for name in _NAMES])
-    if "trajectory_leg" in result:
-        leg = result["trajectory_leg"].values[vertex]
-    else:
-        warnings.warn(str(say("model.no_legs")), stacklevel=1)
-        leg = np.full(vertex.size, LEG["flight"])
+    leg = result["trajectory_leg"].values[vertex]
     g = case_of(result).flight["gravity"] if gravity is None else gravity
     return _between(columns, boulder[vertex], vertex, leg, g)
 

@@ -97,9 +97,8 @@ def _groups() -> Iterator[_Group]:
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     of_line: _Group = {name: ("line",) for name in ("line", "line_name", "row_size")}
     yield {**of_line, **crossed, **vertices}
-    on_grounds = ("ground", "ground_model", *variables.GROUND)
+    on_grounds = ("ground", "ground_model", "ground_block_radius", *variables.GROUND)
     yield {name: ("ground",) for name in on_grounds}
-    yield {"ground_block_radius": ("ground",)}
     yield {name: ("boulder",) for name in variables.ENERGY}
     yield {name: ("boulder",) for name in variables.SHAPE}
     yield {name: ("boulder",) for name in variables.MASS}
@@ -113,9 +112,7 @@ def _groups() -> Iterator[_Group]:
         "barrier_height": ("line",), "barrier_capacity": ("line",),
         "crossing_outcome": ("crossing",),
     }  # fmt: skip
-    vertex: _Group = {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
-    yield {"trajectory_leg": vertex.pop("trajectory_leg")}  # absent in older versions
-    yield vertex
+    yield {f"trajectory_{name}": ("trajectory_vertex",) for name in variables.VERTEX}
     yield {f"sample_{name}": variables.SAMPLE_DIMS[name] for name in variables.SAMPLE}
     yield {axis: (axis,) for axis in ("x", "y")}
     yield {"threshold": ("threshold",)}

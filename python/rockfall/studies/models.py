@@ -128,8 +128,7 @@ def read_models(path: str | Path) -> Models:
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
     names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
     notes = tuple(filter(None, notes))
-    # older files lack messages
-    data = json.loads(dataset.attrs.get("note_messages", "[]")) or [None] * len(notes)
+    data = json.loads(dataset.attrs["note_messages"])
     notes = tuple(unpacked(note, text) for note, text in zip(data, notes, strict=True))
     boulders = int(dataset.attrs["model_boulders"])
     title = str(dataset.attrs["title"]) or str(dataset.attrs["case_file"])

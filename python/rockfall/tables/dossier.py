@@ -117,7 +117,7 @@ def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
 
 def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
     """Sentences on lines where more than `MAX_AROUND` of the boulders, by frequency, pass around
-    the ends of the barriers; none for files without these counts."""
+    the ends of the barriers; none for a hazard without lines."""
     if "line_around" not in hazard:
         return
     names = [str(name) for name in hazard["line"].values]

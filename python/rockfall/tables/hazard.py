@@ -189,11 +189,11 @@ def total(hazard: xr.Dataset, what: str) -> tuple[float, float, float]:
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk, one per line; older files have only the English text."""
+    """Assumptions of the risk."""
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()
-    data = json.loads(hazard.attrs.get("risk_messages", "[]")) or texts
+    data = json.loads(hazard.attrs["risk_messages"])
     return [unpacked(message, text) for message, text in zip(data, texts, strict=True)]
 
 
@@ -215,7 +215,7 @@ def class_legend() -> Text:
 
 def has_layers(hazard: xr.Dataset) -> bool:
     """Return True if the objects of a hazard come from several layers."""
-    return "object_layer" in hazard and len({*hazard["object_layer"].values.tolist()}) > 1
+    return len({*hazard["object_layer"].values.tolist()}) > 1
 
 
 def class_within(row: Mapping[str, Any]) -> str:

@@ -110,9 +110,6 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
     """Model remarks with the names of their scenarios; "" for remarks on all scenarios."""
-    if "scenario_warnings" not in hazard:
-        yield "", say("hazard.no_remarks")
-        return
     names = map(str, hazard["scenario"].values)
     texts = {name: _remarks_of(hazard, k) for k, name in enumerate(names)}
     details = {
@@ -125,10 +122,8 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    """Model remarks of a scenario; older files have them in English only."""
+    """Model remarks of a scenario."""
     texts = str(hazard["scenario_warnings"].values[k]).splitlines()
-    if "scenario_messages" not in hazard:
-        return texts
     data = json.loads(str(hazard["scenario_messages"].values[k]))
     return [unpacked(remark, text) for remark, text in zip(data, texts, strict=True)]
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from rockfall.analysis.validity.remark import Remark, sum_of
 from rockfall.evidence import error_range, evidence, largest_error
-from rockfall.grounds import block_radius, other_tables
+from rockfall.grounds import other_tables
 from rockfall.grounds.impact_sets import shipped_sets
-from rockfall.grounds.impact_tables import open_table, own_table
 from rockfall.language import Text, say, word
 from rockfall.quantities import part_of_boulders, part_of_rebounds, percent
 from rockfall.result.grounds import (
@@ -112,7 +111,7 @@ def _set_errors(name: str, method: str) -> dict[str, int]:
     return {what: largest_error(rows) for what, rows in by_method.items() if rows}
 
 
-def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
+def table_remarks(values: Variables) -> Iterator[Remark]:
     """Remarks on the fraction of rebounds from impact tables, on their field validation, and on
     boulders much larger than the simulated blocks; none without tables."""
     if not (tables := table_grounds(values)):
@@ -134,24 +133,13 @@ def table_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         std_high=deviations[1],
     )
     yield Remark(text, True)
-    thrown = [*_largest_thrown(tables, case)]
+    thrown = [table.block_radius for table in tables if not np.isnan(table.block_radius)]
     if thrown and "volume" in values:
         radius = LARGE_BLOCK * min(thrown)
         large = np.asarray(values["volume"]) > 4 / 3 * np.pi * radius**3
         if large.sum() > MAX_LARGE * large.size:
             part = part_of_boulders(int(large.sum()), large.size)
             yield Remark(say("model.large_blocks", part=part, radius=radius), True)
-
-
-def _largest_thrown(tables: Iterable[GroundRebounds], case: Case) -> Iterator[float]:
-    """Largest block radius R_b [m] behind each table: from the result, else from the table
-    file."""
-    for table in tables:
-        radius, path = table.block_radius, own_table(case, table.name)
-        if np.isnan(radius) and path:
-            radius = block_radius(open_table(path))
-        if not np.isnan(radius):
-            yield radius
 
 
 def has_own_grounds(case: Case) -> bool:

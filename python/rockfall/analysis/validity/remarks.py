@@ -17,7 +17,7 @@ from rockfall.analysis.validity.obstacles import breakage_remarks, forest_remark
 from rockfall.analysis.validity.rebounds import rebound_remarks, set_remarks, table_remarks
 from rockfall.analysis.validity.remark import GRADES, Remark
 from rockfall.analysis.validity.site import angle_remarks
-from rockfall.language import Text, say
+from rockfall.language import Text
 from rockfall.result.crossings import kept_of
 
 if TYPE_CHECKING:
@@ -39,14 +39,12 @@ def _found(values: Variables, case: Case) -> Iterator[Remark]:
     yield from end_remarks(values, case)
     yield from rebound_remarks(values, case)
     yield from set_remarks(values, case)
-    yield from table_remarks(values, case)
+    yield from table_remarks(values)
     yield from forest_remarks(values, case)
     yield from log_remarks(case)
     yield from breakage_remarks(values, case)
     yield from roll_remarks(values, case)
     yield from angle_remarks(values, case)
-    if "trajectory_boulder" in values and "trajectory_leg" not in values:
-        yield Remark(say("model.no_legs"), True, is_counted=False)
     yield from (
         Remark(extrapolation.text, extrapolation.is_warning)
         for extrapolation in extrapolations(values, case.impact["sets"])

@@ -317,7 +317,7 @@ def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
     if "grounds" not in attrs:
         return []
     names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
-    radii = np.atleast_1d(attrs.get("ground_block_radius", np.full(len(names), np.nan)))
+    radii = np.atleast_1d(attrs["ground_block_radius"])
     return [
         GroundRule(name, model, block_radius=float(radius))
         for name, model, radius in zip(names, models, radii, strict=True)
