@@ -157,7 +157,7 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     assert table["value"].to_numpy() == pytest.approx(expected["value"].to_numpy(), rel=1e-6)
     page = (here / "out" / "variants.html").read_text(encoding="utf-8")
     for text in (said, page):
-        assert "boulders a year that pass" in text and "energy once in 100 years" in text
+        assert "boulders a year that arrive" in text and "energy once in 100 years" in text
         assert "to the &scenario groups" in html.unescape(text)
     assert not {*here.glob("*.checkpoint")}
 

@@ -22,7 +22,9 @@ from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import LANGUAGES, speaking
+from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.dataset import write_result
+from rockfall.result.variables import OUTCOME
 from rockfall.simulation import simulate
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
@@ -414,6 +416,61 @@ def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
+    """Counted in the results of both scenarios; loads are those of all boulders that arrive."""
+    few = case.replace(case={"boulders": 200}, hazard={"thresholds": [30.0, 300.0]})
+    made = run_dossier(read_dossier(few, one_model=True, **PLACE))
+    rows = made.frequencies[made.frequencies["line"] == "net"]
+    assert {*rows["place"]} == {"barrier"}
+    rows = rows.set_index(["quantity", "statistic"])["value"].sort_index()
+    own = variants(few)["with net"]
+    came, passed = np.zeros(2), np.zeros(2)
+    for scenario in few.scenario:
+        boulder = {"volume_mean": scenario["volume_mean"]} if "volume_mean" in scenario else {}
+        result = rockfall.run(own.replace(scenario=[], boulder=boulder), **PLACE)
+        k = line_names(result).index("net")
+        energy = line_values(result, "energy_total", k)
+        stopped = outcomes_at(result, k) == OUTCOME["stopped"]
+        for at, limit in enumerate((0.0, 300e3)):
+            came[at] += scenario["frequency"] * (energy >= limit).mean()
+            passed[at] += scenario["frequency"] * ((energy >= limit) & ~stopped).mean()
+    assert came[0] > passed[0] > 0
+    for at, statistic in enumerate(("all", "above_300")):
+        assert rows["frequency", statistic] == pytest.approx(came[at], rel=1e-12)
+        assert rows["frequency_behind", statistic] == pytest.approx(passed[at], rel=1e-12)
+    hazard = made.hazards["with net"].sel(line="net")
+    assert float(hazard["line_frequency"]) == pytest.approx(came[0], rel=1e-12)
+    level = float(hazard["line_energy_by_period"].sel(event_period=100.0))
+    assert rows["energy_by_period", "100"] == level > 0
+    road = made.frequencies[made.frequencies["line"] == "road"]
+    assert "frequency_behind" not in {*road["quantity"]}
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_path):
+    """Their differences have no interval, and thus no verdict."""
+    middle = shapely.Point(150.0, 160.0), shapely.Point(30.0, 60.0)
+    make_layer(tmp_path / "masts.gpkg", [*middle], crs=None, name=["mast", "road"])
+    made = run_dossier(read_dossier(case, AtRisk(tmp_path / "masts.gpkg"), one_model=True, **PLACE))
+    rows = made.frequencies.set_index(["line", "variant", "statistic"]).sort_index()
+    for k, line in enumerate(["mast", "road (masts)"]):
+        today, net = (rows.loc[line, name] for name in made.hazards)
+        for name, part in (("today", today), ("with net", net)):
+            hazard = made.hazards[name]
+            assert {*part["place"]} == {"object"} and {*part["quantity"]} == {"frequency"}
+            for end in ("", "_low", "_high"):
+                row = part.loc["all"]
+                assert row[f"value{end}"] == float(hazard[f"object_frequency{end}"][k])
+                row = part.loc["above_300"]
+                assert row[f"value{end}"] == float(
+                    hazard[f"object_exceedance_frequency{end}"].sel(threshold=300e3)[k]
+                )
+        apart = net.loc["all"]["value"] - today.loc["all"]["value"]
+        assert net.loc["all"]["difference"] == apart and net.loc["all"]["verdict"] == "undecided"
+    assert rows.loc["mast", "today", "all"]["value"] > 0
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_house_is_never_compared_with_a_net_of_its_name(case, tmp_path):
     """The net, which one variant lacks, and the house both reach the table of differences."""
     make_layer(tmp_path / "twins.gpkg", HOUSES, crs=None, name=["net", None])
@@ -422,9 +479,11 @@ def test_a_house_is_never_compared_with_a_net_of_its_name(case, tmp_path):
     rows = made.frequencies
     rows = rows[(rows["quantity"] == "frequency") & (rows["statistic"] == "all")]
     rows = rows.set_index(["line", "variant"])
+    assert {*rows.loc["net (twins)", "place"]} == {"object"}
     for number, line in enumerate(["net (twins)", "2"]):
         own = [float(each["object_frequency"][number]) for each in made.hazards.values()]
         assert rows.loc[line]["value"].tolist() == pytest.approx(own, rel=1e-12)
         assert rows.loc[line, "with net"]["difference"] == pytest.approx(own[1] - own[0])
     assert rows.loc["net"].index.tolist() == ["with net"]
+    assert rows.loc["net", "with net"]["place"] == "barrier"
     assert np.isnan(rows.loc["net", "with net"]["difference"])

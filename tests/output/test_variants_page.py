@@ -62,7 +62,7 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     rows = cells_of(page)
     passing = rows["of all boulders, pass [%]"]
     assert passing[0] == number(100 * bare) and passing[1].startswith(f"{number(100 * net)}\n-")
-    assert rows["boulders a year that pass"] == ["0.400", "0.100"]
+    assert rows["boulders a year that arrive"] == ["0.400", "0.100"]
     assert rows["cost"] == ["-", "120,000"]
     assert rows["nets and walls"] == ["-", "net: 4 m, EAD 3"]
     assert page.count("<img ") == 1 and "With net: passing fraction" in page

@@ -27,6 +27,7 @@ from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.studies.siting_runs import populations
 from rockfall.studies.study import Study
+from rockfall.studies.variants import stopped_at
 from rockfall.studies.yearly_variants import Three, hits_at, yearly_sum
 
 STEP = 0.5  # step of barrier heights [m]
@@ -212,7 +213,8 @@ def _came(
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:
-        hits = hits_at(result, NAME if is_line else line)
+        at = NAME if is_line else line
+        hits = np.where(stopped_at(result, at), np.nan, hits_at(result, at))
         comes = ~np.isnan(hits[0])
         outcome = np.zeros(comes.size, "i1")
         height = energy = np.full(comes.size, np.nan)

@@ -21,6 +21,7 @@ from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
 from rockfall.protection.yearly import YEARS
+from rockfall.result.variables import ENDS
 from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
@@ -28,7 +29,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.studies.model_scenes import second_model
 from rockfall.studies.study import NO_CHECKPOINTS, Study
-from rockfall.studies.variants import check_variant_scenes
+from rockfall.studies.variants import COLUMNS, check_variant_scenes, verdict_on
 from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, yearly_table
 
 
@@ -42,7 +43,8 @@ class Second(NamedTuple):
 @dataclass(frozen=True)
 class Dossier:
     """Hazards by variant ("" for a case without variants); frequencies at lines and objects, as in
-    the table of `rockfall.yearly_variants`; return period [year] of the answers; model warnings of
+    the table of `rockfall.yearly_variants`, with their `place` (line, barrier or object); return
+    period [year] of the answers; model warnings of
     the runs; hazard of the first variant from another model that suits its ground; and costs of
     variants."""
 
@@ -160,7 +162,13 @@ def run_dossier(
         runs, rows = zip(*(each for _, each in engine.run(_scenes(study, by_name), numbers)),
                          strict=True)  # fmt: skip
         hazards[name], yearly[name] = combined(study, list(runs)), rows
-    frequencies = yearly_table(yearly, inputs.case.hazard)
+    frequencies = pd.concat(
+        [yearly_table(yearly, inputs.case.hazard), _at_points(inputs.studies, hazards, lines)]
+    ).reset_index(drop=True)
+    barriers = {own["name"] for study in inputs.studies.values() for own in study.case.barrier}
+    kinds = dict.fromkeys(lines, "line") | dict.fromkeys(barriers, "barrier")
+    place = [kinds.get(name, "object") for name in frequencies["line"]]
+    frequencies.insert(0, "place", place)
     second = None
     if inputs.second:
         name, study = inputs.second
@@ -183,8 +191,46 @@ def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[s
 def _at_objects(
     study: HazardInputs, result: xr.Dataset, lines: Collection[str]
 ) -> dict[str, np.ndarray]:
-    """Energies and heights of all boulders at objects with a width, by name. The layer is added to
-    a name that a line or barrier of any variant has."""
-    layers = zip(study.objects.names, study.objects.layers, strict=True)
-    names = [*numbered([f"{name} ({on})" if name in lines else name for name, on in layers])]
+    """Energies and heights of all boulders at objects with a width, by name."""
+    names = _object_names(study, lines)
     return {names[number]: hits for number, hits in object_hits(study.objects, result)}
+
+
+def _object_names(study: HazardInputs, lines: Collection[str]) -> list[str]:
+    """Names of the objects, with the layer if a line or barrier of any variant has the name."""
+    layers = zip(study.objects.names, study.objects.layers, strict=True)
+    return [*numbered([f"{name} ({on})" if name in lines else name for name, on in layers])]
+
+
+def _at_points(
+    studies: Mapping[str, HazardInputs],
+    hazards: Mapping[str, xr.Dataset],
+    lines: Collection[str],
+) -> pd.DataFrame:
+    """Rows of `frequencies` at points without a width. Their boulders are known as numbers only, so
+    differences have no intervals, and there are no energies by return period."""
+    first, rows = next(iter(hazards.values())), []
+    for variant, study in studies.items():
+        if not study.objects.point.size:
+            continue
+        hazard, names = hazards[variant], _object_names(study, lines)
+        thresholds = (1e-3 * hazard["threshold"].values).tolist()
+        statistics = ["all", *(f"above_{threshold:.10g}" for threshold in thresholds)]
+        rates = {end: _object_rates(hazard, end) for end in ENDS}
+        before = _object_rates(first, "")
+        for k in study.objects.point.tolist():
+            n = int(hazard["object_passages"].values[:, k].sum())
+            for row, statistic in enumerate(statistics):
+                own = {"line": names[k], "variant": variant, "quantity": "frequency", "n": n}
+                own |= {f"value{end}": float(rate[row, k]) for end, rate in rates.items()}
+                if hazard is not first:
+                    apart = own["value"] - float(before[row, k])
+                    own |= verdict_on(apart, np.nan, np.nan)
+                rows.append(own | {"statistic": statistic})
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _object_rates(hazard: xr.Dataset, end: str) -> np.ndarray:
+    """Frequencies (1 + thresholds, objects) of all boulders, and above each threshold [1/year]."""
+    names = f"object_frequency{end}", f"object_exceedance_frequency{end}"
+    return np.vstack([hazard[name].values for name in names])

@@ -232,10 +232,15 @@ def at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
         return None
     k = names.index(line)
     at_line = {quantity: line_values(result, quantity, k) for quantity in QUANTITIES}
-    if "crossing_outcome" in result:
-        stopped = outcomes_at(result, k) == OUTCOME["stopped"]
-        at_line = {name: np.where(stopped, np.nan, values) for name, values in at_line.items()}
-    return at_line
+    stopped = stopped_at(result, line)
+    return {name: np.where(stopped, np.nan, values) for name, values in at_line.items()}
+
+
+def stopped_at(result: xr.Dataset, line: str) -> np.ndarray:
+    """Mask of the boulders that a barrier stops at a line."""
+    if "crossing_outcome" not in result:
+        return np.zeros(result.sizes["boulder"], bool)
+    return outcomes_at(result, line_names(result).index(line)) == OUTCOME["stopped"]
 
 
 def _rows(

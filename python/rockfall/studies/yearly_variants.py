@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import frequencies
-from rockfall.analysis.hazard.exceedance import levels_by_period
+from rockfall.analysis.hazard.exceedance import Sample, levels_by_period
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.hazard.variables import PERIODS
 from rockfall.analysis.precision.clusters import Clusters
@@ -20,12 +20,13 @@ from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.paired import difference_of_fractions
 from rockfall.case import Case
 from rockfall.case.variants import variants
+from rockfall.protection.barriers import barriers_of
 from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.scene import Scene
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
-from rockfall.studies.variants import COLUMNS, at_line, verdict_on
+from rockfall.studies.variants import COLUMNS, stopped_at, verdict_on
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
@@ -39,12 +40,20 @@ class Yearly(NamedTuple):
     warnings: tuple[str, ...]
 
 
-class YearlyRun(NamedTuple):
-    """Energies [J] of a scenario's boulders at each place, NaN if they do not pass."""
+class AtPlace(NamedTuple):
+    """Energies [J] of a scenario's boulders at a place, NaN for boulders that do not count, and the
+    number of boulders that count as one observation."""
 
-    energies: dict[str, np.ndarray]
+    energies: np.ndarray
+    per_cluster: float
+
+
+class YearlyRun(NamedTuple):
+    """A scenario's boulders by place, and those that pass a barrier, by barrier."""
+
+    places: dict[str, AtPlace]
+    behind: dict[str, AtPlace]
     source: Sources
-    per_cluster: dict[str, float]  # number of boulders that count as one observation, by place
     yearly: float  # annual frequency of the scenario [1/year]
 
 
@@ -59,11 +68,12 @@ def yearly_variants(
     """Run the &scenario groups of each &variant of a case, with common random numbers.
 
     The table has the columns of `rockfall.compare_variants`, by line and variant: `frequency`
-    [1/year] of passing boulders (statistic all, and above_E for each &hazard threshold E [kJ]),
-    summed over scenarios, with the difference from the first variant; and `energy_by_period` [J]
-    (statistic T [year]). Limits of sums are sums of limits, because scenarios share random
-    numbers. A boulder that a barrier stops at a line does not pass it. `checkpoints` have the keys
-    of `run_name`; for `given` see `read_scene`.
+    [1/year] of boulders that arrive (statistic all, and above_E for each &hazard threshold E [kJ]),
+    summed over scenarios, with the difference from the first variant; at barriers also
+    `frequency_behind` of boulders that pass them; and `energy_by_period` [J] of boulders that
+    arrive (statistic T [year]), as in `rockfall.hazard`. Limits of sums are sums of limits, because
+    scenarios share random numbers. `checkpoints` have the keys of `run_name`; for `given` see
+    `read_scene`.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}
@@ -92,9 +102,9 @@ def yearly_table(
     first = next(iter(by_variant.values()), ())
     rows = [
         {"line": line, "variant": name, **row}
-        for line in dict.fromkeys(line for runs in by_variant.values() for line in runs[0].energies)
+        for line in dict.fromkeys(line for runs in by_variant.values() for line in runs[0].places)
         for name, runs in by_variant.items()
-        if line in runs[0].energies
+        if line in runs[0].places
         for row in _rows(line, runs, None if runs is first else first, hazard)
     ]
     return pd.DataFrame(rows, columns=COLUMNS)
@@ -126,22 +136,26 @@ def yearly_run(
     """Energies from a result with its frequency [1/year] at all or some lines, and at objects,
     given the energies [J] and heights [m] of all boulders there, (2, boulders)."""
     names, clusters = line_names(result), Clusters.of(result)
-    at_places = {line: hits_at(result, line) for line in (names if lines is None else lines)}
-    at_places |= objects
-    per_cluster = {}
-    for place, (energy, height) in at_places.items():
-        came = np.flatnonzero(~np.isnan(energy))
-        per_cluster[place] = clusters.at(came, energy[came], height[came])
-    energies = {place: energy for place, (energy, _) in at_places.items()}
-    return YearlyRun(energies, clusters.source, per_cluster, yearly)
+    hits = {line: hits_at(result, line) for line in (names if lines is None else lines)}
+    barriers = [names[k] for k in barriers_of(result) if names[k] in hits]
+    behind = {name: np.where(stopped_at(result, name), np.nan, hits[name]) for name in barriers}
+    at, past = (
+        {name: _at_place(clusters, *each) for name, each in places.items()}
+        for places in ({**hits, **objects}, behind)
+    )
+    return YearlyRun(at, past, clusters.source, yearly)
+
+
+def _at_place(clusters: Clusters, energy: np.ndarray, height: np.ndarray) -> AtPlace:
+    came = np.flatnonzero(~np.isnan(energy))
+    return AtPlace(energy, clusters.at(came, energy[came], height[came]))
 
 
 def hits_at(result: xr.Dataset, line: str) -> np.ndarray:
-    """Energies [J] and centre heights [m] at a line, (2, boulders); NaN without a passage."""
-    at = at_line(result, line)
-    assert at is not None
-    height = line_values(result, "passing_height", line_names(result).index(line))
-    return np.array([at["energy_total"], np.where(np.isnan(at["energy_total"]), np.nan, height)])
+    """Energies [J] and centre heights [m] at a line, (2, boulders); NaN for boulders that do not
+    arrive."""
+    k = line_names(result).index(line)
+    return np.array([line_values(result, name, k) for name in ("energy_total", "passing_height")])
 
 
 def _rows(
@@ -152,14 +166,44 @@ def _rows(
 ) -> Iterator[dict[str, object]]:
     """Rows of a variant at a line; `first` has the runs of the first variant (None for the first
     variant itself)."""
-    factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
-    energies = [run.energies[line] for run in runs]
-    before = [run.energies[line] for run in first or () if line in run.energies]
-    n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
-    samples = [
-        (each.size, run.per_cluster[line], run.yearly)
-        for each, run in zip(energies, runs, strict=True)
+    counted = {"frequency": [run.places for run in runs]}
+    if line in runs[0].behind:
+        counted["frequency_behind"] = [run.behind for run in runs]
+    for quantity, by_run in counted.items():
+        before = [run.places if quantity == "frequency" else run.behind for run in first or ()]
+        yield from _rates(
+            quantity,
+            [places[line] for places in by_run],
+            [places[line].energies for places in before if line in places],
+            runs,
+            hazard,
+        )
+    at = [run.places[line] for run in runs]
+    came = [place.energies[~np.isnan(place.energies)] for place in at]
+    levels = levels_by_period(came, _samples(at, runs), hazard["frequency_factor"])
+    for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
+        values = dict(zip(VALUES, three, strict=True)) | {"n": sum(map(len, came))}
+        yield {"quantity": "energy_by_period", "statistic": f"{period:g}", **values}
+
+
+def _samples(places: Sequence[AtPlace], runs: Sequence[YearlyRun]) -> list[Sample]:
+    return [
+        (place.energies.size, place.per_cluster, run.yearly)
+        for place, run in zip(places, runs, strict=True)
     ]
+
+
+def _rates(
+    quantity: str,
+    places: Sequence[AtPlace],
+    before: Sequence[np.ndarray],
+    runs: Sequence[YearlyRun],
+    hazard: Mapping[str, Any],
+) -> Iterator[dict[str, object]]:
+    """Rows of a frequency at a place; `before` has the energies [J] in the first variant."""
+    factor, yearly = hazard["frequency_factor"], [run.yearly for run in runs]
+    energies, samples = [place.energies for place in places], _samples(places, runs)
+    n = sum(int(np.count_nonzero(~np.isnan(each))) for each in energies)
     for threshold in dict.fromkeys((0.0, *hazard["thresholds"])):
         passing = [each >= 1000.0 * threshold for each in energies]
         counts = ([np.count_nonzero(mask)] for mask in passing)
@@ -167,7 +211,7 @@ def _rows(
             ((np.array(count), *each) for count, each in zip(counts, samples, strict=True)), factor
         )
         three = (float(rate[0]) for rate in rates)
-        row = {"quantity": "frequency", "n": n, **dict(zip(VALUES, three, strict=True))}
+        row = {"quantity": quantity, "n": n, **dict(zip(VALUES, three, strict=True))}
         row["statistic"] = f"above_{threshold:.10g}" if threshold else "all"
         if before:
             others = [each >= 1000.0 * threshold for each in before]
@@ -177,10 +221,6 @@ def _rows(
             )
             row |= verdict_on(*yearly_sum(yearly, apart, factor))
         yield row
-    levels = levels_by_period([each[~np.isnan(each)] for each in energies], samples, factor)
-    for period, three in zip(PERIODS, levels.T.tolist(), strict=True):
-        values = dict(zip(VALUES, three, strict=True))
-        yield {"quantity": "energy_by_period", "statistic": f"{period:g}", "n": n, **values}
 
 
 def yearly_sum(

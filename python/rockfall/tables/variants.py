@@ -26,6 +26,11 @@ NAMES = {
     "upper_edge": "variants.upper_edge",
     "energy_total": "variants.energy_total",
 }
+#: Message ids of annual frequencies, of all boulders and above an energy.
+YEARLY = {
+    "frequency": ("variants.yearly", "variants.yearly_above"),
+    "frequency_behind": ("variants.yearly_behind", "variants.yearly_above_behind"),
+}
 MEAN, Q95 = "variants.mean", "variants.q95"
 
 
@@ -80,8 +85,11 @@ def _yearly_rows(of_line: pd.DataFrame, frequencies: pd.DataFrame) -> Iterator[t
     ]
     for (quantity, statistic), group in here.groupby(["quantity", "statistic"], sort=False):
         records = group.to_dict("records")
-        if quantity == "frequency":
-            yield _yearly_label(str(statistic)), *(_cell(row, 1.0) for row in records)
+        if quantity != "energy_by_period":
+            yield (
+                _yearly_label(str(quantity), str(statistic)),
+                *(_cell(row, 1.0) for row in records),
+            )
         else:
             label = say("variants.energy_by_period", years=Number(str(statistic)))
             yield (
@@ -111,11 +119,9 @@ def _label(quantity: str, statistic: str, unit: str) -> Text:
     return say(MEAN if statistic == "mean" else Q95, quantity=say(NAMES[quantity]), unit=unit)
 
 
-def _yearly_label(statistic: str) -> Text:
-    threshold = statistic.removeprefix("above_")
-    if threshold != statistic:
-        return say("variants.yearly_above", energy=Number(threshold))
-    return say("variants.yearly")
+def _yearly_label(quantity: str, statistic: str) -> Text:
+    threshold, (every, above) = statistic.removeprefix("above_"), YEARLY[quantity]
+    return say(every) if threshold == statistic else say(above, energy=Number(threshold))
 
 
 def _cell(row: Mapping[Any, Any], factor: float) -> str:
