@@ -36,7 +36,12 @@ from rockfall.studies.ensemble.sobol_indices import (
 )
 from rockfall.studies.ensemble.study import RESULTS
 from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene, gaussian_field
-from rockfall.tables.ensemble import ensemble_summary, orders_reversed
+from rockfall.tables.ensemble import (
+    _column,
+    cases_outside,
+    ensemble_summary,
+    orders_reversed,
+)
 from rockfall.tables.lines import in_unit
 from rockfall.text.summary import remark_lines
 from scenes import grid, make_case, rough, sets, write_sets
@@ -454,6 +459,22 @@ def test_an_index_above_its_total_is_remarked(small, monkeypatch):
     _, first = first_page(changed, monkeypatch)
     assert all(f"{one}." in first for one in orders_reversed(changed))
     assert all(f"  {one}" in ensemble_summary(changed) for one in orders_reversed(changed))
+
+
+def test_a_case_outside_the_range_of_its_draws_is_remarked(small, monkeypatch):
+    changed = small.copy(deep=True)
+    changed["case_value"][...] = 0.5 * (changed["q05"] + changed["q95"]).values
+    assert not [*cases_outside(changed)]
+    changed["case_value"].loc[{"result": "fraction"}] = 1.01 * changed["q95"].sel(result="fraction")
+    changed["case_value"].loc[{"result": "speed.q95"}] = 0.9 * changed["q05"].sel(
+        result="speed.q95"
+    )
+    (said,) = cases_outside(changed)
+    named = "L: the unchanged case lies outside the range in {}; {}. Use the less favourable"
+    titles = (_column(name).title for name in ("fraction", "speed.q95"))
+    assert said.startswith(named.format(*titles))
+    _, first = first_page(changed, monkeypatch)
+    assert said in first and f"  {said}" in ensemble_summary(changed)
 
 
 @pytest.mark.parametrize("language", ["de", "fr", "it"])

@@ -24,6 +24,7 @@ from rockfall.studies.run_until import verdicts_of
 from rockfall.table import TOO_FEW, Estimate, Table
 from rockfall.tables.ensemble import (
     are_undecided,
+    cases_outside,
     headline_numbers,
     more_needed,
     orders_reversed,
@@ -167,6 +168,7 @@ def range_words(result: xr.Dataset, tables: list[Table]) -> list[str]:
             run=result.sizes["run"],
             join=[say(f"uncertain.{name}") for name in result["input"].values],
         ),
+        *cases_outside(result),
         *(f"{sentence}." for sentence in orders_reversed(result)),
     ]
     return [*words, f"{capital(more_needed(result))}."] if are_undecided(tables) else words

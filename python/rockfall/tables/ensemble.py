@@ -35,7 +35,7 @@ def ensemble_summary(data: xr.Dataset) -> str:
     if "drawn_source_redrawn" in data and data["drawn_source_redrawn"].any():
         redrawn = int(data["drawn_source_redrawn"].sum())
         parts.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
-    parts += [f"  {line}" for line in orders_reversed(data)]
+    parts += [f"  {line}" for line in (*cases_outside(data), *orders_reversed(data))]
     if are_undecided(tables):
         parts.append(f"  {more_needed(data)}")
     if remarks := [*remark_lines(data)]:
@@ -131,6 +131,17 @@ def more_needed(data: xr.Dataset) -> str:
     errors = np.stack([data[f"{kind}_error"].values for kind in INDICES])
     runs = runs_needed(errors, data.sizes["run"])
     return say("ensemble.more_draws", runs=number(runs, 1))
+
+
+def cases_outside(data: xr.Dataset) -> Iterator[Text]:
+    """Sentences on the lines where the unchanged case lies outside the range of the draws."""
+    for index, line in enumerate(line_names(data)):
+        at = data.isel(line=index).sel(result=list(RESULTS))
+        case = at["case_value"].values
+        is_outside = (case < at["q05"].values) | (case > at["q95"].values)
+        names = [_column(name).title for name, out in zip(RESULTS, is_outside, strict=True) if out]
+        if names:
+            yield say("ensemble.outside", line=line, numbers=names)
 
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
