@@ -20,7 +20,7 @@ from rockfall.app.show import PAGE  # noqa: E402
 from rockfall.language import speaking  # noqa: E402
 from rockfall.protection.yearly import yearly_design  # noqa: E402
 from rockfall.tables.design import check_tables, choice_table  # noqa: E402
-from rockfall.tables.hazard import object_table, period_tables  # noqa: E402
+from rockfall.tables.hazard import object_table, period_tables, segment_table  # noqa: E402
 from rockfall.tables.yearly_design import check_tables as yearly_checks  # noqa: E402
 from rockfall.tables.yearly_design import loads_table, verdicts  # noqa: E402
 
@@ -120,10 +120,35 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
             assert shown["arrays"][f"curve_{column}"].tolist() == curve[column].tolist()
         with speaking("en"):
             tables = [*map(table_entry, period_tables(hazard))]
-        for own, table in zip(shown["tables"], tables, strict=True):
+        for own, table in zip(shown["tables"][:2], tables, strict=True):
             assert own["rows"] == [row for row in table["rows"] if row[0] == name] != []
+        assert len(shown["tables"]) == (4 if name == "road" else 2)
     houses(page, hazard=True, origin="nobody")
     assert "nobody" in page.until("origins", place="nobody")["error"]
+
+
+def test_segments_of_a_line_are_those_of_the_command(page):
+    """A line of 300 m has 20 segments of 15 m, or with round lengths 15 of 20 m."""
+    houses(page, hazard=True)
+    page.until("hazard")
+    houses(page, hazard=True, origin="road")
+    *_, segments, energies = page.until("origins", place="road")["tables"]
+    line = shapely.LineString([(W, N - 260), (W + 300, N - 260)])
+    roads = {"segments": make_layer("roads.gpkg", [line], name=["road"]), "segment_length": 20.0}
+    hazard = rockfall.hazard(rockfall.read_case("case.nml"), objects="houses.gpkg", **roads)
+    with speaking("en"):
+        table, periods = (
+            segment_table(hazard),
+            next(period_tables(hazard, *hazard["segment"].values)),
+        )
+    assert energies == table_entry(periods)
+    assert segments["head"] == table.head and len(segments["rows"]) == 15 > 1
+    assert sorted(segments["rows"]) == sorted(table_entry(table)["rows"])
+    assert [row[0] for row in segments["rows"]] == [
+        f"road, {start} to {start + 20} m" for start in range(0, 300, 20)
+    ]
+    hits = hazard["segment_frequency"].values
+    assert hits.max() > 0 and hits.sum() >= hazard["line_frequency"].sel(line="road")
 
 
 def is_sheet_of(shown, result):
@@ -200,6 +225,11 @@ def test_a_click_on_a_house_shows_where_its_boulders_come_from(browser):
         )
         pressed = "document.querySelector('[data-place=Hof]').getAttribute('aria-pressed')"
         assert browser.execute_script(f"return {pressed}") == "true"
+        window.touch([W + 40, N - 260])
+        window.until("segments", "document.querySelector('.origins details')")
+        assert "road, 280 to 300 m" in browser.execute_script(
+            "return document.querySelector('.origins details').textContent"
+        )
         window.click('[data-tab="features"]')
         window.click('[data-feature="b1"]')
         window.until("a check", "document.querySelector('.net-check')?.offsetParent")

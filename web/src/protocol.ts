@@ -292,7 +292,7 @@ export interface OriginsMessage {
   error: string;
   cell: number;
   total: number; // annual number of boulders that reach the place
-  tables: TableEntry[]; // energies and heights by return period
+  tables: TableEntry[]; // energies and heights by return period, also of the segments of a line
   parts: [text: string, colour: string, cells: number][];
 }
 export type BinaryHeader = TerrainMessage | BackgroundMessage | BatchMessage | LinesMessage | TrajectoriesMessage | SectionMessage | HazardMessage | OriginsMessage | BasemapMessage;

@@ -12,22 +12,25 @@ import xarray as xr
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import exceedance
 from rockfall.analysis.objects.at_risk import AtRisk
+from rockfall.analysis.objects.segments import MIN_LENGTH
 from rockfall.app.messages import Message, binary_message, text_message
 from rockfall.app.surroundings import Offer
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.io.rasters.arrays import grid_of, north_up
+from rockfall.io.rasters.grid import Grid
 from rockfall.language import speaking, word
 from rockfall.plots.cartography.rasters import merged
 from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
 from rockfall.protection.design import design
 from rockfall.protection.yearly import YearlyDesign, yearly_design
+from rockfall.quantities import round_step
 from rockfall.result.crossings import line_names
 from rockfall.studies.hazard import origins, read_study, run_study
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
-from rockfall.tables.hazard import object_table, period_tables, scenario_table
+from rockfall.tables.hazard import object_table, period_tables, scenario_table, stretch_tables
 from rockfall.tables.yearly_design import (
     advice,
     choice_tables,
@@ -37,6 +40,7 @@ from rockfall.tables.yearly_design import (
 from rockfall.tables.yearly_design import check_tables as yearly_check_tables
 
 MAX_CELLS = 1001  # along a side of the class map
+SEGMENTS = 20  # approximate number of segments of all drawn lines; more lines have none
 
 
 def table_entry(table: Table) -> dict[str, Any]:
@@ -57,9 +61,18 @@ def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> M
     return text_message("net", net=net, tables=[], **fields)
 
 
-def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None) -> xr.Dataset:
-    """Hazard of a case with layers at the objects of `offer`, computed as in `rockfall.hazard`."""
+def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None, grid: Grid) -> xr.Dataset:
+    """Hazard of a case with layers at the objects of `offer`, and on segments of the drawn lines on
+    the terrain, of a round length; computed as in `rockfall.hazard`."""
+    import shapely
+
     given = AtRisk([*offer.files], [*offer.layers]) if offer else AtRisk()
+    lines = [*frames["lines"].geometry] if "lines" in frames else []
+    terrain = shapely.box(grid.west, grid.south, grid.east, grid.north)
+    is_on = shapely.intersects(lines, terrain).any() and len(lines) <= SEGMENTS
+    if is_on and case.output["kept"] == "all":
+        length = max(round_step(shapely.length(lines).sum() / SEGMENTS), MIN_LENGTH)
+        given = given._replace(segments=frames["lines"], segment_length=length)
     return run_study(read_study(case.replace(variant=[]), given, **frames))
 
 
@@ -113,7 +126,8 @@ def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fiel
         return binary_message("origins", {}, **fields | {"error": str(error)})
     with speaking(language):
         classes, words = parts_and_words(table)
-        fields["tables"] = [*map(table_entry, period_tables(hazard, place))]
+        tables = *period_tables(hazard, place), *stretch_tables(hazard, place)
+        fields["tables"] = [*map(table_entry, tables)]
     fields["parts"] = [
         [str(text), colour, int(np.count_nonzero(classes == k))]
         for k, (text, colour) in enumerate(zip(words, COLOURS, strict=False))

@@ -269,7 +269,7 @@ class Live:
         self._send("hazard", text_message("hazard_begun", **fields))
         try:
             with speaking(self.language), stopped_by(self._cancel.is_set):
-                self._hazard = hazard_of(*self._made, self.offer)
+                self._hazard = hazard_of(*self._made, self.offer, self.site.grid)
         except (Stopped, Interrupted):
             self._is_hazard_due = self.view.hazard
         except RockfallError as error:

@@ -64,9 +64,9 @@ def class_table(hazard: xr.Dataset) -> Table:
     return Table.of(say("tables.classes_of_hazard"), map(say, heads), rows)
 
 
-def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Table]:
-    """Tables of energies and heights by return period at lines, and at the most frequently hit
-    objects and segments, or at one place; none if unknown."""
+def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
+    """Tables of energies and heights by return period at the places with these names; by default at
+    lines, and at the most frequently hit objects and segments. None if unknown."""
     places = [
         (kind, int(k))
         for kind in PLACES
@@ -74,7 +74,8 @@ def period_tables(hazard: xr.Dataset, place: str | None = None) -> Iterator[Tabl
         for k in np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
         if not np.isnan(hazard[f"{kind}_energy_by_period"].values[k]).any()
     ]
-    places = places[:MOST] if place is None else [*{find_place(hazard, place)} & {*places}]
+    named = [place for name in names if (place := find_place(hazard, name)) in places]
+    places = named if names else places[:MOST]
     if not places:
         return
     names_of = {kind: place_names(hazard, kind) for kind in dict(places)}
@@ -147,10 +148,23 @@ def object_table(hazard: xr.Dataset) -> Table:
     )
 
 
-def segment_table(hazard: xr.Dataset) -> Table:
-    """Table of the most frequently hit segments: frequencies, class, energies and heights."""
+def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
+    """Tables of the segments of a line, in its direction: their frequencies, class, energies and
+    heights, and their energies by return period. None without segments."""
+    if has_segments(hazard):
+        order = np.flatnonzero(hazard["segment_name"].values == line)
+        if order.size:
+            caption = say("tables.segments_of_line", line=line)
+            yield segment_table(hazard, order)._replace(caption=caption)
+            yield from [*period_tables(hazard, *hazard["segment"].values[order])][:1]
+
+
+def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
+    """Table of segments in this order, by default the most frequently hit: frequencies, class,
+    energies and heights."""
     frame = segments_of(hazard).assign(segment=place_names(hazard, "segment"))
-    order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
+    if order is None:
+        order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
     names, titles = _frequencies(hazard)
     rows = [
         (row["segment"], *(_estimate(row, name) for name in names), class_within(row),

@@ -3,7 +3,7 @@
 import { checkbox, element } from '../dom';
 import type { Binary, HazardMessage, OriginsMessage } from '../protocol';
 import { Chart } from '../section/chart';
-import { tableOf } from '../tables';
+import { foldedTable, tableOf } from '../tables';
 import { decimal, say } from '../texts';
 
 const [WIDTH, HEIGHT] = [320, 190]; // size of the curve [px]
@@ -76,7 +76,7 @@ export class HazardPanel {
       element('h3', {}, say('app.hazard.origins', numbers)),
       ...(header.error ? [element('p', { class: 'alert amber' }, header.error)] : []),
       key(header.parts.map(([text, colour, cells]) => [say('app.hazard.cells', { text, cells }), colour])),
-      ...header.tables.map((table) => tableOf(table)),
+      ...header.tables.map((table) => (table.rows.length > 1 ? element('div', { class: 'wide' }, foldedTable(table, false)) : tableOf(table))),
       ...exceedance(message),
     );
   }
