@@ -200,13 +200,13 @@ def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
     """Sentences on page 1: models that differ widely, lines, the most frequently hit objects, and
     the barrier."""
-    hazard = dossier.first
-    yield from models_apart(dossier)
+    hazard, apart = dossier.first, list(models_apart(dossier))
+    yield from [*apart, *second_answer(dossier)] if apart else ()
     yield from yearly_answers(hazard, dossier.period)
     objects = [place for place in places_of(hazard) if place.kind == "object"]
     for _, k, name in objects[:HOUSES]:
         yield _of_object(hazard, k, name)
-    yield from second_answer(dossier)
+    yield from () if apart else second_answer(dossier)
     yield from barrier_answers(designs)[:ADVICE]
     for name, own in dossier.hazards.items():
         for text in around_ends(own):
