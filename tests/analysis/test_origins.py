@@ -247,11 +247,16 @@ def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypa
         printed = capsys.readouterr().out
         assert f"{options[1]}: {number(own)} boulders a year" in printed
     assert main(["origins", "zones", "--at", "600062.5,4999932.5", "-o", "out"]) == 2
+    Path("dem.tif").rename("other.tif")
+    assert main(["origins", "zones", "--line", "L", "-o", "out", "--overwrite"]) == 0
+    assert "no relief" in capsys.readouterr().err
+    Path("other.tif").rename("dem.tif")
     for option, text, why in (
         ("--line", "house", "house: no line; there are L"),
         ("--object", "L", "L: no object; there are none"),
         ("--at", "600002.5,4999995", "600002.5,4999995: no simulated boulder arrives"),
         ("--at", "1,2,3,4", "must be X,Y or X,Y,RADIUS"),
+        ("--at", "1e308,1e308", "must be X,Y or X,Y,RADIUS"),
         ("--at", "here", "must be X,Y or X,Y,RADIUS"),
     ):
         capsys.readouterr()

@@ -306,7 +306,8 @@ def _add_studies(commands: _Commands) -> None:
     place = origins.add_mutually_exclusive_group(required=True)
     _option(place, "--line NAME", str, "line or barrier")
     _option(place, "--object NAME", str, "object")
-    text = "circle, default radius: half of &hazard object_width; runs the scenarios again"
+    text = "circle, default radius: half of &hazard object_width; runs the scenarios again; "
+    text += "--at=X,Y if X is negative"
     _option(place, "--at X,Y[,RADIUS]", str, text)
     _option(origins, "-o --output DIR", Path, "default: HAZARD_origins")
     text = "side of the squares of the table of source areas; default: %(default)s"

@@ -12,7 +12,9 @@ from rockfall.errors import BAD_INPUT, OUR_FAULT
 
 # For interrupts see `rockfall.interrupts.exit_status`.
 DONE, FAULT, REFUSED = 0, OUR_FAULT, BAD_INPUT
-OF_PRODUCTS = r"rockfall\.(products|dossiers|files\.|result\.)"  # commands print their warnings
+OF_PRODUCTS = (
+    r"rockfall\.(products|dossiers|cli\.|files\.|result\.)"  # commands print their warnings
+)
 MOST_FILES, FEW_OF_A_KIND = 8, 4  # files listed individually: in total, and of a kind
 
 

@@ -51,6 +51,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.back.places import check_on_terrain
 from rockfall.studies.study import Study
 
+FARTHEST = 1e12  # limit of coordinates in a case [m]
 WIDTH = "hazard", "object_width"  # key of the default width of a place
 
 
@@ -131,14 +132,15 @@ def traced(
     limits = (key.high for key in key_table() if (key.group, key.name) == WIDTH)
     most, width = next(limits) or math.inf, case.hazard["object_width"]
     width = 2 * place[2] if len(place) == 3 else width
-    if len(place) not in (2, 3) or not (np.isfinite(place).all() and 0 <= width <= most):
+    if len(place) not in (2, 3) or not ((np.abs(place) < FARTHEST).all() and 0 <= width <= most):
         raise RockfallError(f"{where}: must be X,Y or X,Y,RADIUS, radius at most {most / 2:g} m")
     x, y = map(float, place[:2])
     line = {"name": where, "x": [x, x], "y": [y, y], "object_width": width}
     study = read_study(case.replace(line=[line], variant=[]), **arrays)
     check_on_terrain(study.scene, ["place"], np.array([x]), np.array([y]))
     rerun = run_study(study, progress=progress)
-    if not np.array_equal(rerun["scenario_hits"].values, hazard["scenario_hits"].values):
+    names = "scenario_hits", "scenario_hits_energy_exceeded"
+    if not all(np.array_equal(rerun[name].values, hazard[name].values) for name in names):
         raise RockfallError(f"{where}: inputs or version differ from those of the hazard: rerun it")
     return rerun, "line", 0
 

@@ -104,8 +104,6 @@ def _arriving(
 def with_origins(hazard: xr.Dataset, place: str, among: Sequence[str] = SOURCES) -> tuple[str, int]:
     """Kind (one of `among`) and index of a place whose sources are known."""
     kind, k = find_place(hazard, place, among)
-    if f"{kind}_source_energy_mean" not in hazard:
-        raise RockfallError(f"{place}: the hazard is of an older version: rerun it")
     if np.isnan(hazard[f"{kind}_source_frequency"].values[k]).any():
         raise RockfallError(
             f"{place}: is a point without a width, whose sources are unknown: give it a width"

@@ -156,7 +156,7 @@ def origins_command(arguments: argparse.Namespace) -> int:
     at = [*map(plain_decimal, arguments.at.split(","))] if named is None else named
     place = arguments.at if named is None else named
     kinds = ["object"] if arguments.line is None else ["line"]
-    with interrupts(), working():
+    with working():
         traced_hazard, kind, k = traced(hazard, at, kinds, progress=True)
         tables = origin_tables(traced_hazard, kind, k, arguments.side)
         if tables["cells"].empty:
