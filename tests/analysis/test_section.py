@@ -23,6 +23,7 @@ from rockfall.limits import MIN_FOR_MEAN
 from rockfall.plots.figures import section_entry
 from rockfall.plots.section_figure import section_figure
 from rockfall.result.crossings import at_lines, has_crossed, line_values
+from rockfall.result.variables import LEG
 from rockfall.tables.section import section_notes
 from rockfall.terrain.height import height
 from rockfall.terrain.polyline import intersections
@@ -85,6 +86,7 @@ def thrown(result, speeds, x):
         "velocity_x": np.zeros((2, x.size)), "velocity_y": np.stack([-speeds, -speeds]),
         "velocity_z": np.stack([0 * time, -GRAVITY * time]), "out_w": np.full((2, x.size), 3.0),
         "ratio": np.ones((2, x.size)),
+        "leg": np.stack([np.full(x.size, LEG["flight"]), np.zeros(x.size, int)]),
     }  # fmt: skip
     vertices["z"] = vertices["y"]
     columns = {f"trajectory_{k}": ("trajectory_vertex", v.T.ravel()) for k, v in vertices.items()}
