@@ -185,8 +185,16 @@ def test_areas_sum_up_their_cells(hazard, side):
     energy = [table["frequency"] @ table["energy_mean"] for table in (cells, areas)]
     assert energy[0] == pytest.approx(energy[1], rel=1e-12)
     assert areas["energy_q95"].max() == cells["energy_q95"].max()
+    assert areas["energy_q95_high"].max() == cells["energy_q95_high"].max()
     if side == 1e9:
         assert areas["reach"][0] == pytest.approx(cells["frequency"].sum() / 8.5)
+
+
+def test_an_area_with_too_few_boulders_has_no_limit(hazard):
+    few, many = (origins_at(hazard, "line", k)["energy_q95_high"] for k in (1, 0))
+    assert few.isna().any() and many.notna().all()
+    for k, expected in (1, True), (0, False):
+        assert origin_areas(hazard, "line", k, 1e9)["energy_q95_high"].isna().all() == expected
 
 
 MUST = "must be X,Y or X,Y,RADIUS, radius at most 50 m"

@@ -15,7 +15,7 @@ from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
 from rockfall.language import Text, say, unpacked, word
 from rockfall.quantities import count, number
-from rockfall.table import Column, Table, as_text
+from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.tables.hazard import (
     MOST,
     assumptions,
@@ -129,13 +129,16 @@ def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
 
 
 def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
-    """Boulders a year that reach a place, and the source areas from which most of them come; `side`
-    is the side of the areas [m]."""
-    metres = [Column(axis, "m", 0) for axis in "xy"]
-    columns = [*metres, *(Column(str(name)) for name in areas.columns[2:])]
-    rows = areas[:AREAS].itertuples(index=False, name=None)
+    """Boulders a year that reach a place, and the source areas from which most of them come, with
+    the upper limit of the 95 % quantile of energy; `side` is the side of the areas [m]."""
+    *names, quantile, high = map(str, areas.columns)
+    columns = [*(Column(axis, "m", 0) for axis in "xy"), *map(Column, [*names[2:], quantile])]
+    rows = [
+        (*(row[name] for name in names), Estimate(row[quantile], high=row[high]))
+        for row in areas[:AREAS].to_dict("records")
+    ]
     arrive, sources = number(areas["frequency"].sum()), count(areas["cells"].sum(), "source cell")
     text = f"{place}: {arrive} boulders a year, from squares of {side:g} m with {sources}"
     more = len(areas) - AREAS
     rest = f"\n  and {count(more, 'more square')}, in areas.csv" if more > 0 else ""
-    return f"{text}\n{as_text(Table('', columns, [*rows]))}{rest}"
+    return f"{text}\n{as_text(Table('', columns, rows))}{rest}"

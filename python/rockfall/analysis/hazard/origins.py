@@ -128,8 +128,9 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
 
 def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataFrame:
     """Table of `origins_at`, summed over squares with this side [m]: centre of the source cells,
-    their number `cells`, and as `energy_q95` the highest of them. Squares without arrivals are
-    omitted."""
+    their number `cells`, and as `energy_q95` and `energy_q95_high` the highest of them; this limit
+    is NaN if too few boulders arrive from one of the cells. Squares without arrivals are omitted.
+    """
     import pandas as pd
 
     x, y, released = (hazard[f"source_{name}"].values for name in ("x", "y", "frequency"))
@@ -137,16 +138,17 @@ def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataF
     squares = np.floor(np.column_stack([x, y]) / side)
     part = np.unique(squares, axis=0, return_inverse=True)[1].ravel()
     cells, frequency = np.bincount(part), np.bincount(part, rates)
-    means, highest = (hazard[f"{kind}_source_{name}"].values[k] for name in ENERGIES[:2])
-    quantile = np.full(cells.size, -np.inf)
-    np.fmax.at(quantile, part, highest)
+    energies = {name: hazard[f"{kind}_source_{name}"].values[k] for name in ENERGIES}
+    mean, highest = energies["energy_mean"], np.full((2, cells.size), -np.inf)
+    for row, name in zip(highest, ("energy_q95", "energy_q95_high"), strict=True):
+        np.maximum.at(row, part[rates > 0], energies[name][rates > 0])
     with np.errstate(invalid="ignore"):
         columns = {
             "x": np.bincount(part, x) / cells, "y": np.bincount(part, y) / cells, "cells": cells,
             "frequency": frequency, "share": frequency / rates.sum(),
             "reach": frequency / np.bincount(part, released),
-            "energy_mean": np.bincount(part, np.nan_to_num(means) * rates) / frequency,
-            "energy_q95": quantile,
+            "energy_mean": np.bincount(part, np.nan_to_num(mean) * rates) / frequency,
+            "energy_q95": highest[0], "energy_q95_high": highest[1],
         }  # fmt: skip
     table = pd.DataFrame(columns)[frequency > 0]
     return table.sort_values("frequency", ascending=False, kind="stable", ignore_index=True)
