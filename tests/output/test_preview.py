@@ -30,7 +30,7 @@ def scene_of(folder, sources, each, maps=MAPS, **about):
 
 
 @pytest.mark.parametrize(
-    ("sources", "each", "few"), [(300, 40, 600), (2000, 5, 500), (3, 3000, 400)]
+    ("sources", "each", "few"), [(100, 30, 300), (500, 5, 250), (3, 800, 200)]
 )
 def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each, few):
     scene = scene_of(tmp_path, sources, each, maps=["passages"])
@@ -69,12 +69,12 @@ def test_crossings_are_written_piece_by_piece(tmp_path, lines, monkeypatch):
 
 
 def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(pilot, "PILOT_BOULDERS", 500)
-    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 400)  # writing takes time
+    monkeypatch.setattr(pilot, "PILOT_BOULDERS", 100)
+    monkeypatch.setattr(preview, "LARGE_RESULT", preview.LARGE_RESULT / 4000)  # writing takes time
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k, 9.0 * k]} for k in range(1, 41)]
     words = "MB: &output kept = 'none' keeps sums and counts"
     for lines, is_said in ((many, True), (many[:1], False)):
-        scene = scene_of(tmp_path, 8, 2000, line=lines)
+        scene = scene_of(tmp_path, 8, 200, line=lines)
         assert (words in preview._memory(scene, pilot.pilot_run(scene))) == is_said
         assert ("18, 19, 20, ... (40)" in preview.preview(scene)) == is_said
 
@@ -100,7 +100,7 @@ def test_what_is_not_asked_for_takes_nothing(tmp_path):
 
 def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
     """Except for the run time; also on slower machines."""
-    scene = scene_of(tmp_path, 50, 100)
+    scene = scene_of(tmp_path, 50, 10)
 
     def lines():
         return [one for one in preview.preview(scene).splitlines() if not one.startswith("  time ")]
@@ -133,8 +133,9 @@ def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
     assert all(len(line) <= 120 and f"models {scene.case.name} --table" in line for line in lines)
 
 
-def test_memory_of_samples_grows_with_what_lines_see(tmp_path):
+def test_memory_of_samples_grows_with_what_lines_see(tmp_path, monkeypatch):
     """Boulders are not kept: bins fill up, and tails have the largest values of each line."""
+    monkeypatch.setattr(pilot, "PILOT_BOULDERS", 400)
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, 31)]
     found = []
     for lines, each in ((many[-3:], 200), (many, 200), (many, 20_000)):
