@@ -12,12 +12,10 @@ import numpy as np
 from rockfall.analysis.validity.obstacles import forest_text
 from rockfall.case import read_case
 from rockfall.case.text import Entry, Group, case_text
-from rockfall.draft.dem import read_source
 from rockfall.errors import RockfallError
-from rockfall.importers.imported import CASE, DEM, tree_rows
+from rockfall.importers.imported import CASE, Import, tree_rows
 from rockfall.io.atomic import atomic_folder
 from rockfall.io.files import relative_name
-from rockfall.io.rasters.geotiff import write_geotiff
 from rockfall.language import say
 from rockfall.rockyfor3d.folder import Folder
 from rockfall.rockyfor3d.nets import NETS, TOLERANCE, barriers
@@ -41,19 +39,15 @@ LEFT = (  # inputs that the folder lacks, or that have no counterpart in rockfal
 
 
 @dataclass
-class Import:
-    """An import in progress."""
+class _Import(Import):
+    """An import in progress; `left` has notes on inputs that were guessed or not imported."""
 
-    folder: Folder
-    out: Path
-    part: Path  # temporary folder for the files of `out`
-    crs: str | None = None  # CRS of the rasters
-    notes: list[str] = field(default_factory=list)  # on inputs that were guessed or not imported
+    rasters: Folder = field(kw_only=True)
     model: list[str] = field(default_factory=list)  # remarks on the model
 
     def path(self, name: str) -> str:
         """Path of a raster, as named in the case."""
-        return relative_name(self.folder.rasters[name], self.out.resolve())
+        return relative_name(self.rasters.rasters[name], self.out.resolve())
 
 
 def import_rockyfor3d(
@@ -72,27 +66,28 @@ def import_rockyfor3d(
     folder.rasters = {name: path.resolve() for name, path in folder.rasters.items()}
     inputs = [*folder.rasters.values(), *filter(None, [folder.trees])]
     with atomic_folder(out, inputs, last=CASE) as part:
-        made = Import(folder, out, part, crs)
+        made = _Import(folder.path, folder.rasters["dem"], out, part, crs, rasters=folder)
+        folder.grid = made.grid
         groups = list(_groups(made))
-        made.notes += [f"{name}: unknown file, left out" for name in folder.unread]
-        made.notes += made.model
+        made.left += [f"{name}: unknown file, left out" for name in folder.unread]
+        made.left += made.model
         head = [f"{MARK[2:]} from {folder.path.resolve().name}.", "Keys: docs/case.md."]
         foot = [
             "Not imported, or imported with changes:",
-            *(f"- {note}" for note in [*made.notes, *LEFT]),
+            *(f"- {note}" for note in [*made.left, *LEFT]),
         ]
         (part / CASE).write_text(case_text(head, groups, foot), encoding="utf-8")
         read_case(part / CASE)
-    return [*made.notes, *LEFT]
+    return [*made.left, *LEFT]
 
 
-def _groups(made: Import) -> Iterator[Group]:
+def _groups(made: _Import) -> Iterator[Group]:
     """Groups of the case, in order."""
-    title = f"{made.folder.path.resolve().name}, after Rockyfor3D"
+    title = f"{made.folder.resolve().name}, after Rockyfor3D"
     yield Group(
         "case", [Entry("title", title), Entry("boulders", BOULDERS, "from each source cell")]
     )
-    yield _terrain(made)
+    yield made.terrain(made.out)
     yield _surface(made)
     yield _boulder(made)
     yield _release(made)
@@ -101,19 +96,10 @@ def _groups(made: Import) -> Iterator[Group]:
     yield Group("output", [Entry("maps", list(MAPS)), Entry("rebounds", True)])
 
 
-def _terrain(made: Import) -> Group:
-    """Terrain group with the original DEM, or with a copy if a CRS is given."""
-    if made.crs is None:
-        return Group("terrain", [Entry("dem", made.path("dem"))])
-    z, made.folder.grid = read_source(made.folder.rasters["dem"], made.crs)[:2]
-    _write(made, DEM, z)
-    return Group("terrain", [Entry("dem", DEM, f"dem.asc in {made.crs}")])
-
-
-def _surface(made: Import) -> Group:
+def _surface(made: _Import) -> Group:
     entries = [Entry("method", "A", "an obstacle is met at 70, 20 or 10 % of the rebounds")]
     entries += [Entry(name, made.path(name)) for name in ("rg70", "rg20", "rg10")]
-    if "soiltype" in made.folder:
+    if "soiltype" in made.rasters:
         text = "soil types 0 to 7 are the shipped grounds 0 to 7"
         entries.append(Entry("ground_map", made.path("soiltype"), text))
         unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
@@ -122,61 +108,61 @@ def _surface(made: Import) -> Group:
             f"none the impact sets; {unsure}: `rockfall models` compares other rebounds"
         )
     else:
-        made.notes.append(
+        made.left.append(
             "soiltype.asc is missing: all rebounds follow the stochastic impact sets, by which "
             "obstacles of 100 m stop nothing"
         )
     return Group("surface", entries)
 
 
-def _boulder(made: Import) -> Group:
+def _boulder(made: _Import) -> Group:
     entries = [Entry("volume", "source", "each source cell has its own boulders")]
     entries += [Entry(name, made.path(name)) for name in ("d1", "d2", "d3")]
-    if "blshape" in made.folder:
+    if "blshape" in made.rasters:
         entries.append(Entry("shape", made.path("blshape")))
     else:
-        made.notes.append("blshape.asc is missing: all boulders are spheres")
+        made.left.append("blshape.asc is missing: all boulders are spheres")
     entries.append(Entry("rock_density", made.path("rockdensity")))
     entries.append(Entry("volume_spread", 0.1, "for volumes that vary by 10 %", on=False))
     return Group("boulder", entries)
 
 
-def _release(made: Import) -> Group:
-    density = made.folder.read("rockdensity")
+def _release(made: _Import) -> Group:
+    density = made.rasters.read("rockdensity")
     if not (density > 0).any():
         raise RockfallError(
-            f"{made.folder.rasters['rockdensity']}: no source cells: must have cells above zero"
+            f"{made.rasters.rasters['rockdensity']}: no source cells: must have cells above zero"
         )
     cells = made.path("rockdensity")
     if (np.rint(density) != density)[~np.isnan(density)].any():  # source rasters contain integers
         cells = SOURCES
-        _write(made, SOURCES, (density > 0).astype("u1"))
+        made.write_raster(SOURCES, (density > 0).astype("u1"))
     text = "cells above zero"
     return Group("release", [Entry("cells", cells, text), Entry("drop_height", DROP_HEIGHT, "[m]")])
 
 
-def _forest(made: Import) -> Iterator[Group]:
+def _forest(made: _Import) -> Iterator[Group]:
     """Forest group with trees from a list, or generated from cell data."""
-    folder = made.folder
+    folder = made.rasters
     conifers = Entry("uniform_conifers", 100.0, "[%]; conifers stop less than broadleaved trees")
     if "conif_percent" in folder:
         conifers = Entry("conifers", made.path("conif_percent"))
     if folder.trees is not None:
         _write_trees(made, folder.trees)
         if "nrtrees" in folder:
-            made.notes.append(f"nrtrees.asc: left out, {folder.trees.name} lists the trees")
+            made.left.append(f"nrtrees.asc: left out, {folder.trees.name} lists the trees")
         entries = [Entry("trees", TREES, f"{folder.trees.name} with a head"), conifers]
     elif "nrtrees" in folder and "dbhmean" in folder:
-        stems = made.folder.read("nrtrees") * (HECTARE / folder.grid.cell**2)
+        stems = made.rasters.read("nrtrees") * (HECTARE / folder.grid.cell**2)
         if not (stems > 0).any():
-            made.notes.append("nrtrees.asc: no cell has trees")
+            made.left.append("nrtrees.asc: no cell has trees")
             return
-        _write(made, STEMS, stems.astype("f4"))
+        made.write_raster(STEMS, stems.astype("f4"))
         deviation = Entry("uniform_dbh_std", 0.0)
         if "dbhstd" in folder:
             deviation = Entry("dbh_std", made.path("dbhstd"))
         else:
-            made.notes.append("dbhstd.asc is missing: all stems of a cell have the mean diameter")
+            made.left.append("dbhstd.asc is missing: all stems of a cell have the mean diameter")
         text = "nrtrees.asc per hectare instead of per cell"
         entries = [
             Entry("stems", STEMS, text), Entry("spread", "even", "as many in each cell"),
@@ -188,45 +174,38 @@ def _forest(made: Import) -> Iterator[Group]:
         ]
         if given:
             missing = " and ".join(folder.missing(["nrtrees", "dbhmean"]))
-            made.notes.append(f"{missing}: missing, so there is no forest")
+            made.left.append(f"{missing}: missing, so there is no forest")
         return
     if "conif_percent" not in folder:
-        made.notes.append("conif_percent.asc is missing: all trees are conifers")
+        made.left.append("conif_percent.asc is missing: all trees are conifers")
     made.model.append(forest_text())
     yield Group("forest", entries)
 
 
-def _nets(made: Import) -> Iterator[Group]:
+def _nets(made: _Import) -> Iterator[Group]:
     """A barrier group for each net."""
-    missing = made.folder.missing(NETS)
+    missing = made.rasters.missing(NETS)
     if len(missing) == len(NETS):
         return
     if missing:
-        made.notes.append(f"{' and '.join(missing)}: missing, so there are no nets")
+        made.left.append(f"{' and '.join(missing)}: missing, so there are no nets")
         return
-    for keys, off in barriers(made.folder):
+    for keys, off in barriers(made.rasters):
         if off:
-            made.notes.append(
+            made.left.append(
                 f"net_number.asc: {keys['name']}: {off} cells branch off its line and "
                 "stop nothing: give them a separate number"
             )
-        within = f"through the cells of net_number, within {TOLERANCE * made.folder.grid.cell:g} m"
+        within = f"through the cells of net_number, within {TOLERANCE * made.grid.cell:g} m"
         yield Group(
             "barrier",
             [Entry(key, value, within if key == "x" else "") for key, value in keys.items()],
         )
 
 
-def _write(made: Import, name: str, values: np.ndarray) -> None:
-    nodata = np.nan if values.dtype.kind == "f" else None
-    write_geotiff(
-        made.part / name, values, made.folder.grid, nodata=nodata, TIFFTAG_SOFTWARE="rockfall"
-    )
-
-
-def _write_trees(made: Import, path: Path) -> None:
+def _write_trees(made: _Import, path: Path) -> None:
     """Write the tree list as a table with a header."""
     rows, more = tree_rows(path)
     if more:
-        made.notes.append(f"{path.name}: columns after x, y and DBH are left out")
+        made.left.append(f"{path.name}: columns after x, y and DBH are left out")
     (made.part / TREES).write_text("\n".join([*rows, ""]), encoding="utf-8")
