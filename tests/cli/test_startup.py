@@ -7,9 +7,10 @@ import sys
 import netCDF4
 import numpy as np
 import pytest
+from affine import Affine
 
 import rockfall
-from made import write_ascii
+from made import make_raster, write_ascii
 from rockfall.cli import main
 from rockfall.cli.arguments import make_parser
 from rockfall.result import variables
@@ -101,7 +102,12 @@ def test_command_and_function_write_the_same_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     forest = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 8.0}
     case_of_files(tmp_path, [*variables.MAP], forest={**forest, "uniform_conifers": 50.0})
-    modules("run case.nml --quiet -o command.nc", cwd=tmp_path)
+    make_raster("dem.tif", rough(), crs=None, transform=Affine(5, 0, 0, 0, -5, 400))
+    case = rockfall.read_case("case.nml").replace(terrain={"dem": "dem.tif"})
+    (tmp_path / "case.nml").write_text(case.text())
+    loaded = modules("run case.nml --quiet -o command.nc", cwd=tmp_path)
+    assert "rasterio" in loaded  # Dask would take longer than writing the result
+    assert not [name for name in loaded if name.startswith(("dask.array.", "distributed."))]
     rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "function.nc")
     assert [*described("command.nc")] == [*described("function.nc")]
     with netCDF4.Dataset("command.nc") as one, netCDF4.Dataset("function.nc") as other:

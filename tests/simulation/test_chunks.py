@@ -12,10 +12,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from affine import Affine
 
 import rockfall
-from made import make_raster
 from rockfall.errors import RockfallError
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
@@ -83,21 +81,6 @@ def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, mon
     monkeypatch.setattr(call, lambda *_: pytest.fail("a boulder flew"))
     with pytest.raises(RockfallError, match=r"source 8 \(9999.000, 380.000\) lies outside"):
         run(case_in(tmp_path, np.append(X, 9999.0)), chunk=1)
-
-
-def test_a_run_does_not_load_dask(tmp_path):
-    """Loading it would take longer than writing the result."""
-    pytest.importorskip("dask.array")
-    make_raster(tmp_path / "dem.tif", rough(), crs=None, transform=Affine(5, 0, 0, 0, -5, 400))
-    case = case_in(tmp_path).replace(terrain={"dem": "dem.tif"})
-    (tmp_path / "case.nml").write_text(case.text())
-    said = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "rockfall", "run", "case.nml", "--quiet"],
-        cwd=tmp_path, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    loaded = {line.rpartition("|")[2].strip() for line in said.stderr.splitlines()}
-    assert "netCDF4" in loaded
-    assert not [name for name in loaded if name.startswith(("dask.array.", "distributed."))]
 
 
 def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):

@@ -3,6 +3,7 @@
 
 import os
 import signal
+from contextlib import contextmanager
 
 import pytest
 
@@ -16,15 +17,28 @@ from rockfall.simulation.dask import run_on_cluster
 distributed = pytest.importorskip("distributed")
 
 
-@pytest.fixture(scope="module")
-def workers():
-    """Cluster of two processes, and its client."""
-    about = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+@contextmanager
+def cluster_of_two(**how):
+    """Address of a cluster of two workers, and its client."""
+    about = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, **how}
     with (
-        distributed.LocalCluster(**about, processes=True) as local,
+        distributed.LocalCluster(**about) as local,
         distributed.Client(local, set_as_default=False) as client,
     ):
         yield local.scheduler_address, client
+
+
+@pytest.fixture(scope="module")
+def workers():
+    """Workers in this process, where libraries are loaded; all they get passes a socket."""
+    with cluster_of_two(processes=False, protocol="tcp") as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def processes():
+    with cluster_of_two(processes=True) as cluster:
+        yield cluster
 
 
 def scene_of(path, boulders):
@@ -41,9 +55,9 @@ def test_the_result_is_that_of_a_run_here(workers, few_boulders):
 
 
 @pytest.mark.all  # takes seconds in the library's processes
-def test_a_worker_that_dies_in_the_middle_is_done_without(workers, few_boulders, monkeypatch):
+def test_a_worker_that_dies_in_the_middle_is_done_without(processes, few_boulders, monkeypatch):
     scene = scene_of(few_boulders, 5000)
-    address, client = workers
+    address, client = processes
     killed, add = [], cluster.Joined.add
 
     def add_and_kill(joined, part):
