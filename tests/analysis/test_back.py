@@ -14,7 +14,7 @@ from programs import refuses
 from rockfall.analysis.observed.observations import read_observed
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import simulate
 from rockfall.studies.back import study
 from rockfall.studies.back.evidence import Counted, Printed, predictive_p
 from rockfall.studies.back.posterior import posterior_table, warnings, weighted_quantile
@@ -231,13 +231,13 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
     def pressed(*arguments, **more):  # interrupted in the third round
         if next(members) == 2 * study.ROUND + 3:
             signal.raise_signal(signal.SIGINT)
-        return run_scene(*arguments, **more)
+        return simulate(*arguments, **more)
 
-    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
+    monkeypatch.setattr("rockfall.studies.study.simulate", pressed)
     assert main([*words, "-o", "some"]) == 130
     said = "rockfall: interrupted: some contains the posterior of the first 32 members\n"
     assert capfd.readouterr().err == said
-    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
+    monkeypatch.setattr("rockfall.studies.study.simulate", simulate)
     assert main([*words[:-2], "32", "--effective", "30", "-o", "whole", "--quiet"]) == 0
     some, whole = (Path(folder, "draws.csv").read_text() for folder in ("some", "whole"))
     assert some == whole

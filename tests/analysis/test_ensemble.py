@@ -25,7 +25,7 @@ from rockfall.plots.figures import figures
 from rockfall.result.crossings import line_values
 from rockfall.result.maps.map_labels import map_label
 from rockfall.scene.read import read_scene
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import run_scene, simulate
 from rockfall.studies.ensemble.sobol_indices import (
     MIN_CROSSED,
     deviations,
@@ -644,9 +644,9 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     def pressed(*arguments, **more):
         if next(runs) == 7:
             raise KeyboardInterrupt
-        return run_scene(*arguments, **more)
+        return simulate(*arguments, **more)
 
-    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
+    monkeypatch.setattr("rockfall.studies.study.simulate", pressed)
     assert main(["ensemble", "case.nml"]) == 130
     assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
@@ -661,13 +661,13 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
     def pressed(*arguments, **more):  # in the second run of the tenth draw
         if next(runs) == 9 * (2 + len(names)) + 1:
             signal.raise_signal(signal.SIGINT)
-        return run_scene(*arguments, **more)
+        return simulate(*arguments, **more)
 
-    monkeypatch.setattr("rockfall.studies.study.run_scene", pressed)
+    monkeypatch.setattr("rockfall.studies.study.simulate", pressed)
     assert main(["ensemble", "case.nml", "--runs", "12", "-o", "some.nc", "--quiet"]) == 130
     said = "rockfall: interrupted: some.nc contains the first 9 of 12 draws, as with --runs 9\n"
     assert capfd.readouterr().err == said
-    monkeypatch.setattr("rockfall.studies.study.run_scene", run_scene)
+    monkeypatch.setattr("rockfall.studies.study.simulate", simulate)
     assert main(["ensemble", "case.nml", "--runs", "9", "-o", "nine.nc", "--quiet"]) == 0
     some, nine = (rockfall.read_result(f"{name}.nc") for name in ("some", "nine"))
     assert some.equals(nine) and some.attrs["case"] == nine.attrs["case"]

@@ -20,7 +20,7 @@ from rockfall.language import Text
 from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
 from rockfall.simulation.progress import progress_bar
-from rockfall.simulation.simulate import run_scene
+from rockfall.simulation.simulate import run_scene, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,6 +32,8 @@ Numbers = TypeVar("Numbers")
 
 #: Changes of &output for scenes whose results are compared only by boulders.
 ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0, "kept": "all"}
+#: Options of `Study.run` for many small runs, each with its own seed.
+LEAN_RUNS: dict[str, bool] = {"compared": False, "as_dataset": False}
 NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 
 
@@ -74,23 +76,26 @@ class Study:
     def run(
         self,
         scenes: Iterable[tuple[Name, Scene | xr.Dataset]],
-        numbers: Callable[[Name, xr.Dataset], Numbers],
+        numbers: Callable[[Name, Any], Numbers],
         *,
         compared: bool = True,
+        as_dataset: bool = True,
     ) -> Iterator[tuple[Name, Numbers]]:
         """Run the scenes and yield the name of each, with the values taken from its result.
 
         Scenes may be created on demand; each is freed before the next is created. `compared`
         scenes use the seed of the first scene, and their warnings are collected; otherwise, as for
         members of a sample, each scene keeps its seed. A result instead of a scene is used
-        unchanged. Ctrl-C raises `Interrupted` with the result of the stopped run.
+        unchanged. `numbers` gets a Dataset, or the faster `Contents`. Ctrl-C raises `Interrupted`
+        with the result of the stopped run.
         """
         seed: int | None = None
         for name, scene in scenes:
             if isinstance(scene, Scene):
                 seed = scene.case.case["seed"] if seed is None or not compared else seed
                 scene = with_numbers(scene, seed=seed)
-                result = run_scene(scene, checkpoint=self._checkpoints.get(name), **self._how)
+                run = run_scene if as_dataset else simulate
+                result = run(scene, checkpoint=self._checkpoints.get(name), **self._how)
             else:
                 result = scene
             del scene

@@ -41,7 +41,7 @@ from rockfall.studies.ensemble.uncertain_inputs import (
     has_rocks,
     normal_scores,
 )
-from rockfall.studies.study import Study
+from rockfall.studies.study import LEAN_RUNS, Study
 
 MEMBERS, EFFECTIVE = 1024, 100
 ROUND = 128  # members per round; twice as many in the first
@@ -204,7 +204,7 @@ class _Rounds:
         """Run the members of a round, and compute their likelihoods."""
         read = self.read
         runs = study.run(
-            self._scenes(), lambda _, run: [item.kept(run) for item in read.data], compared=False
+            self._scenes(), lambda _, run: [item.kept(run) for item in read.data], **LEAN_RUNS
         )
         for _, kept in runs:
             for of_item, value in zip(self.runs, kept, strict=True):
@@ -278,7 +278,7 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
         (k, drawn_scene(scene, [inputs.at("dem", inputs.design[0, 0], k)], inputs.boulders_seed(k)))
         for k in range(NOT_MEMBERS, NOT_MEMBERS + REPLICATES)
     )
-    runs = Study().run(scenes, lambda _, run: [item.kept(run) for item in data], compared=False)
+    runs = Study().run(scenes, lambda _, run: [item.kept(run) for item in data], **LEAN_RUNS)
     for item, values in zip(data, zip(*(kept for _, kept in runs), strict=True), strict=True):
         item.learn_noise(np.array(values))
 

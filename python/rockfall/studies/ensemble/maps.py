@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
+from rockfall.result.contents import Held
 from rockfall.scene.scene import Scene
 
 REACHED = 0.01  # fraction of boulders at the outline of a hazard map
@@ -27,7 +27,7 @@ class MemberMaps:
         self.values: dict[str, list[np.ndarray]] = {name: [] for name in self.names}
         self.attrs: dict[str, Any] = {}
 
-    def add(self, result: xr.Dataset) -> None:
+    def add(self, result: Held) -> None:
         cells = np.flatnonzero(result["passages"].values > 0)
         self.cells.append(cells)
         for name in self.names:

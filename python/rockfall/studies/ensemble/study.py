@@ -24,6 +24,7 @@ from rockfall.interrupts import interrupts
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.quantities import QUANTITIES
+from rockfall.result.contents import Held
 from rockfall.result.crossings import AtLine, line_names
 from rockfall.result.dataset import write_result
 from rockfall.result.variables import ENDS
@@ -36,7 +37,7 @@ from rockfall.simulation.simulate import Interrupted, StudyInterrupted, run_scen
 from rockfall.studies.ensemble.maps import RANGED, MemberMaps
 from rockfall.studies.ensemble.sobol_indices import Indices, deviations, indices, limits
 from rockfall.studies.ensemble.uncertain_inputs import Draw, Uncertain, drawn_scene
-from rockfall.studies.study import ROWS_ONLY, Study
+from rockfall.studies.study import LEAN_RUNS, ROWS_ONLY, Study
 
 #: Results at each line: name, then quantity and statistic of `line_statistics`.
 RESULTS = {
@@ -105,7 +106,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     draws: list[list[Draw]] = []
     seeds: list[int] = []
 
-    def taken(j: int, result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray], list[xr.Dataset]]:
+    def taken(j: int, result: Held) -> tuple[np.ndarray, list[np.ndarray], list[Held]]:
         return *_numbers(result), [result] if maps is not None and j < 2 else []
 
     with interrupts(), Study(blocks * size[1], "runs", progress=progress) as study:
@@ -115,7 +116,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
             scenes = ((j, drawn_scene(scene, drawn, seed)) for j, drawn in enumerate(_design(a, b)))
             by_run, shown = [], []
             try:
-                for j, (values, deviates, with_maps) in study.run(scenes, taken, compared=False):
+                for j, (values, deviates, with_maps) in study.run(scenes, taken, **LEAN_RUNS):
                     y[k, j] = values
                     by_run.append(deviates)
                     shown += with_maps
@@ -162,7 +163,7 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
         yield [*a[:i], b[i], *a[i + 1 :]]
 
 
-def _numbers(result: xr.Dataset) -> tuple[np.ndarray, list[np.ndarray]]:
+def _numbers(result: Held) -> tuple[np.ndarray, list[np.ndarray]]:
     """Results of a run (lines * RESULTS), and their `sobol_indices.deviations`."""
     source, values, deviates = sources(result), [], []
     # a single source, because the intervals are unused
