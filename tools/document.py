@@ -195,10 +195,7 @@ KINDS = {
     OF_MAPS: ("", variables.MAP),
     "Counts over all boulders": ("", variables.COUNT),
     OF_SAMPLES: ("sample_", variables.SAMPLE),
-    "Trajectories: dimension `trajectory_vertex`": (
-        "trajectory_",
-        variables.VERTEX,
-    ),
+    "Trajectories: dimension `trajectory_vertex`": ("trajectory_", variables.VERTEX),
 }
 
 

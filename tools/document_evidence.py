@@ -222,13 +222,7 @@ def sites() -> str:
 
 def vaujany_models() -> str:
     return table(
-        [
-            "by",
-            "means",
-            "deviations",
-            "largest energies, EL1 and EL2",
-            "largest heights",
-        ],
+        ["by", "means", "deviations", "largest energies, EL1 and EL2", "largest heights"],
         [
             [
                 name,

@@ -33,10 +33,7 @@ EXTENSIONS = {
     "_core": ("fortran/src/f2py/core.f90", [f"fortran/librockfall_{one}.a" for one in KERNEL]),
     "_lab": (
         "lab/fortran/lab_f2py.f90",
-        [
-            "lab/librockfall_lab.a",
-            *(f"fortran/librockfall_{one}.a" for one in KERNEL),
-        ],
+        ["lab/librockfall_lab.a", *(f"fortran/librockfall_{one}.a" for one in KERNEL)],
     ),
 }
 #: Folder of each extension.

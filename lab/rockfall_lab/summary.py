@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockfall.analysis.planes.plane_bounce import (
-    Rebound,
-    growth,
-    neutral_slope,
-    set_rebound,
-)
+from rockfall.analysis.planes.plane_bounce import Rebound, growth, neutral_slope, set_rebound
 from rockfall_lab.case import COEFFICIENTS
 from rockfall_lab.contact_records import EXITS as CONTACT_EXITS
 from rockfall_lab.sets.contacts import title

@@ -19,14 +19,7 @@ from rich.cells import cell_len  # text width in terminal columns; importing all
 
 from rockfall.io import tables
 from rockfall.language import Number, say, translated
-from rockfall.quantities import (
-    COLUMN_UNITS,
-    QUANTITIES,
-    Quantity,
-    number,
-    statistic,
-    with_unit,
-)
+from rockfall.quantities import COLUMN_UNITS, QUANTITIES, Quantity, number, statistic, with_unit
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:

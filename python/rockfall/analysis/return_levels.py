@@ -96,9 +96,7 @@ class Tail:
 
 
 def return_levels(
-    result: xr.Dataset,
-    levels: Sequence[int] = LEVELS,
-    lines: Sequence[str | int] | None = None,
+    result: xr.Dataset, levels: Sequence[int] = LEVELS, lines: Sequence[str | int] | None = None
 ) -> pd.DataFrame:
     """Table with a row for each line (or each of `lines`, by name or index) and quantity, in the
     units of the result: n, max, and `level_N`, the value that one in N passing boulders exceeds,
@@ -247,11 +245,7 @@ def _rising(levels: dict[int, Level]) -> dict[int, Level]:
 
 
 def _level(
-    N: int,
-    sample: Sample,
-    independent: float,
-    beyond: dict[int, Level],
-    refused: str | None,
+    N: int, sample: Sample, independent: float, beyond: dict[int, Level], refused: str | None
 ) -> Level:
     """Level exceeded by one in N: from the sample if enough values exceed it, else the tail."""
     below = 1 - 1 / N

@@ -31,12 +31,7 @@ from rockfall.studies.hazard import origins, read_study, run_study
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
 from rockfall.tables.hazard import object_table, period_tables, scenario_table, stretch_tables
-from rockfall.tables.yearly_design import (
-    advice,
-    choice_tables,
-    loads_table,
-    verdicts,
-)
+from rockfall.tables.yearly_design import advice, choice_tables, loads_table, verdicts
 from rockfall.tables.yearly_design import check_tables as yearly_check_tables
 
 MAX_CELLS = 1001  # along a side of the class map

@@ -15,13 +15,7 @@ from rockfall.app.edited.places import without_files
 from rockfall.app.edited.saving import Exists, check_free, check_name, save
 from rockfall.app.exhibit import Exhibit
 from rockfall.app.live import Live
-from rockfall.app.messages import (
-    Message,
-    Refused,
-    fault_message,
-    read_message,
-    text_message,
-)
+from rockfall.app.messages import Message, Refused, fault_message, read_message, text_message
 from rockfall.app.outbox import Client
 from rockfall.app.pictures import View, map_choices
 from rockfall.app.recent import note_recent, recent_files

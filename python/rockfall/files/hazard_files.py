@@ -25,21 +25,9 @@ from rockfall.analysis.hazard.zones import (
 from rockfall.case.files import files_behind
 from rockfall.errors import RockfallError, need
 from rockfall.files.drawing import write_drawing
-from rockfall.files.export import (
-    check_formats,
-    crs_wkt,
-    put_kml,
-    write_geopackage,
-    write_map,
-)
+from rockfall.files.export import check_formats, crs_wkt, put_kml, write_geopackage, write_map
 from rockfall.files.qgis_style import write_classes, write_palette
-from rockfall.files.risk_files import (
-    has_risk,
-    risk_columns,
-    risk_layers,
-    risk_styles,
-    total_table,
-)
+from rockfall.files.risk_files import has_risk, risk_columns, risk_layers, risk_styles, total_table
 from rockfall.files.segment_files import has_segments, segment_layer, segment_table
 from rockfall.files.vector_style import Style, alike, fill, marker, plain_type, thick
 from rockfall.io.atomic import atomic_folder

@@ -31,10 +31,7 @@ FILES = (
 
 def origin_tables(hazard: xr.Dataset, kind: str, k: int, side: float) -> dict[str, pd.DataFrame]:
     """Tables of the cells and areas of `origins_at` and `origin_areas`, with energies in kJ."""
-    tables = {
-        "cells": origins_at(hazard, kind, k),
-        "areas": origin_areas(hazard, kind, k, side),
-    }
+    tables = {"cells": origins_at(hazard, kind, k), "areas": origin_areas(hazard, kind, k, side)}
     for table in tables.values():
         energies = [name for name in table if name.startswith("energy")]
         table[energies] *= 1e-3

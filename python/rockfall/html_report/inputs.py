@@ -38,12 +38,7 @@ from rockfall.table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RADII = {
-    "mean_radius": "R_m [m]",
-    "rg70": "Rg70 [m]",
-    "rg20": "Rg20 [m]",
-    "rg10": "Rg10 [m]",
-}
+RADII = {"mean_radius": "R_m [m]", "rg70": "Rg70 [m]", "rg20": "Rg20 [m]", "rg10": "Rg10 [m]"}
 UNITS = {"ground_strength": "Pa", "ground_relief": "degree"}
 MATERIALS = 12  # maximum grounds in separate colours
 

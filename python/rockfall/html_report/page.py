@@ -73,14 +73,7 @@ from rockfall.tables.comparison import comparison_tables, notes
 from rockfall.tables.design import check_tables, factor_lines, load_tables
 from rockfall.tables.ensemble import PER_LINE, range_headline, range_tables
 from rockfall.tables.hazard import hazard_tables
-from rockfall.tables.lines import (
-    Rows,
-    headline,
-    level_table,
-    line_tables,
-    precision_table,
-    rows_of,
-)
+from rockfall.tables.lines import Rows, headline, level_table, line_tables, precision_table, rows_of
 from rockfall.tables.models import (
     missing_spread,
     model_tables,
@@ -285,10 +278,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         convergence=list(_convergence(result, rows, on_paper)),
         comparison=None
         if compared is None
-        else {
-            "tables": comparison_tables(compared),
-            "notes": [*agreement, *notes(compared)],
-        },
+        else {"tables": comparison_tables(compared), "notes": [*agreement, *notes(compared)]},
         figures=_pictures([figure for figure in shown if figure.name not in LABORATORY], on_paper),
         appendix=_pictures(laboratory, on_paper),
         technical=[*technical(result), *requested(result)],

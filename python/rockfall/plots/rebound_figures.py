@@ -11,16 +11,7 @@ import numpy as np
 import xarray as xr
 
 from rockfall.language import say
-from rockfall.plots.style import (
-    BLUE,
-    GREY,
-    INK,
-    VERMILION,
-    WIDE,
-    draw_bars,
-    new_figure,
-    styled,
-)
+from rockfall.plots.style import BLUE, GREY, INK, VERMILION, WIDE, draw_bars, new_figure, styled
 from rockfall.quantities import REBOUND, with_unit
 from rockfall.result.grounds import classical_grounds, table_grounds
 from rockfall.scene.rebounds.sets import Sets, restitution

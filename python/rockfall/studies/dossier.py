@@ -203,9 +203,7 @@ def _object_names(study: HazardInputs, lines: Collection[str]) -> list[str]:
 
 
 def _at_points(
-    studies: Mapping[str, HazardInputs],
-    hazards: Mapping[str, xr.Dataset],
-    lines: Collection[str],
+    studies: Mapping[str, HazardInputs], hazards: Mapping[str, xr.Dataset], lines: Collection[str]
 ) -> pd.DataFrame:
     """Rows of `frequencies` at points without a width. Their boulders are known as numbers only, so
     differences have no intervals, and there are no energies by return period."""

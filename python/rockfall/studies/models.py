@@ -61,10 +61,7 @@ class Models:
 
 
 def run_models(
-    case: Case,
-    grounds: Sequence[str] = (),
-    progress: bool = False,
-    tables: Sequence[str] = (),
+    case: Case, grounds: Sequence[str] = (), progress: bool = False, tables: Sequence[str] = ()
 ) -> Models:
     """Run a case with its impact sets by methods A and B, if the sizes are known; with each
     classical model, or the given `grounds` (rows of the ground table, impact sets); and with these

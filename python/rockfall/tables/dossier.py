@@ -39,13 +39,7 @@ from rockfall.tables.hazard import (
 from rockfall.tables.models import apart
 from rockfall.tables.run import hazard_inputs
 from rockfall.tables.variants import difference_table, measures_table
-from rockfall.tables.yearly_design import (
-    advice,
-    check_tables,
-    choice_tables,
-    loads_table,
-    verdicts,
-)
+from rockfall.tables.yearly_design import advice, check_tables, choice_tables, loads_table, verdicts
 from rockfall.terrain.polyline import lengths, spaced
 
 MOST = 8  # maximum places on page 1

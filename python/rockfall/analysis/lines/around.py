@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.case import case_of
-from rockfall.result.crossings import (
-    boulders_at,
-    line_names,
-    line_values,
-    places_at,
-    values_at,
-)
+from rockfall.result.crossings import boulders_at, line_names, line_values, places_at, values_at
 from rockfall.terrain.polyline import lengths, sides
 
 if TYPE_CHECKING:

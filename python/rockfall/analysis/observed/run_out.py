@@ -410,9 +410,7 @@ def mean_slopes(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
     return np.degrees(np.arctan2(*falls_and_distances(values)))
 
 
-def falls_and_distances(
-    values: Held | Mapping[str, ArrayLike],
-) -> tuple[np.ndarray, np.ndarray]:
+def falls_and_distances(values: Held | Mapping[str, ArrayLike]) -> tuple[np.ndarray, np.ndarray]:
     """Fall heights (boulders,) from release to end, and plan distances [m]."""
     start, stop, distance = (
         np.asarray(values[name]) for name in ("start_z", "stop_z", "plan_distance")

@@ -136,11 +136,7 @@ class Sums:
         return int(self.n.sum())
 
     def limits_of_mean(
-        self,
-        shape: Shape,
-        signed: bool = False,
-        fewest: int = MIN_FOR_MEAN,
-        skewed: float = SKEWED,
+        self, shape: Shape, signed: bool = False, fewest: int = MIN_FOR_MEAN, skewed: float = SKEWED
     ) -> tuple[float, float]:
         """Limits of the interval of the mean, minus the mean, for values of this shape; NaN for
         fewer than `fewest` values (or sources, if sampled). See `hall` for the other arguments."""

@@ -94,10 +94,7 @@ def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dic
 
 
 def _zone_form(
-    case: Case,
-    keys: dict[tuple[str, str], Key],
-    name: Field,
-    grounds: tuple[str, ...] | None,
+    case: Case, keys: dict[tuple[str, str], Key], name: Field, grounds: tuple[str, ...] | None
 ) -> Form:
     """Form fields of zones: the number in a table, or the material."""
     number = _field(Key("", "zone", "integer", 1, "absent", "", "", ""))

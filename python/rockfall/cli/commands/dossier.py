@@ -7,20 +7,10 @@ from pathlib import Path
 from rockfall.case import read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import variants
-from rockfall.cli.checkpoints import (
-    check_study_folder,
-    study_checkpoints,
-    study_interrupted,
-)
+from rockfall.cli.checkpoints import check_study_folder, study_checkpoints, study_interrupted
 from rockfall.cli.given import at_risk, memory_of, with_overrides
 from rockfall.cli.messages import DONE, print_files, warn, warn_each, warnings_told
-from rockfall.dossiers import (
-    check_needs,
-    designs_of,
-    dossier_files,
-    put_dossier,
-    terrain_of_inputs,
-)
+from rockfall.dossiers import check_needs, designs_of, dossier_files, put_dossier, terrain_of_inputs
 from rockfall.errors import need
 from rockfall.html_report.dossier_page import answers
 from rockfall.html_report.inputs import Parties

@@ -20,15 +20,7 @@ from rockfall.case import case_in
 from rockfall.case.files import read_names
 from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.language import Number, localised, say, word
-from rockfall.plots.cartography.sheet import (
-    INCH,
-    LEFT,
-    Room,
-    Sheet,
-    crs_text,
-    finish,
-    named_crs,
-)
+from rockfall.plots.cartography.sheet import INCH, LEFT, Room, Sheet, crs_text, finish, named_crs
 from rockfall.plots.hazard.hazard_figures import HATCH, OPAQUE, begun, draw_zones
 from rockfall.plots.style import INK, STYLE, plain, styled
 from rockfall.quantities import number
