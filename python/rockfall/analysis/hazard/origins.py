@@ -140,9 +140,9 @@ def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataF
     cells, frequency = np.bincount(part), np.bincount(part, rates)
     energies = {name: hazard[f"{kind}_source_{name}"].values[k] for name in ENERGIES}
     mean, highest = energies["energy_mean"], np.full((2, cells.size), -np.inf)
-    for row, name in zip(highest, ("energy_q95", "energy_q95_high"), strict=True):
-        np.maximum.at(row, part[rates > 0], energies[name][rates > 0])
     with np.errstate(invalid="ignore"):
+        for row, name in zip(highest, ("energy_q95", "energy_q95_high"), strict=True):
+            np.maximum.at(row, part[rates > 0], energies[name][rates > 0])
         columns = {
             "x": np.bincount(part, x) / cells, "y": np.bincount(part, y) / cells, "cells": cells,
             "frequency": frequency, "share": frequency / rates.sum(),
