@@ -245,8 +245,8 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
             "--objects-layer", capsys)  # fmt: skip
     assert main([*words, "--objects-layer", "objects"]) == 0
     said = capsys.readouterr().err
-    line = "rockfall: warning: several.gpkg: far: extend beyond the terrain, where no boulder"
-    assert said == f"{line} hits them: use a larger DEM\n"
+    line = "several.gpkg: 1 objects extend beyond the terrain, where no boulder hits them: use a"
+    assert said == f"rockfall: warning: {line} larger DEM (far)\n"
 
 
 def test_objects_are_a_layer_and_a_table(found):

@@ -447,6 +447,26 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize(
+    ("language", "expected"),
+    [("en", "150 of 450 m lie outside"), ("fr", "1 tronçons sur 8 dépassent le terrain")],
+)
+def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, language, expected):
+    """A third of the line and of the road segments, and half of a house."""
+    x = [-150.0, 300.0]
+    line = case.line[0] | {"x": x, "y": [200.0, 200.0]}
+    few = case.replace(case={"boulders": 10}, line=[line], variant=[])
+    make_layer(tmp_path / "road.gpkg", [shapely.LineString([(-20, 200), (300, 200)])], crs=None,
+               width=[6.0])  # fmt: skip
+    make_layer(tmp_path / "hut.gpkg", [shapely.box(-10, 150, 10, 170)], crs=None, name=["hut"])
+    at_risk = AtRisk(tmp_path / "hut.gpkg", None, None, tmp_path / "road.gpkg", None, 40.0)
+    made = run_dossier(read_dossier(few, at_risk, one_model=True, **PLACE))
+    with speaking(language):
+        said = "\n".join(dossier_page.dossier_warnings(made))
+    assert expected in said and "(hut)" in said
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_path):
     """Their differences have no interval, and thus no verdict."""
     middle = shapely.Point(150.0, 160.0), shapely.Point(30.0, 60.0)

@@ -122,6 +122,19 @@ def undeclared(value, nodata=None):
     return change
 
 
+def road(west, hole=0):
+    """A road from `west` [m] for 300 m, across a hole of this number of cells."""
+
+    def change(site):
+        z = site.z.copy()
+        z[38:43, :hole] = np.nan
+        site.dem(z, nodata=np.nan)
+        x = [EAST + west, EAST + west + 300.0]
+        site.groups["line"] = [{"name": "road", "x": x, "y": [NORTH - 200.0] * 2}]
+
+    return change
+
+
 def in_degrees(site):
     """Ground of the site with cells in degrees, undeclared."""
     site.dem(site.z, crs=None, transform=Affine(6e-5, 0, 7.1, 0, -4.5e-5 * 6 / 4.5, 45.1))
@@ -410,6 +423,8 @@ MISTAKES = {
         "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
     "meadow without a rest angle": (lambda site: site.meadow(OWN_MEADOW),
         "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
+    "road beyond the terrain": (road(-200.0), "&line name = 'road': 200 of 300 m lie outside the"),
+    "road over a hole": (road(0.0, 20), "&line name = 'road': 100 of 300 m lie outside the"),
     "zones in another CRS": (lambda site: site.polygons((0, 150), (150, 300), crs="EPSG:25832"),
         "zones.gpkg: reprojected from EPSG:25832 to EPSG:32632.*"),
 }  # fmt: skip

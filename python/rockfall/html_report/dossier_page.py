@@ -15,7 +15,7 @@ from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
-from rockfall.html_report.inputs import Parties
+from rockfall.html_report.inputs import Parties, doubtful_inputs
 from rockfall.html_report.page import is_pdf, write_page
 from rockfall.html_report.pdf import layout
 from rockfall.html_report.render import Picture, picture, rendered
@@ -225,15 +225,20 @@ def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
 
 
 def dossier_warnings(dossier: Dossier) -> list[Text]:
-    """Warnings on the models of all runs and on the hazards; each appears once, with the first
-    names concerned."""
+    """Warnings on the models of all runs, on the hazards and on their inputs; each appears once,
+    with the first names concerned."""
     by_run = {
         f"{name}/{scenario}" if name else scenario: texts
         for name, hazard in dossier.hazards.items()
         for scenario, texts in messages_of(hazard).items()
     }
     by_variant = {name: list(limits_of_hazard(figure)) for name, figure in dossier.hazards.items()}
-    return [*joined_warnings(by_run), *joined_warnings(by_variant)]
+    doubts = dict.fromkeys(
+        say("join.colon", before=where, after=text)
+        for hazard in dossier.hazards.values()
+        for where, text in doubtful_inputs(hazard, None)
+    )
+    return [*joined_warnings(by_run), *joined_warnings(by_variant), *doubts]
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:

@@ -86,7 +86,10 @@ def frame_files(
 
 
 def of_frames(text: str, files: Mapping[str, Path]) -> str:
-    """Replace the names of temporary files in a text by the names of their frames."""
+    """Replace the names of temporary files in a text by the names of their frames; a remark stays
+    a remark."""
+    if isinstance(text, Text) and text.key == "input.remark":
+        return _of_frames(text, files)
     for name, file in files.items():
         text = text.replace(str(file), f"{name} = (GeoDataFrame)")
     return text

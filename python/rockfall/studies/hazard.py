@@ -42,6 +42,8 @@ from rockfall.analysis.objects.vulnerability import KILOJOULE, read_curves
 from rockfall.analysis.validity.warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_in, case_of, check_all_kept, key_table
 from rockfall.errors import RockfallError
+from rockfall.io.input_warnings import InputWarning
+from rockfall.language import Text
 from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, of_frames
 from rockfall.scene.read import read_scene
@@ -179,7 +181,10 @@ def read_study(
     scenarios = scenarios_of(scene, [*lines, *own])
     study = HazardInputs(case, scene, scenarios, own, found_objects, segments)
     study.warnings = scenario_warnings(scene, study.scenarios)
-    remarks += [f"{scene.case.name}: {where}: {text}" for where, text in study.warnings]
+    own_remarks = [f"{scene.case.name}: {where}: {text}" for where, text in study.warnings]
+    of_layers = [remark.values for remark in remarks if isinstance(remark, Text)]
+    study.warnings += [InputWarning(values["where"], values["text"]) for values in of_layers]
+    remarks += own_remarks
     paths = [*found_objects.paths, *([segments.path] if len(segments) else [])]
     check_kept(scene.case, len(lines))
     check_room(paths, len(lines), scene.boulders)

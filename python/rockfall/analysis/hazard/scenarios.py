@@ -84,7 +84,8 @@ def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[Input
     """Likely mistakes in a case and its scenarios (with their names), without duplicates."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
-        own = replace(scene, case=scenario.case, findings=Findings())
+        case = scenario.case.replace(line=scene.case.line)  # without outlines of objects
+        own = replace(scene, case=case, findings=Findings())
         place = f"&scenario name = '{scenario.name}'"
         own_texts = {text for where, text in doubts if where.startswith(place)}
         for warning in input_warnings(own):

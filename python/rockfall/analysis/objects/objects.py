@@ -27,7 +27,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.io.vectors.layers import plain, read_features
 from rockfall.io.vectors.polygons import points_inside
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
-from rockfall.language import remark
+from rockfall.language import Text, remark
 from rockfall.result.crossings import line_values
 from rockfall.result.samples import check_all_rows
 from rockfall.scene.scene import Scene
@@ -182,17 +182,14 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
     return np.array(is_beyond, bool)
 
 
-def beyond_remarks(objects: Objects, scene: Scene) -> list[str]:
+def beyond_remarks(objects: Objects, scene: Scene) -> Iterator[Text]:
     """Remark on objects that extend into missing elevations."""
     beyond = beyond_elevations(objects.shapes, scene)
     names = [name for name, lies in zip(objects.names, beyond, strict=True) if lies]
-    if not names:
-        return []
-    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    return [
-        f"{', '.join(objects.paths)}: {', '.join(names[:MAX_NAMED])}{more}: extend beyond the "
-        "terrain, where no boulder hits them: use a larger DEM"
-    ]
+    if names:
+        shown = [*names[:MAX_NAMED], *["..."] * (len(names) > MAX_NAMED)]
+        where = ", ".join(objects.paths)
+        yield remark(where, "input.objects_beyond", n=len(names), names=shown)
 
 
 def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:

@@ -25,7 +25,7 @@ from rockfall.errors import RockfallError
 from rockfall.io.vectors.layers import read_lines
 from rockfall.io.vectors.polygons import points_inside
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
-from rockfall.language import say, speaking
+from rockfall.language import remark, say, speaking
 from rockfall.scene.frames import frame_files, is_frame, of_frames
 from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
@@ -169,10 +169,8 @@ def _remarks(
             "the attribute width"
         )
     if beyond := np.count_nonzero(~segments.within):
-        yield (
-            f"{layer.path}: {beyond:,} of {len(segments):,} segments extend beyond the terrain, so "
-            "their frequencies are too low: use a larger DEM"
-        )
+        numbers = {"n": int(beyond), "segments": len(segments)}
+        yield remark(layer.path, "input.segments_beyond", **numbers)
     if on_road := _sources_on([piece.ground for piece in pieces if piece.stretch.width], scene):
         yield (
             f"{layer.path}: {on_road:,} sources are on the road, where resting boulders are not "

@@ -19,7 +19,9 @@ from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
+from rockfall.terrain.polyline import lengths, spaced
 
+MIN_BEYOND = 0.01  # minimum fraction of a line without elevations
 FAR_SIDES = 3.0  # in terrain side lengths: roads and valleys extend less far beyond the terrain
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
@@ -56,7 +58,8 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on lines with a vertex off the terrain; the kernel refuses lines farther away."""
+    """Warnings on lines off the terrain: wholly, partly, or with a far vertex. The kernel refuses
+    lines farther away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)
@@ -71,6 +74,22 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
         if (farthest := apart.max()) > far:
             values = {"vertex": int(apart.argmax()) + 1, "apart": float(farthest) / 1000}
             yield InputWarning(where, say("input.vertex_far", **values))
+        off, length = _beyond(scene, x + 1j * y)
+        if off > max(grid.cell, MIN_BEYOND * length):
+            yield InputWarning(where, say("input.line_beyond", off=off, length=length))
+
+
+def _beyond(scene: Scene, vertices: np.ndarray) -> tuple[float, float]:
+    """Length of a line without elevations, within a cell, and its whole length [m]."""
+    grid, z = scene.grid, scene.rasters.z
+    whole = float(lengths(vertices)[-1])
+    ends = spaced(vertices, int(np.ceil(2 * whole / grid.cell)) + 1)
+    middle = (ends[:-1] + ends[1:]) / 2
+    x, y = middle.real, middle.imag
+    inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
+    if z.shape == grid.shape:  # in memory
+        inside[inside] = ~np.isnan(z[grid.cells(x[inside], y[inside])])
+    return whole * float(1 - inside.mean()), whole
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
@@ -82,7 +101,7 @@ def _read(scene: Scene) -> Iterator[InputWarning]:
 
 #: Rules, and the scene parts that they use in addition to the case.
 RULES: dict[Rules, tuple[str, ...]] = {
-    _lines: ("grid",),
+    _lines: ("grid", "rasters"),
     dem_rules: ("rasters",),
     boulder_rules: ("rasters", "x", "y", "features", "source_boulders", "source_values", "trees"),
     protection_rules: ("grid", "dams"),
