@@ -27,7 +27,7 @@ from rockfall.limits import MIN_FOR_MEAN
 from rockfall.result.crossings import line_names
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
-from rockfall.scene.rules.plausible import warn_of
+from rockfall.scene.rules.plausible import input_warnings, warn_of
 from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.progress import progress_bar
@@ -131,6 +131,7 @@ def simulate_until(
     if cap is not None and cap < 1:
         raise RockfallError(f"cap = {cap}: must be at least 1 boulder from each source")
     cap = cap or max(1, CAP // scene.x.size)
+    input_warnings(scene)  # checked before its rasters are freed
     n, total, tally = min(cap, -(-FIRST // scene.x.size)), 0, None
     with interrupts() as interrupted, progress_bar(0, shown=progress) as advance:
         while True:

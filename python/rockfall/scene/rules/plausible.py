@@ -14,6 +14,8 @@ import numpy as np
 
 from rockfall.case import Case
 from rockfall.io.input_warnings import InputWarning
+from rockfall.io.rasters.dem import read_elevations
+from rockfall.io.rasters.grid import Box
 from rockfall.language import Text, say
 from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
@@ -22,6 +24,7 @@ from rockfall.scene.scene import Scene
 from rockfall.terrain.polyline import lengths, spaced
 
 MIN_BEYOND = 0.01  # minimum fraction of a line without elevations
+PART = 500  # points of a line that are looked up together
 FAR_SIDES = 3.0  # in terrain side lengths: roads and valleys extend less far beyond the terrain
 
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
@@ -81,15 +84,24 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
 
 def _beyond(scene: Scene, vertices: np.ndarray) -> tuple[float, float]:
     """Length of a line without elevations, within a cell, and its whole length [m]."""
-    grid, z = scene.grid, scene.rasters.z
+    grid = scene.grid
     whole = float(lengths(vertices)[-1])
     ends = spaced(vertices, int(np.ceil(2 * whole / grid.cell)) + 1)
     middle = (ends[:-1] + ends[1:]) / 2
     x, y = middle.real, middle.imag
     inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
-    if z.shape == grid.shape:  # in memory
-        inside[inside] = ~np.isnan(z[grid.cells(x[inside], y[inside])])
+    for part in np.array_split(np.flatnonzero(inside), 1 + inside.size // PART):
+        inside[part] = _is_known(scene, *grid.cells(x[part], y[part]))
     return whole * float(1 - inside.mean()), whole
+
+
+def _is_known(scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Mask of these nearby cells with elevations, in memory or from the file."""
+    if scene.rasters.z.shape == scene.grid.shape or not row.size:
+        return ~np.isnan(scene.rasters.z[row, column])
+    box = Box(int(row.min()), int(column.min()), int(row.max()) + 1, int(column.max()) + 1)
+    z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
+    return ~np.isnan(z[row - box.row, column - box.column])
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
