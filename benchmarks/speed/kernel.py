@@ -15,7 +15,6 @@ import tempfile
 from pathlib import Path
 
 import rockfall
-from benchmarks.builds import build, extracted
 from benchmarks.machine import NOTHING, VAUJANY, machine, run_child
 from benchmarks.speed.table_rebound import RADIUS, TABLES
 from benchmarks.speed.throughput import EVERY_MAP, MAPS, measure
@@ -58,6 +57,8 @@ def main() -> None:
         if given.child:
             print(json.dumps(rows(given.boulders, Path(top))))
             return
+        from benchmarks.builds import build, extracted  # unknown to a child of an old commit
+
         print(machine())
         paths = {
             name: build(extracted(commit, Path(top) / name))
