@@ -72,8 +72,13 @@ def test_boulders_that_pass_a_barrier_are_those_that_its_hazard_has_behind_it(ca
     k = found["line"].values.tolist().index("net")
     weights = found["frequency"].values / found["boulders"].values
     passing = weights @ found["line_behind"].values[:, k]
-    assert table.loc["net", "net", "frequency", "all"]["value"] == pytest.approx(passing, rel=1e-9)
-    assert 0 < passing < float(found["line_frequency"][k])
+    rows = table.loc["net", "net"]
+    assert rows.loc["frequency_behind", "all"]["value"] == pytest.approx(passing, rel=1e-9)
+    arriving = float(found["line_frequency"][k])
+    assert rows.loc["frequency", "all"]["value"] == pytest.approx(arriving, rel=1e-9)
+    assert 0 < passing < arriving
+    level = float(found["line_energy_by_period"][k].sel(event_period=100.0))
+    assert rows.loc["energy_by_period", "100"]["value"] == level
 
 
 def test_what_changes_nothing_differs_by_nothing(case):
