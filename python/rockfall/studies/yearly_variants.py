@@ -84,7 +84,7 @@ def yearly_variants(
     ... )
     >>> table = rockfall.yearly_variants(case).table
     >>> sorted(set(table["quantity"]))
-    ['energy_by_period', 'frequency']
+    ['energy_by_period', 'frequency', 'frequency_behind']
     """
     study = Study(progress=progress, threads=threads, checkpoints=checkpoints)
     of_runs: dict[str, tuple[str, float]] = {}

@@ -86,6 +86,8 @@ def _beyond(scene: Scene, vertices: np.ndarray) -> tuple[float, float]:
     """Length of a line without elevations, within a cell, and its whole length [m]."""
     grid = scene.grid
     whole = float(lengths(vertices)[-1])
+    if not whole:
+        return 0.0, whole
     ends = spaced(vertices, int(np.ceil(2 * whole / grid.cell)) + 1)
     middle = (ends[:-1] + ends[1:]) / 2
     x, y = middle.real, middle.imag
