@@ -152,15 +152,15 @@ contains
       call summary(case, state, checkpoint%store)
       if (allocated(inputs%scene%grounds)) &
          call ground_summary(inputs%scene%grounds(:n_grounds(inputs%scene)), state%by_ground)
-      write (output_unit, "(3a)") output, ": make a result by `rockfall merge ... --output OUT.nc`"
+      write (output_unit, "(3a)") output, ": to get a result, run `rockfall merge ... --output OUT.nc`"
    end subroutine run_to
 
    subroutine print_help()
       character(len=*), parameter :: help(*) = [character(len=96) :: &
          "usage: rockfall-batch CASE [--scene FILE] [--output PART] [OPTION ...]", &
          "", &
-         "Runs a case that `rockfall prepare` made: the same numbers as `rockfall run`, no Python.", &
-         "The result is a part file: `rockfall merge PART ... -o OUT.nc` makes the result of one or many.", &
+         "Runs a case from `rockfall prepare` without Python: same results as `rockfall run`.", &
+         "Writes a part file. `rockfall merge PART ... -o OUT.nc` turns one or more parts into a result.", &
          "", &
          "  --scene FILE         default: scene.nc next to the case", &
          "  -o, --output PART    default: CASE.partIofN in the current folder", &
@@ -171,12 +171,12 @@ contains
          "  --shard I/N          run part I of N", &
          "  --checkpoint SECONDS time between checkpoints in PART.checkpoint; default: 60, 0 = none", &
          "  --overwrite          replace existing outputs, never inputs", &
-         "  --resume             continue from the last checkpoint, also of `rockfall run`", &
+         "  --resume             continue from the last checkpoint, also one of `rockfall run`", &
          "  --quiet              print no summary", &
          "  -h, --help, --version", &
          "", &
          "Exit status: 0 done, 2 wrong input, 1 internal error, 130 and 143 stopped by Ctrl-C or", &
-         "SIGTERM: completed boulders are in PART.checkpoint, --resume continues."]
+         "SIGTERM: completed boulders are in PART.checkpoint, continue with --resume."]
       integer :: k
 
       write (output_unit, "(a)") (trim(help(k)), k=1, size(help))
@@ -190,13 +190,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (is_folder(output)) then
-         call fail(error, output//": is a folder; a file name is needed")
+         call fail(error, output//": is a folder: give a file name")
       else if (.not. is_folder(folder_of(output)//".")) then
          call fail(error, output//": folder "//folder_of(output)//" does not exist")
       else if (same_file(output, arguments%case) .or. same_file(output, scene)) then
          call fail(error, output//": is an input; not overwritten")
       else if (path_exists(output) .and. .not. is_regular(output)) then
-         call fail(error, output//": not a regular file")
+         call fail(error, output//": is not a regular file")
       else if (path_exists(output) .and. .not. (arguments%overwrite .or. arguments%resume .or. &
                                                 path_exists(output//".checkpoint"))) then
          call fail(error, output//": already exists; not overwritten (--overwrite replaces it)")
@@ -233,10 +233,10 @@ contains
          (merge(": ", ", ", k == 1), percent(ended(k), state%boulders), " ", trim(statuses(k)), k=1, size(statuses))
       call line_summaries(case%lines, state, store)
       associate (counts => state%count)
-         write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds; ", counts(2), " redrawn, ", &
-            counts(3), " forced, ", counts(4), &
-            " with R_b/R_m outside those of their impact set (0.5 to 5.5) or table of impacts; ", counts(5), &
-            " at speeds, ", counts(6), " at angles outside those that the set was fitted on"
+         write (output_unit, "(i0,a,5(i0,a))") counts(1), " rebounds: ", counts(2), " redrawn, ", &
+            counts(3), " limited, ", counts(4), &
+            " with R_b/R_m outside their impact set (0.5 to 5.5) or impact table, ", counts(5), &
+            " at speeds, ", counts(6), " at angles outside the fitted range of the set"
       end associate
       write (output_unit, "(4a,i0,a)") decimal(state%wall, 2), " s (", decimal(state%cpu, 2), &
          " s of CPU, ", state%threads, " threads)"

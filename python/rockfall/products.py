@@ -215,14 +215,14 @@ def figures(
     inputs = _given(result, dem, observed, basemap)
     drawn.warn()
     if not has_rows(drawn.result):
-        need_rows = "need rows of boulders, and &output kept = 'none' keeps none"
+        need_rows = "require rows of boulders (&output kept), which the result does not have"
         if not shown:
             raise RockfallError(
-                f"no figure can be drawn: run-outs, stops and numbers at lines {need_rows}; maps, "
+                f"no figure can be drawn: run-outs, stops and line statistics {need_rows}; maps, "
                 "trajectories and rebounds are not in the result (&output)"
             )
         warnings.warn(
-            f"run-outs, stops and numbers at lines are not drawn: they {need_rows}", stacklevel=1
+            f"run-outs, stops and line statistics are not drawn: they {need_rows}", stacklevel=1
         )
     return write_figures(shown, folder, format, [*inputs, *files_behind(drawn.result)])
 

@@ -244,8 +244,10 @@ def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, mo
 
 
 HOSTILE = {
-    "radius_1,volume\n1,1\n": "draws.csv: line 1: volume_std: missing, the others are given",
-    "radius_2\n1\n": "draws.csv: line 1: column radius_2: must be draw, radius_1, volume, .*",
+    "radius_1,volume\n1,1\n": (
+        "draws.csv: line 1: volume_std: is missing, but related columns are given"
+    ),
+    "radius_2\n1\n": "draws.csv: line 1: column radius_2: must be one of draw, radius_1, .*",
     "radius_1\n0\n": "draws.csv: line 2: radius_1 = 0: must be a number >= 0.01 and <= 100",
     "set\n0\n": "draws.csv: line 1: column set: the case has no &ensemble sets",
 }
@@ -276,7 +278,7 @@ def test_bad_arguments_are_one_line(place, capfd, words):
 DATA = {
     "x,y,impact\n600060,4999970,1\n": "the observations contain nothing that .*: .*",
     "distance,percent\n10,50\n": "the observations contain nothing that .* column n .* is missing.",
-    "line,quantity,unit,value\nM,speed,m/s,3\n": "seen.csv: line 2: line M: is not in the case, .*",
+    "line,quantity,unit,value\nM,speed,m/s,3\n": "seen.csv: line 2: line M: is not in the case .*",
 }
 
 

@@ -154,7 +154,7 @@ def test_the_same_terrain_changes_nothing(tmp_path, monkeypatch):
     assert (same["change"] == 0).all() and (same["change_error"] == 0).all()
     assert measured.sources == 3 and measured.reference == 4_002
     assert (measured.error["boulders"] % 3 == 0).all()
-    assert "The sources are as given" in convergence_text(measured)
+    assert "differences between sources" in convergence_text(measured)
 
 
 def test_other_digits_round_or_give_back_what_rounding_took(tmp_path):
@@ -195,7 +195,7 @@ def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path, 
 def test_the_text_claims_nothing_of_what_is_not_known(found):
     """No boulder crosses one line: no value there is NaN or infinite, and no error is given."""
     said = convergence_text(found[1])
-    assert not re.search(r"\b(nan|inf)\b", said) and "the widest of the intervals" in said
+    assert not re.search(r"\b(nan|inf)\b", said) and "the widest interval" in said
     assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
     study = found[1].study.assign(change=np.inf)
     assert "still changed from 0." in convergence_text(replace(found[1], study=study))
@@ -218,7 +218,7 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
     arguments = ["convergence", "case.nml", "--boulders", "20", "100", "--reference", "20000"]
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert "s of CPU, one more digit" in said and "The paper has" in said
+    assert "s of CPU, one more digit" in said and "The paper reports" in said
     names = ["convergence.pdf", "convergence.png"]
     names += ["cost.csv", "error.csv", "numerical.csv", "study.csv"]
     assert sorted(path.name for path in (tmp_path / "case_convergence").iterdir()) == names
@@ -234,7 +234,7 @@ def test_the_command_writes_tables_and_figures(tmp_path, monkeypatch, capsys):
         (["--boulders", "1", "50"], "boulders = 1: must be at least 2"),
         (["--reference", "100"], "reference = 100: must be at least 20000"),
         (["--reference", "1" + 30 * "0"], "boulders do not fit in memory"),
-        (["-o", "case.nml"], "is a file, a folder is needed"),
+        (["-o", "case.nml"], "is a file: give a folder"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path, monkeypatch, capsys, arguments, says):

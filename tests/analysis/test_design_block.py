@@ -189,7 +189,7 @@ GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
     [
         ("", {}, "is empty"),
         ("volume,year\n", {}, "no rows"),
-        ("size,year\n1,2000\n", {}, "no column volume"),
+        ("size,year\n1,2000\n", {}, "columns volume or a, b, c are missing"),
         ("volume,a,b,c\n1,1,1,1\n", {}, "cannot be combined"),
         ("volume,volume\n1,1\n", {}, "occurs twice"),
         ("volume,year,date\n1,2000,2000-01-01\n", {}, "year and date cannot be combined"),
@@ -201,8 +201,8 @@ GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
         ("a,b,c\n1,1,0\n", {}, "c = 0"),
         ("volume,year\n1,about 1990\n", {}, "must be a year such as 1987"),
         ("volume,year\n1,1990-02-30\n", {}, "must be a year such as 1987"),
-        ("volume,year\n1\n", {}, "1 columns, the header has 2"),
-        (GOOD, {}, "no dated blocks"),
+        ("volume,year\n1\n", {}, "has 1 columns, but the header has 2"),
+        (GOOD, {}, "dated blocks are missing"),
         ("volume,year\n1,1990\n1,2000\n", {"years": 9.0}, "must be >= 10"),
         (None, {"years": None}, "years is missing: give"),
         (None, {"years": -1.0}, "years = -1"),
@@ -229,7 +229,7 @@ GOOD = "volume\n" + "".join(f"{one:.4g}\n" for one in drawn(30))
         (GOOD, {"events": [0.1, 1.0, 2.0], "threshold": 0.5}, "2 dated blocks are larger than 0.5"),
         (GOOD, {"events": [[1.0]]}, "must be a table"),
         (GOOD, {"events": [1.0, -2.0]}, "volume = -2"),
-        ("volume\n" + "1\n" * 50, {"events": [1.0] * 5}, "above no threshold"),
+        ("volume\n" + "1\n" * 50, {"events": [1.0] * 5}, "no threshold gives an acceptable"),
         ("volume\n" + "1\n" * 50, {"events": [1.0] * 5, "threshold": 0.5}, "end too sharply"),
     ],
 )  # fmt: skip
@@ -256,7 +256,7 @@ DATES = [1985.0 + 3 * k for k in range(12)]
             "all dated blocks fell within 33 of 480 years: is the observation",
         ),
         (1.0, 40 * 365.25, DATES, None),  # refused: above the maximum
-        (1.0, 480.0, None, "an observation period of 480 years: is it in months?"),
+        (1.0, 480.0, None, "an observation period of 480 years: is the value in months?"),
         (1.0, 40.0, DATES, ""),
         (1.0, 60.0, DATES, ""),
         (10.0, 40.0, DATES, ""),

@@ -287,8 +287,10 @@ def test_the_draws_of_a_file_are_as_many_files(tmp_path):
 
 
 DRAWS = {  # draws of each of five groups
-    (1, 1, 2, 1, 1): "no &impact_set for ratio 3 of draw 1; a file needs ratios 1 to 5",
-    (2, 2, 2, 2, 2): "no &impact_set for ratio 1 2 3 4 5 of draw 1; a file needs ratios 1 to 5",
+    (1, 1, 2, 1, 1): "&impact_set is missing for ratio 3 of draw 1: must have ratios 1 to 5",
+    (2, 2, 2, 2, 2): (
+        "&impact_set is missing for ratio 1 2 3 4 5 of draw 1: must have ratios 1 to 5"
+    ),
     (1, 1001, 1, 1, 1): "line 7: &impact_set draw = 1001: must be 1 to 1000",
 }
 
@@ -305,7 +307,9 @@ def test_a_run_takes_one_draw(tmp_path):
     text = (write_sets(tmp_path / "sets.nml", *sets())).read_text()
     case = case_of(tmp_path, 60)
     (tmp_path / "sets.nml").write_text(text + text.replace("ratio", "draw = 2, ratio"))
-    with pytest.raises(RockfallError, match="holds 2 draws of the sets: they are for &ensemble"):
+    with pytest.raises(
+        RockfallError, match=("contains 2 draws of the impact sets: use it in &ensemble")
+    ):
         rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
 
 
@@ -599,7 +603,7 @@ def test_shifts_off_the_terrain_are_questioned_and_refused(place, capfd):
     place("source_shift = 1e9")
     assert main(["ensemble", "case.nml"]) == 2
     question, refusal = capfd.readouterr().err.splitlines()
-    assert question.endswith("more than 100 m: is it in cm?")
+    assert question.endswith("more than 100 m: is the value in cm?")
     assert refusal.startswith("rockfall: case.nml: &ensemble source_shift = 1e+09: none of 1000 ")
 
 
@@ -616,7 +620,7 @@ def test_bad_arguments_are_one_line(place, capfd, words, message):
 
 def test_nothing_to_look_at_is_refused(tmp_path):
     case = case_of(tmp_path, ensemble={"source_shift": 2.0}).replace(line=[])
-    with refused("case: an ensemble needs a &line, or &output maps = 'reach_probability'"):
+    with refused("case: an ensemble requires a &line, or &output maps = 'reach_probability'"):
         vary(case)
 
 
@@ -624,7 +628,7 @@ def test_more_numbers_than_the_design_has_are_refused(tmp_path):
     scene = scene_of(tmp_path, ensemble={"radius_factor": 2.0})
     scene = scene.replace(sizes=np.full((10_595, 1), 0.3))
     with refused(
-        "case: &ensemble: 10601 numbers are uncertain, most of them rows of the table of zones: "
+        "case: &ensemble: 10601 values are uncertain, most of them rows of the table of zones: "
         "must be at most 10600"
     ):
         Uncertain(scene)
@@ -634,7 +638,7 @@ def test_maps_alone_are_no_table(place, capsys):
     text = Path("case.nml").read_text()
     line = next(line for line in text.splitlines() if line.startswith("&line"))
     Path("case.nml").write_text(text.replace(line, "&output maps = 'reach_probability' /"))
-    said = "table.csv: without a &line there is no table; maps go to a file .nc"
+    said = "table.csv: without a &line there is no table: write maps to a file .nc"
     refuses(["ensemble", "case.nml", "-o", "table.csv"], said, capsys)
 
 
@@ -648,7 +652,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
 
     monkeypatch.setattr("rockfall.studies.study.simulate", pressed)
     assert main(["ensemble", "case.nml"]) == 130
-    assert capfd.readouterr().err == "rockfall: interrupted; no file is half-written\n"
+    assert capfd.readouterr().err == "rockfall: interrupted: no incomplete file was written\n"
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
 
 
@@ -665,7 +669,10 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
 
     monkeypatch.setattr("rockfall.studies.study.simulate", pressed)
     assert main(["ensemble", "case.nml", "--runs", "12", "-o", "some.nc", "--quiet"]) == 130
-    said = "rockfall: interrupted: some.nc contains the first 9 of 12 draws, as with --runs 9\n"
+    said = (
+        "rockfall: interrupted: some.nc contains the first 9 of 12 draws, like a run with "
+        "--runs 9\n"
+    )
     assert capfd.readouterr().err == said
     monkeypatch.setattr("rockfall.studies.study.simulate", simulate)
     assert main(["ensemble", "case.nml", "--runs", "9", "-o", "nine.nc", "--quiet"]) == 0

@@ -156,7 +156,7 @@ def test_a_point_without_a_width_has_no_levels(tmp_path):
     found = hazard(make_case(tmp_path, line=[]), objects=layer)
     assert np.isnan(found["object_energy_by_period"].values).all()
     assert "line" not in found.dims
-    with pytest.raises(rockfall.RockfallError, match="pole: a point without a width"):
+    with pytest.raises(rockfall.RockfallError, match="pole: at a point without a width"):
         rockfall.return_period(found, "pole", energy=30e3)
 
 
@@ -210,7 +210,7 @@ def test_the_level_of_a_period_comes_about_as_often(tmp_path):
 @pytest.mark.parametrize(
     ("place", "how", "message"),
     [
-        ("rood", {}, "rood: no line or object or segment; there are road"),
+        ("rood", {}, "rood: no line or object or segment (names: road)"),
         ("road", {"energy": 1.0, "height": 2.0}, "return_period: give energy or height, not both"),
         ("road", {"energy": -1.0}, "return_period: -1 J: must be 0 to 7e+08"),
         ("road", {"height": 51.0}, "return_period: 51 m: must be 0 to 50"),

@@ -90,7 +90,7 @@ def test_doubts_about_inputs_are_said_and_kept(tmp_path):
     with pytest.warns(UserWarning) as caught:
         found = hazard(case)
     said = [str(one.message) for one in caught]
-    for words in ("100 boulders in a year: is it a return period?", "is it a frequency?"):
+    for words in ("100 boulders per year: is the value a return period?", "the value a frequency?"):
         assert sum(words in line for line in said) == 1
     kept = [f"case: {one[0]}: {one[1]}" for one in json.loads(found.attrs["input_warnings"])]
     assert kept == said[: len(kept)]
@@ -498,7 +498,7 @@ def test_a_factor_on_frequencies_widens_their_limits_and_nothing_else(tmp_path, 
 @pytest.mark.parametrize(
     ("factor", "rule"),
     [
-        ([0.5], "(value 1) = 0.5: must be two factors, the lowest and the highest"),
+        ([0.5], "(value 1) = 0.5: must be two factors, the lowest first"),
         ([1.5, 2.0], "must enclose 1"),
         ([0.5, 0.9], "must enclose 1"),
     ],

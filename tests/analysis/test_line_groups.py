@@ -133,10 +133,10 @@ def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
             ("line_statistics", "source", [1.0]),
             "classes: are only valid with by = 'volume', not 'source'",
         ),
-        (("line_profile", "rail"), "along = 'rail': no such line, lines: road"),
+        (("line_profile", "rail"), "along = 'rail': no such line (lines: road)"),
         (
             ("line_profile", "road", 0.001),
-            "width = 0.001: gives 95,000 windows along the line, at most 10,000",
+            "width = 0.001: gives 95,000 windows along the line: must be at most 10,000",
         ),
         (("line_profile", "road", 0.0), "width = 0.0: must be > 0 m"),
         (("line_profile", "road", -1.0), "width = -1.0: must be > 0 m"),
@@ -178,7 +178,7 @@ def test_the_command_prints_what_it_writes(tmp_path, capsys):
         (["--width", "5"], "--width: needs --along"),
         (["--classes", "1"], "--classes: needs --by volume"),
         (["--by", "source", "--along", "road"], "--by: needs no --along"),
-        (["--by", "volume", "--classes", "1,x"], "--classes 1,x: must be volumes [m3] between "
-         "commas, as 0.1,0.5,1"),
+        (["--by", "volume", "--classes", "1,x"], "--classes 1,x: must be volumes [m3] separated "
+                                                 "by commas, such as 0.1,0.5,1"),
     ):  # fmt: skip
         assert command(*words) == (2, "", f"rockfall: {error}\n")

@@ -258,7 +258,7 @@ def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
     found = run_models(case)
     assert found.names == ("table talus", *UNSIZED)
     assert found.notes[0] == (
-        "no rock sizes: rockyfor3d left out, other classical models run with both of their "
+        "rock sizes are missing: rockyfor3d omitted, other classical models run with both of their "
         "grounds, for rocks below and above 0.1 m"
     )
     for ground in ROCKS["pfeiffer_bowen"]:
@@ -273,9 +273,7 @@ def test_a_ground_that_needs_sizes_of_rocks_is_refused_without(case, ground):
     case = case.replace(impact={"table": "talus"}, surface=bare, case={"boulders": 5})
     with pytest.raises(rockfall.RockfallError) as caught:
         run_models(case, ["meadow", ground])
-    assert str(caught.value) == (
-        f"{case.name}: --ground {ground}: needs sizes of rocks, which &surface lacks"
-    )
+    assert str(caught.value) == (f"{case.name}: --ground {ground}: requires rock sizes in &surface")
 
 
 def test_rocks_without_a_size_beside_others_are_said(case):
@@ -291,7 +289,7 @@ def test_rocks_without_a_size_beside_others_are_said(case):
     )
     found = run_models(case.replace(case={"boulders": 5}), ["meadow", "soil_3"])
     assert found.notes[0] == (
-        "50.0 % of the varied ground has no rock size: soil_3 without obstacles there"
+        "50.0 % of the varied ground has no rock size: soil_3 have no obstacles there"
     )
 
 
@@ -316,4 +314,8 @@ def test_the_command_writes_a_table_and_a_figure(case, tmp_path, capsys, monkeyp
     made = [path.name for path in everything(tmp_path) if path.is_file()]
     assert {*made} == {"models.csv", "models.nc", "models.png"}
     words = ["models", case.name, "-o", "new", "--ground", "mud"]
-    refuses(words, "--ground = 'mud': no ground of grounds.csv, no impact table or set.*", capsys)
+    refuses(
+        words,
+        "--ground = 'mud': is not a ground of grounds.csv, an impact table or an impact set.*",
+        capsys,
+    )

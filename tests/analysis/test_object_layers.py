@@ -120,7 +120,7 @@ def test_layers_of_one_file_and_files_of_one_name(tmp_path, layers):
         hazard(tmp_path, [site, *layers[:2]], objects_layer=["roads", "houses"])
     with refused(f"{site}, layer roads: is given twice as a layer of objects"):
         hazard(tmp_path, [site, site], objects_layer=["roads", "roads"])
-    with refused(f"{site}: has 2 layers (houses, roads); choose one with --objects-layer"):
+    with refused(f"{site}: has 2 layers (houses, roads): choose one with --objects-layer"):
         hazard(tmp_path, [layers[0], site])
 
 
@@ -169,13 +169,13 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
 
 
 @pytest.mark.parametrize("given, question", [
-    ({"width": 90.0}, "width = 90, as in 1 of 1 features: is it in cm?"),
-    ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles a day: are they"),
-    ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: is it in m/s?"),
-    ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: is it in cm?"),
-    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: are they per day?"),
-    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles a day: are they per"),
-    ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person a day: are they"),
+    ({"width": 90.0}, "width = 90, as in 1 of 1 features: is the value in cm?"),
+    ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles per day: is the"),
+    ({"speed": 22.0}, "speed = 22, as in 1 of 1 features: is the value in m/s?"),
+    ({"vehicle_length": 540.0}, "vehicle_length = 540, as in 1 of 1 features: is the value in cm?"),
+    ({"persons_per_vehicle": 1280.0}, "persons in a vehicle: is the value per day?"),
+    ({"aadt": 0.2}, "aadt = 0.2, as in 1 of 1 features: vehicles per day: is the value per"),
+    ({"trips": 700.0}, "trips = 700, as in 1 of 1 features: passages of a person per day: is the"),
     ({"speed": 120.0, "aadt": 40_000.0, "width": 30.0, "trips": 20.0}, None),
     ({"aadt": 0.0}, None),
 ])  # fmt: skip

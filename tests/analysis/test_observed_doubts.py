@@ -106,9 +106,9 @@ def test_another_unit_of_a_distance_is_named(ratio, other, result):
 
 
 @pytest.mark.parametrize("height, dbh, told", [
-    (1.2, 38, None), (120, 38, "An observed mark is 120 m above the ground: is it in cm?"),
-    (1.2, 0.38, "An observed tree has a diameter of 0.38 cm: is it in m?"),
-    (1.2, 380, "An observed tree has a diameter of 380 cm: is it in mm?"), ("", "", None),
+    (1.2, 38, None), (120, 38, "An observed mark is 120 m above the ground: is the value in cm?"),
+    (1.2, 0.38, "An observed tree has a diameter of 0.38 cm: is the value in m?"),
+    (1.2, 380, "An observed tree has a diameter of 380 cm: is the value in mm?"), ("", "", None),
 ])  # fmt: skip
 def test_marks_at_trees_in_another_unit_are_told(height, dbh, told, result):
     path = file("impact,x,y,height,dbh", ("T1", WEST + 150, SOUTH + 300, height, dbh))
@@ -117,7 +117,7 @@ def test_marks_at_trees_in_another_unit_are_told(height, dbh, told, result):
 
 @pytest.mark.parametrize("volume, told", [
     (0.8, None), ("", None), (100, None),
-    (800, "An observed block has 800 m3: is it in dm3 (litres)?"),
+    (800, "An observed block has 800 m3: is the value in dm3 (litres)?"),
 ])  # fmt: skip
 def test_blocks_in_litres_are_told(volume, told, result):
     places = [(WEST + 150 + k, SOUTH + 200, volume) for k in range(3)]

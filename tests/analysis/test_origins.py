@@ -79,7 +79,7 @@ def test_origins_are_sorted_shares_of_what_comes(hazard):
     left = rockfall.origins(hazard, "left")
     assert left["x"][0] == 52.5 and left["share"][0] > 0.9  # the only source above the place
     assert rockfall.origins(hazard, "above").empty
-    with refused("roof: no line or object; there are road, left, above, house"):
+    with refused("roof: no line or object (names: road, left, above, house)"):
         rockfall.origins(hazard, "roof")
 
 
@@ -256,15 +256,15 @@ def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypa
                 assert np.nansum(raster.read(1)) == pytest.approx(total, rel=1e-6)
                 assert np.isfinite(raster.read(1)).sum() == 3  # the sources
         printed = capsys.readouterr().out
-        assert f"{options[1]}: {number(own)} boulders a year" in printed
+        assert f"{options[1]}: {number(own)} boulders per year" in printed
     assert main(["origins", "zones", "--at", "600062.5,4999932.5", "-o", "out"]) == 2
     Path("dem.tif").rename("other.tif")
     assert main(["origins", "zones", "--line", "L", "-o", "out", "--overwrite"]) == 0
     assert "no relief" in capsys.readouterr().err
     Path("other.tif").rename("dem.tif")
     for option, text, why in (
-        ("--line", "house", "house: no line; there are L"),
-        ("--object", "L", "L: no object; there are none"),
+        ("--line", "house", "house: no line (names: L)"),
+        ("--object", "L", "L: no object (names: none)"),
         ("--at", "600002.5,4999995", "600002.5,4999995: no simulated boulder arrives"),
         ("--at", "1,2,3,4", "must be X,Y or X,Y,RADIUS"),
         ("--at", "1e308,1e308", "must be X,Y or X,Y,RADIUS"),

@@ -178,7 +178,8 @@ def test_curves_of_a_table(tmp_path):
          "previous row of own"),
         (CURVES.replace("own", "agliardi2009"), "line 2: name = agliardi2009: is a curve of the "
          "package: choose another name"),
-        ("name,energy,vulnerability\n", "no column source, has: name, energy, vulnerability"),
+        ("name,energy,vulnerability\n",
+         "column source is missing (columns: name, energy, vulnerability)"),
     ],
 )  # fmt: skip
 def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
@@ -198,8 +199,9 @@ def test_curves_that_cannot_be_are_refused(tmp_path, text, message):
         (shapely.Point(150, 250), {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.0]},
          "aadt = 100: needs a line, a polygon, or a point with a width"),
         (HOUSE, {"persons": [1.0], "presence": [1.5]}, "presence = 1.5: must be 0 to 1"),
-        (HOUSE, {"value": [1.0], "curve": ["mine"]}, "curve = mine: must be one of: agliardi2009: "
-         "--vulnerability adds curves of a table"),
+        (HOUSE, {"value": [1.0], "curve": ["mine"]}, "curve = mine: must be one of: "
+                                                     "agliardi2009, or a curve of the "
+                                                     "--vulnerability table"),
     ],
 )  # fmt: skip
 def test_exposures_that_cannot_be_are_refused(case, shape, columns, message):
@@ -229,7 +231,7 @@ def test_the_table_of_risks_is_in_the_language_of_the_command(case):
     found = hazard(case, [HOUSE], persons=[3.0], presence=[0.5], lethality=[0.2])
     table = risk_table(found)
     row, total = table.texts()
-    assert table.head[0] == "risk a year (95 %)" and table.head[3] == "class" and row[3] == "4"
+    assert table.head[0] == "risk per year (95 %)" and table.head[3] == "class" and row[3] == "4"
     assert total[0] == "all objects" and f"\n  {class_legend()}\n" in hazard_summary(found)
     assert "\n(" in total[-1]
     with speaking("de"):

@@ -301,10 +301,10 @@ TRAFFIC = {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.5]}
         ({"persons": [1.0], "lethality_1": [0.2], "lethality_2": [np.nan], "lethality_3": [1.0]},
          "feature 1: lethality_2 = nan: must be 0 to 1"),
         ({"persons": [1.0], "lethality_curve": ["x"]},
-         "feature 1: lethality_curve = x: must be one of: agliardi2009: --vulnerability adds "
-         "curves of a table"),
+         "feature 1: lethality_curve = x: must be one of: agliardi2009, or a curve of the "
+         "--vulnerability table"),
         ({"value": [1.0], "curve": ["x"]},
-         "feature 1: curve = x: must be one of: agliardi2009: --vulnerability adds curves of a "
+         "feature 1: curve = x: must be one of: agliardi2009, or a curve of the --vulnerability "
          "table"),
         ({"aadt": [100.0]}, "feature 1: aadt = 100: needs the attribute speed"),
         ({"aadt": [100.0], "speed": [50.0]},
@@ -335,7 +335,7 @@ HEAD = "name,energy,vulnerability,source\n"
     ("text", "message"),
     [
         ("name,energy,vulnerability\na,1,1\n",
-         "line 1: no column source, has: name, energy, vulnerability"),
+         "line 1: column source is missing (columns: name, energy, vulnerability)"),
         (HEAD, "no rows below the header"),
         (HEAD + "a,1,0.2,\n", "line 2: source = : must not be empty"),
         (HEAD + "a,-1,0.2,b\n",

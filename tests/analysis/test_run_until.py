@@ -210,10 +210,11 @@ def test_rules_are_read_with_any_spaces_and_names():
     [
         ("", "QUANTITY.STATISTIC@LINE<PERCENT%"), ("speed.mean@L<2", "PERCENT%"),
         ("speed.mean@L<2%,", "PERCENT%"), ("speed.mean@L<2%; fraction@L<2%", "unknown line"),
-        ("speed.max@L<2%", "no interval for statistic 'max', known: mean, std, q50"),
-        ("speed@L<2%", "no interval"),
-        ("spede.mean@L<2%", "unknown quantity 'spede', known: speed"),
-        ("fraction.mean@L<2%", "fraction alone"), ("speed.mean@M<2%", "unknown line 'M', lines of"),
+        ("speed.max@L<2%", "statistic 'max' has no interval: must be one of mean, std, q50"),
+        ("speed@L<2%", "has no interval"),
+        ("spede.mean@L<2%", "unknown quantity 'spede': must be one of speed"),
+        ("fraction.mean@L<2%", "or fraction without a statistic"),
+        ("speed.mean@M<2%", "unknown line 'M' (lines:"),
         ("speed.mean@L<0%", "above 0 and below 100"), ("speed.mean@L<-2%", "above 0"),
         ("speed.mean@L<100%", "below 100"), ("speed.mean@L<nan%", "a number"),
         ("speed.mean@L<1_0%", "a number"), ("speed.mean@L<%", "a number"),
@@ -227,7 +228,7 @@ def test_a_wrong_rule_is_refused_with_what_is_allowed(rules, says):
 
 
 def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
-    with pytest.raises(rockfall.RockfallError, match="lines of the case: none"):
+    with pytest.raises(rockfall.RockfallError, match="unknown line 'L' \\(lines: none\\)"):
         rockfall.run_until(slope_case(tmp_path, line=[]), "fraction@L<2%", **terrain())
     with pytest.raises(rockfall.RockfallError, match="cap = 0: must be at least 1"):
         rockfall.run_until(slope_case(tmp_path), "fraction@L<2%", cap=0, **terrain())

@@ -249,7 +249,7 @@ def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
         assert ("more: &output kept = 'all'" in said) == (used < 9), kept
         assert ("more: &output trajectories" in said) == (used == 9), kept
     found = " ".join(section_notes(section("none", MAPS)))
-    assert "trajectories of 9 of 50 boulders are recorded, and none of these" in found
+    assert "trajectories of 9 of 50 boulders are recorded, but none of these" in found
     with refused(
         "section: no rows are kept of the 9 boulders with recorded trajectories: run with "
         "&output kept = 'all', or a larger number"
@@ -401,7 +401,7 @@ def test_maps_alone_make_a_section(result):
 def test_refusals(result):
     with refused("within = 0.0: must be > 0 m"):
         section_of(result, SectionLine(DOWN, 0.0))
-    with refused("every = 0.001: gives 380,000 stations, at most 10,000"):
+    with refused("every = 0.001: gives 380,000 stations: must be at most 10,000"):
         section_of(result, SectionLine(DOWN, 10.0, 0.001))
     with refused("section: must have a length above 0 m"):
         section_of(result, SectionLine(np.array([1 + 1j, 1 + 1j])))
@@ -424,7 +424,7 @@ def test_a_layer_and_pairs_are_the_same(result, tmp_path):
     assert one.table.equals(other.table)
     two = make_layer(tmp_path / "two.gpkg", [shapely.LineString(pairs)] * 2, crs=UTM)
     for drawn, about in (
-        (two, f"{two}: has 2 lines: a section needs one"),
+        (two, f"{two}: has 2 lines: a section requires exactly one"),
         ([1.0, 2.0], "section: a line must be pairs x, y, or a file with a line"),
         ("nowhere.gpkg", None),
     ):

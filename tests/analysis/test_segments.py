@@ -400,14 +400,14 @@ def test_what_cannot_be_is_refused(tmp_path):
         hazard(case, None, length=None, segments_layer="roads")
     hairpins = [(10.0 + 380.0 * (k % 2), 10.0 + 5.0 * k) for k in range(56)]
     long = make_layer(tmp_path / "long.gpkg", [shapely.LineString(hairpins)], CRS)
-    with refused(f"{long}: gives 20,902 segments: must be at most 20,000, give a longer "
+    with refused(f"{long}: gives 20,902 segments: must be at most 20,000: give a longer "
                  "--segment-length"):  # fmt: skip
         hazard(case, long, length=1.0)
     far = make_layer(tmp_path / "far.gpkg", [shapely.LineString([(900, 0), (990, 0)])], CRS)
     with refused(f"{far}: no segment lies on the terrain"):
         hazard(case, far)
     points = make_layer(tmp_path / "points.gpkg", [shapely.Point(100, 200)], CRS)
-    with refused(f"{points}: feature 1: is a Point, lines are needed"):
+    with refused(f"{points}: feature 1: is a Point, but lines are required"):
         hazard(case, points)
     with refused("case: &output kept = 'none': objects with a width, lines, polygons and segments "
                  "of roads need the rows of all boulders: kept = 'all'"):  # fmt: skip
@@ -415,7 +415,7 @@ def test_what_cannot_be_is_refused(tmp_path):
     many = tmp_path / "many.gpkg"
     for layer in ("a", "b"):
         make_layer(many, [ROAD], CRS, layer=layer)
-    with refused(f"{many}: has 2 layers (a, b); choose one with --segments-layer"):
+    with refused(f"{many}: has 2 layers (a, b): choose one with --segments-layer"):
         hazard(case, many)
 
 
@@ -471,8 +471,8 @@ def test_results_without_the_lines_are_refused_with_what_to_do(site, capsys):
     about = {"segments": "road.gpkg", "segment_length": 25}
     found = rockfall.hazard(original, results=["with.nc"], **about)
     assert found.equals(rockfall.hazard(original, **about))
-    with refused("without.nc: scenario 'one': its &line groups are not those of the objects and "
-                 "segments given here: --write-cases writes the cases with them"):  # fmt: skip
+    with refused("without.nc: scenario 'one': its &line groups do not match the given objects "
+                 "and segments: write the cases with --write-cases"):  # fmt: skip
         rockfall.hazard(original, results=["without.nc"], **about)
     with refused("with.nc: scenario 'one': is the result of another case; see --write-cases"):
         rockfall.hazard(original.replace(case={"seed": 8}), results=["with.nc"], **about)

@@ -188,7 +188,7 @@ def test_pages_of_a_hazard_say_that_the_terrain_is_missing(place, capsys):
     rockfall.hazard(case).to_netcdf("hazard.nc")
     Path("dem.tif").unlink()
     assert main(["report", "hazard.nc", "-o", "page.html"]) == 0
-    assert "figures have no relief, give the DEM of the run" in capsys.readouterr().err
+    assert "Figures have no relief: give the DEM of the run" in capsys.readouterr().err
 
 
 def test_pages_say_that_angles_of_boulders_in_motion_are_upper_limits(seen):

@@ -130,8 +130,8 @@ def test_what_cannot_be_compared_is_refused(case, made, tmp_path, capsys, monkey
     name, stops = case.name, folder / "stops.csv"
     few = ["--table", "talus", "--seeds", "2"]
     refuses(["validate", name, "apart.csv", *few], ".*: no observation to compare with.*", capsys)
-    refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: at least 2 .*", capsys)
-    refuses(["validate", name, stops, "--table", "moon"], ".* no such table of impacts.*", capsys)
+    refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: must be at least 2 .*", capsys)
+    refuses(["validate", name, stops, "--table", "moon"], ".* no such impact table.*", capsys)
 
 
 # ---- two-sample test with weights
@@ -283,7 +283,7 @@ def test_laws_that_hold_nowhere_are_refused(case, made):
     absorbed = with_zones(case, "4,,soil_0\n-2,,soil_0\n77,,soil_0\n")
     with pytest.raises(rockfall.RockfallError) as caught:
         validate(absorbed, seen, tables=["talus"], seeds=2)
-    assert str(caught.value).endswith("absorbs boulders, so models make no difference")
+    assert str(caught.value).endswith("absorbs boulders, so all models agree")
 
 
 @pytest.mark.all
@@ -298,7 +298,7 @@ def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
     with pytest.raises(rockfall.RockfallError) as caught:
         validate(bare, seen, tables=["meadow", "rocky-slope"], seeds=2)
     assert str(caught.value) == (
-        f"{bare.name}: --table rocky-slope: needs sizes of rocks, which &surface lacks"
+        f"{bare.name}: --table rocky-slope: requires rock sizes in &surface"
     )
     found = validate(bare, seen, seeds=2)
     assert "table meadow" in found.laws and "table rocky-slope" not in found.laws

@@ -233,7 +233,9 @@ def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
         rows[f"stop_{axis}"] = np.where(cuts, rows[f"stop_{axis}"], below)
     rows |= crossings((np.arange(1000) >= 1000 - passed) | (cuts & ("has_crossed" in how)))
     texts = end_texts(tmp_path, rows)
-    words = f"few boulders cross road ({passed}, and {cut} that might have), others ended earlier"
+    words = (
+        f"few boulders cross road ({passed}, and {cut} that might have), and others ended earlier"
+    )
     assert [text.startswith(words) for text in texts] == [True] * said
 
 
@@ -498,12 +500,12 @@ def test_classical_rebounds_are_named_with_what_they_are_worth(tmp_path):
     n = int(result.rebounds)
     assert text.startswith(
         f"{n:,} of {n:,} rebounds (100 %) followed classical grounds (soil_4 (rockyfor3d) 100 %) "
-        "with unconfirmed coefficients: without a fit speeds and energies may be too low"
+        "with unconfirmed coefficients: without a fit, speeds and energies may be too low"
     )
     assert more == []  # no rebound by impact sets that could be outside their range
     page = preview(scene_of(case))
     assert f"caution      in a pilot run {text}" in page
-    assert "sets.nml, which no rebound of a pilot run followed" in page
+    assert "sets.nml, not used by any rebound of a pilot run" in page
     assert "\n  rebounds " not in page  # sets only: nothing to report
     assert f"  caution: {text}\n" in summary(result)
 
@@ -608,7 +610,7 @@ def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
         only("vaujany-forest", state, "passing", "vaujany-observed") for state in ("bare", "forest")
     )
     assert known.observed == 34 < known.simulated
-    assert f"{known.simulated:.0f} % pass by vaujany-observed, 34 % in" in text
+    assert f"{known.simulated:.0f} % pass (vaujany-observed), 34 % in" in text
     assert f"(without forest {bare.simulated:.0f} and 95 %)" in text
     assert f"  caution      {text}" in preview(scene_of(case)).splitlines()
     assert f"  caution: {text}" in summary(result).splitlines()
@@ -623,7 +625,7 @@ def test_a_forest_by_tables_is_judged_by_a_run_by_tables(tmp_path):
     known = only("vaujany-forest", "forest", "passing", "talus")
     (found,) = forest_remarks({}, tables)
     assert known.observed < known.simulated
-    assert f"{known.simulated:.0f} % pass by talus, " in found.text
+    assert f"{known.simulated:.0f} % pass (talus), " in found.text
     assert [remark.text for remark in forest_remarks({}, case)] == [forest_text()]
     by_ground, result = on_grounds(tmp_path, {"ground": "talus"}, forest=STAND)
     assert [*forest_remarks(result, by_ground)] == [found]

@@ -157,7 +157,7 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     assert table["value"].to_numpy() == pytest.approx(expected["value"].to_numpy(), rel=1e-6)
     page = (here / "out" / "variants.html").read_text(encoding="utf-8")
     for text in (said, page):
-        assert "boulders a year that arrive" in text and "energy once in 100 years" in text
+        assert "arriving boulders per year" in text and "energy once in 100 years" in text
         assert "to the &scenario groups" in html.unescape(text)
     assert not {*here.glob("*.checkpoint")}
 
@@ -191,10 +191,11 @@ def test_scenarios_of_stopped_variants_go_on(here, capsys, monkeypatch):
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_runs_a_variant_that_is_prepared(here):
     case = site(here, GROUPS)
-    has = "&variant: has the variants today, net, Räumung 1: `rockfall prepare CASE DIR --variant "
-    refused_in_one_line(
-        run_program("case.nml", cwd=here), f"case.nml: {has}NAME` makes the case of one"
+    has = (
+        "&variant: has variants today, net, Räumung 1: choose one with `rockfall prepare "
+        "CASE DIR --variant "
     )
+    refused_in_one_line(run_program("case.nml", cwd=here), f"case.nml: {has}NAME`")
     for name, one in variants(case).items():
         assert main(["prepare", "case.nml", name, "--variant", name]) == 0
         done = run_program(f"{name}/case.nml", "--quiet", "-o", "a.part1of1", cwd=here)
@@ -237,8 +238,8 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ({"name": "a/b"}, "&variant name = 'a/b': is that of a file, too"),
-        ({"name": ".a"}, "&variant name = '.a': is that of a file, too"),
+        ({"name": "a/b"}, "&variant name = 'a/b': is also a file name"),
+        ({"name": ".a"}, "&variant name = '.a': is also a file name"),
         ({"name": "x" * 61}, "must be at most 60 bytes"),
         ({"without": "forest"}, "&variant name is missing: text"),
         ({"name": "a", "without": "line"}, "&variant without = 'line': must be one of: barrier"),
@@ -248,8 +249,8 @@ def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
         ({"name": "a", "forest_seed": 0.5}, "&variant forest_seed = 0.5"),
         ({"name": "a", "case_seed": 2}, "&variant case_seed: unknown key"),
         ({"name": "a", "cost": -1.0}, "&variant cost = -1.0: must be >= 0"),
-        ({"name": "base"}, "&variant name = 'base': is that of the case without its variants"),
-        ({"name": "BASE"}, "&variant name = 'BASE': is that of the case without its variants"),
+        ({"name": "base"}, "&variant name = 'base': is reserved for the case without its variants"),
+        ({"name": "BASE"}, "&variant name = 'BASE': is reserved for the case without its variants"),
     ],
 )  # fmt: skip
 def test_a_group_is_checked_with_the_case(tmp_path, group, message):
@@ -267,10 +268,10 @@ def test_names_must_be_unique_for_every_file_system(tmp_path):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ({"barriers": ["net", "nett"]}, "unknown &barrier 'nett', known: net, wall"),
-        ({"dams": "dam 2"}, "dams: unknown &dam 'dam 2', known: dam"),
+        ({"barriers": ["net", "nett"]}, "unknown &barrier 'nett' (names: net, wall)"),
+        ({"dams": "dam 2"}, "dams: unknown &dam 'dam 2' (names: dam)"),
         ({"release_steep_cells": True}, "&release steep_cells = .true.: is not valid for points"),
-        ({"forest_polygons": "a.gpkg"}, "&forest: give one of polygons, trees and stems"),
+        ({"forest_polygons": "a.gpkg"}, "&forest: give only one of polygons, trees and stems"),
         ({"without": "surface"}, "&surface: give a ground, or one of"),
     ],
 )  # fmt: skip
@@ -308,7 +309,7 @@ def test_a_forest_variant_needs_a_forest(tmp_path):
 def test_equal_variants_are_refused(tmp_path, one, two):
     """Different keys can make variants equal."""
     case = site(tmp_path, [{"name": "a"} | one, {"name": "b"} | two])
-    with refused("&variant name = 'b': equals variant 'a': change a key, or leave out one of the"):
+    with refused("&variant name = 'b': equals variant 'a': change a key, or omit one of the"):
         variants(case)
     assert [*variants(case.replace(variant=case.variant[1:]))] == ["b"]
 
@@ -316,8 +317,11 @@ def test_equal_variants_are_refused(tmp_path, one, two):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ({"release_x": [WEST + 121.0], "release_y": [NORTH - 20.0]}, "its sources are not those"),
-        ({"boulder_volume_mean": 1.0}, "its volumes are not those of 'a'"),
+        (
+            {"release_x": [WEST + 121.0], "release_y": [NORTH - 20.0]},
+            "its sources differ from those of 'a'",
+        ),
+        ({"boulder_volume_mean": 1.0}, "its volumes differ from those of 'a'"),
     ],
 )
 def test_what_cannot_be_compared_is_refused_before_a_run(tmp_path, group, message):
@@ -328,7 +332,7 @@ def test_what_cannot_be_compared_is_refused_before_a_run(tmp_path, group, messag
 
 def test_a_comparison_needs_two_variants_and_all_boulders(tmp_path):
     case = site(tmp_path, GROUPS[:1])
-    with refused("&variant: 1 of them; a comparison needs two or more"):
+    with refused("&variant: has 1 variants: a comparison requires two or more"):
         rockfall.run_variants(case)
     for kept, shown in ("none", "'none'"), (50, "50"):
         needs = f"&output kept = {shown}: a comparison of variants needs the rows of all boulders"
@@ -338,10 +342,10 @@ def test_a_comparison_needs_two_variants_and_all_boulders(tmp_path):
 
 def test_a_quote_in_a_name_is_written_as_in_a_case(tmp_path):
     case = site(tmp_path, [{"name": "Paul's"}, {"name": "Ann's"}])
-    with refused("&variant name = 'Ann''s': equals variant 'Paul''s': change a key, or leave"):
+    with refused("&variant name = 'Ann''s': equals variant 'Paul''s': change a key, or omit"):
         variants(case)
     with refused(
-        """&variant name = 'a "b"': is that of a file, too: no dot or blank at its ends"""
+        """&variant name = 'a "b"': is also a file name: must not begin or end with a dot"""
     ):
         case.replace(variant=[{"name": 'a "b"'}])
 
@@ -354,14 +358,14 @@ def test_other_heights_of_release_can_be_compared(tmp_path):
 
 def test_a_case_with_variants_needs_a_choice(here, capsys):
     case = site(here, GROUPS)
-    rule = "the variants are today, net, Räumung 1: run all by `rockfall variants`, .*"
+    rule = "has variants today, net, Räumung 1: run all with `rockfall variants`, .*"
     with refused(f"&variant: {rule.removesuffix('.*')}"):
         rockfall.run(case)
     for words in (["run", "case.nml"], ["prepare", "case.nml", "a"], ["ensemble", "case.nml"],
                   ["slurm", "case.nml", "a", "--shards", "2"], ["hazard", "case.nml"],
                   ["convergence", "case.nml"], ["models", "case.nml"]):  # fmt: skip
         refuses(words, f"case.nml: &variant: {rule}", capsys)
-    known = "unknown, variants: today, net, Räumung 1, base"
+    known = "unknown \\(variants: today, net, Räumung 1, base\\)"
     refuses(["run", "case.nml", "--variant", "wall"], f"case.nml: --variant wall: {known}", capsys)
     before = everything(here)
     assert main(["slurm", "case.nml", "jobs", "--shards", "2", "--variant", "Räumung 1"]) == 0

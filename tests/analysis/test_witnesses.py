@@ -200,7 +200,7 @@ def test_blocks_outside_of_all_deposits_are_finite_and_said():
     assert np.isfinite(data.log_likelihood(kept[None])[0])
     (said,) = data.remarks(kept[None], np.ones(1))
     assert (
-        said.startswith("2 blocks at rest, ") and "1 outside of all deposits (x y: 30000 7)" in said
+        said.startswith("2 blocks at rest: ") and "1 outside of all deposits (x y: 30000 7)" in said
     )
     farther, many = made(blocks_at((0, 0), (3e4, 7)), Rest(in_places([500, 500]), np.ones(1000)))
     lost = data.log_likelihood(kept[None])[0] - farther.log_likelihood(many[None])[0]
@@ -265,8 +265,8 @@ def test_where_no_boulder_comes_a_mark_is_less_likely_and_never_impossible():
     assert found[0] > found[1] > found[2] and np.isfinite(found).all()
     assert log_reach(np.zeros(1), 20)[0] == pytest.approx(np.log(1 - (1 - 0.5 / 21) ** 20))
     said = data.remarks(runs[1:2], np.ones(1))
-    assert said[1].endswith("fewer than 20 boulders of a run pass there, and constrain the "
-                            "height little: o.csv: line 2.")  # fmt: skip
+    assert said[1].endswith("fewer than 20 boulders of a run pass, so they hardly constrain the "
+                            "height: o.csv: line 2.")  # fmt: skip
 
 
 # ---- contributions
@@ -307,7 +307,13 @@ def test_blocks_and_marks_are_read_from_tables_and_layers(tmp_path, monkeypatch)
     assert seen.where["stops"] == (
         "o.csv: line 2", "o.csv: line 3", "o.gpkg: feature 1", "o.gpkg: feature 2"
     )  # fmt: skip
-    with pytest.raises(RockfallError, match=r"o.gpkg: layers are read by compare, back and"):
+    with pytest.raises(
+        RockfallError,
+        match=(
+            r"o.gpkg: layers can only be read by compare, back "
+            r"and"
+        ),
+    ):
         read_observed("o.gpkg")
 
 
@@ -464,7 +470,7 @@ def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
     assert "conflict" not in set(found.data["agreement"])
     assert (found.data["loss_error"] > 0).all()
     text = back_text(found)
-    assert "lost to the" in text and "alone: median (5 to 95 %)" in text
+    assert "lost with the" in text and "alone: median (5 to 95 %)" in text
 
 
 def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, capsys):

@@ -1389,7 +1389,7 @@ def test_show_makes_one_page_that_needs_nothing_else(place, result, monkeypatch)
     assert messages[0]["title"] == "</script><b>"
     assert 'srcdoc="' in shown._repr_html_() and "<!doctype" not in shown._repr_html_()
     (place / "page/app.js").unlink()
-    with pytest.raises(RockfallError, match=r"`\./run page` builds it$"):
+    with pytest.raises(RockfallError, match=r"run `\./run page`$"):
         rockfall.show(result)
 
 

@@ -234,7 +234,7 @@ def test_a_click_on_a_house_shows_where_its_boulders_come_from(browser):
         window.click('[data-feature="b1"]')
         window.until("a check", "document.querySelector('.net-check')?.offsetParent")
         rows = window.text(".net-check")
-        assert "passing" in rows and "boulders a year that arrive" in rows
+        assert "passing" in rows and "arriving boulders per year" in rows
         window.click('[data-tab="hazard"]')
         window.click('[data-show="hazard"]')
         assert "Passages" in window.text(".legend")

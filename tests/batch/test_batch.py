@@ -97,9 +97,9 @@ def test_a_scene_file_is_the_variables_of_its_description(ready):
 
 
 ARGUMENTS = {
-    (): "a case file is needed: see rockfall-batch --help",
+    (): "give a case file: see rockfall-batch --help",
     ("none.nml",): "none.nml: no such file",
-    (CASE, CASE): f"{CASE}: only one case file is allowed, not also {CASE}: see "
+    (CASE, CASE): f"{CASE}: only one case file is allowed, and {CASE} is given: see "
                   "rockfall-batch --help",
     (CASE, "--bolders=3"): "--bolders=3: unknown option: see rockfall-batch --help",
     (CASE, "--boulders"): "--boulders: a value is missing: see rockfall-batch --help",
@@ -111,7 +111,7 @@ ARGUMENTS = {
     (CASE, "--scene", "none.nc"): "none.nc: no such file",
     (CASE, "--scene", CASE): f"{CASE}: cannot be read as netCDF-4",
     (CASE, "-o", "none/x"): "none/x: folder none/ does not exist",
-    (CASE, "-o", "ready"): "ready: is a folder; a file name is needed",
+    (CASE, "-o", "ready"): "ready: is a folder: give a file name",
     (CASE, "-o", CASE): f"{CASE}: is an input; not overwritten",
     (CASE, "-o", "ready/scene.nc"): "ready/scene.nc: is an input; not overwritten",
     (CASE, "-o", "zones.csv"): "zones.csv: already exists; not overwritten (--overwrite "
@@ -119,7 +119,7 @@ ARGUMENTS = {
 }  # fmt: skip
 if sys.platform != "win32":  # except where /dev and /proc are ordinary names
     ARGUMENTS |= {
-        (CASE, "-o", "/dev/null", "--overwrite"): "/dev/null: not a regular file",
+        (CASE, "-o", "/dev/null", "--overwrite"): "/dev/null: is not a regular file",
         (CASE, "-o", "/proc/x"): "/proc/x: cannot be written (is its folder writable?)",
     }
 
@@ -131,7 +131,7 @@ def test_bad_arguments_are_one_line(ready, batch, subtests):
             refused_in_one_line(batch(*words, cwd=ready), said)
     done = batch(CASE, "--shard", "1/999", cwd=ready)
     assert done.returncode == 2
-    assert done.stderr.endswith("rockfall-batch: --shard 1/999: there are 200 boulders only\n")
+    assert done.stderr.endswith("rockfall-batch: --shard 1/999: the run has only 200 boulders\n")
     for text in ("0/3", "4/3", "3", "a/b", "1/0", "-1/3", "1/3/5", ""):
         said = f"--shard {text}: must be I/N with I from 1 to N"
         with subtests.test(shard=text):
@@ -146,7 +146,8 @@ def test_all_faults_of_a_case_are_told_at_once(ready, batch):
     with pytest.raises(rockfall.RockfallError) as error:
         rockfall.read_case(ready / CASE)
     assert [line.split(": ")[2:4] for line in error.value.faults] == [
-        ["&case bolders", "unknown key, nearest"], ["&outputs", "unknown group, nearest"],
+        ["&case bolders", "unknown key (similar keys"],
+        ["&outputs", "unknown group (similar groups"],
     ]  # fmt: skip
     named = [line.replace(str(ready / CASE), CASE) for line in error.value.faults]
     assert batch(CASE, cwd=ready).stderr.splitlines() == [
@@ -171,7 +172,7 @@ def test_help_and_version(batch, tmp_path):
 def test_another_scene_must_be_prepared_again(change, key, ready, batch):
     case = rockfall.read_case(ready / "case.nml").replace(**change)
     (ready / CASE).write_text(case.text(), encoding="utf-8")
-    said = f"{CASE}: {key}: differs from the case that ready/scene.nc was made from: prepare again"
+    said = f"{CASE}: {key}: differs from the case of ready/scene.nc: run `rockfall prepare` again"
     refused_in_one_line(batch(CASE, cwd=ready), said)
 
 
@@ -281,7 +282,7 @@ def test_a_full_disk_is_one_line(limit, told, ready, batch):
 def test_other_commands_say_what_finishes_a_part(ready, batch, capsys):
     assert batch(CASE, "-o", "part.nc", "--quiet", cwd=ready).returncode == 0
     path = ready / "part.nc"
-    said = f"rockfall: {path}: is a part of a run: make a result by `rockfall merge`\n"
+    said = f"rockfall: {path}: is a part of a run: convert it to a result with `rockfall merge`\n"
     for words in (["lines", path], ["report", path], ["export", path, ready / "out"],
                   ["figures", path, ready / "out"]):  # fmt: skip
         assert main([*map(str, words)]) == 2

@@ -216,14 +216,20 @@ def test_arrays_and_paths_are_values():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("&case boulders = 1\n sed = 2 /", "text: line 2: &case sed: unknown key, nearest: seed, "),
-        ("&case boulders = 1 /\n\n&cases /", "text: line 3: &cases: unknown group, nearest: &case"),
-        ("&case seed = 1, seed = 2 /", "text: line 1: &case seed: given twice in this group"),
+        (
+            "&case boulders = 1\n sed = 2 /",
+            "text: line 2: &case sed: unknown key (similar keys: seed, ",
+        ),
+        (
+            "&case boulders = 1 /\n\n&cases /",
+            "text: line 3: &cases: unknown group (similar groups: &case",
+        ),
+        ("&case seed = 1, seed = 2 /", "text: line 1: &case seed: is given twice in this group"),
         ("&case boulders = 1.5 /", "text: &case boulders = 1.5: must be an integer"),
         ("&case title = 1 /", "text: &case title = 1: must be text in quotes"),
         (
             "&case boulders = 1 /\n&case seed = 2 /",
-            "text: line 1: &case: a case has one such group",
+            "text: line 1: &case: this group must occur only once",
         ),
         ("&case boulders = 1", "text: line 1: &case is not closed by /"),
         ("&case title = 'a\x07' /", "text: line 1: character code 7 is not text"),

@@ -17,7 +17,7 @@ from rockfall.simulation import simulate
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 
-FINISHED = "rockfall: out: is finished already, from the same case; nothing was changed\n"
+FINISHED = "rockfall: out: already contains the finished run of this case: nothing was changed\n"
 EXISTS = "already exists; not overwritten (--overwrite replaces it)\n"
 HOUSE = shapely.box(600040, 4999900, 600070, 4999920)
 ROAD = shapely.LineString([(600000, 4999905), (600120, 4999930)])

@@ -94,7 +94,7 @@ def test_a_project_in_a_dozen_commands(tmp_path, monkeypatch, blank_figures, roc
     Path("case.nml").write_text(text)
 
     said = rockfall_says("check", "case.nml").out
-    assert "2,000 of all sources together" in said and "Nordwand, <b>Süd</b>" in said
+    assert "2,000 from all sources together" in said and "Nordwand, <b>Süd</b>" in said
     summary = rockfall_says("run", "case.nml", "-o", "case.nc", "--threads", "1").out
     lines = rockfall_says("lines", "case.nc").out
     rockfall_says("report", "case.nc")

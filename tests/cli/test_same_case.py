@@ -78,7 +78,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     refuses(words, "more/models.nc: belongs to another case: different terrain", capsys)
     elsewhere(crs="EPSG:32633")
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
-    said = "more/models.nc: has a different coordinate system: .*33N in place of .*32N"
+    said = "more/models.nc: has a different coordinate system: .*33N instead of .*32N"
     refuses(words, said, capsys)
     refuses([*words[:-1], "out.nc"], "out.nc: is not a models.nc of `rockfall models`", capsys)
     elsewhere()
@@ -105,9 +105,9 @@ def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
     run(moved, "far.nc")
     capsys.readouterr()
     for words in (["compare", "observed.csv"], ["design"]):
-        said = "crs.nc: has a different coordinate system: .*33N in place of .*32N"
+        said = "crs.nc: has a different coordinate system: .*33N instead of .*32N"
         refuses([*words, "bare.nc", "crs.nc"], said, capsys)
-        said = "far.nc: is elsewhere than bare.nc: no place in common"
+        said = "far.nc: does not overlap bare.nc"
         refuses([*words, "bare.nc", "far.nc"], said, capsys)
 
 
@@ -140,7 +140,7 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     for theirs in ("spheres on layers of spheres", "paper", "stochastic impact model"):
         assert theirs not in words
     assert "soil_4 (rockyfor3d) 100 %" in text[text.index('id="inputs"') :]
-    assert "used by no rebound" in text
+    assert "not used by any rebound" in text
     assert main(["models", "case.nml", "-o", "models", "--quiet"]) == 0
     text, first = page("--models", "models/models.nc")
     assert "is missing" not in first and "without a fit" in first

@@ -191,7 +191,7 @@ POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
-        ("x,y\n1,2\n", [], "points.csv: line 1: must have one column z, has: x, y"),
+        ("x,y\n1,2\n", [], "points.csv: line 1: must have exactly one column z (columns: x, y)"),
         ("x,y,z\n1,2,up\n", [], "line 2: z = up: must be a number"),
         ("x,y,z\n1,2,nan\n", [], "line 2: z = nan: must be a number"),
         ("x,y,z\n1,2,3\n", [], "all points lie on a line along an axis: give --cell, --within"),
@@ -225,7 +225,7 @@ def test_points_cannot_be_cut(tmp_path, capsys):
     make_layer(tmp_path / "a.gpkg", [shapely.Point(W + 9, N - 9)], depth=[1.0], width=[9.0])
     cut = ["--cut", str(tmp_path / "a.gpkg")]
     assert main(["dem", str(tmp_path / "dem.tif"), "-o", str(tmp_path / "o.tif"), *cut]) == 2
-    assert "is a point, lines or polygons are needed" in capsys.readouterr().err
+    assert "is a point: must be a line or polygon" in capsys.readouterr().err
 
 
 def test_nothing_is_written_over_that_is_not_ours(tmp_path, monkeypatch, capsys):

@@ -244,9 +244,10 @@ def test_a_hatch_with_a_hole_is_a_layer_of_sources():
 
 
 UNUSABLE = {
-    "cliff.gpkg": ([across(50)], {}, "has the name of sources, which must be all points"),
-    "fels.gpkg": ([CLIFF, *POINTS], {}, "has the name of sources, which must be all points"),
-    "relX.gpkg": ([CLIFF, across(50)], {}, "has the name of sources, which must be all points"),
+    "cliff.gpkg": ([across(50)], {}, "is named as a source layer: sources must be all points"),
+    "fels.gpkg": ([CLIFF, *POINTS], {}, "is named as a source layer: sources must be all points"),
+    "relX.gpkg": ([CLIFF, across(50)], {}, "is named as a source layer: sources must be all "
+                                           "points"),
     "plots.gpkg": ([CLIFF], {"a": [1]}, "its use is unknown and there are no sources: rename it"),
     "places.shp": (POINTS, {"a": [1, 2]}, "its use is unknown and there are no sources: rename"),
     "nets.gpkg": (
@@ -280,7 +281,8 @@ UNUSABLE = {
     ),
     "start.gpkg": (
         [*POINTS, shapely.Point(W + 5000, N - 42)], {},
-        "1 of 3 points lie outside the DEM or without an elevation, such as 605000, 4999958: move",
+        "1 of 3 points lie outside the DEM or on cells without an elevation, such as 605000, "
+        "4999958: move",
     ),
     "trees.gpkg": (TREES, {"dbh": [None, 30.0]}, "feature 1: dbh is empty: all features must"),
     "baum.gpkg": (TREES, {"dbh": ["30", "40 cm"]}, "feature 1: dbh = '30' is not a number: all"),

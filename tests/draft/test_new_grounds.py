@@ -111,12 +111,13 @@ CHOICES = "rock, rocky-slope, talus, compact, meadow, vegetated-soil, soft-soil"
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ([], f"dem.tif: no ground: give --ground GROUND, of {CHOICES}"),
-        (["g.gpkg"], "g.gpkg: zone plot 7: no ground: give --ground 'plot 7=GROUND', of rock"),
-        (["h.gpkg"], f"h.gpkg: feature 1: no ground: give --ground GROUND, of {CHOICES}"),
+        ([], f"dem.tif: ground is missing: give --ground GROUND, of {CHOICES}"),
+        (["g.gpkg"], "g.gpkg: zone plot 7: ground is missing: give --ground 'plot 7=GROUND', of "
+                     "rock"),
+        (["h.gpkg"], f"h.gpkg: feature 1: ground is missing: give --ground GROUND, of {CHOICES}"),
         (["--ground", "gravel"], f"--ground: no ground 'gravel': must be {CHOICES}, or another"),
         (["--ground", "talus-ensemble"], "--ground: no ground 'talus-ensemble': must be"),
-        (["--ground", ""], f"dem.tif: no ground: give --ground GROUND, of {CHOICES}"),
+        (["--ground", ""], f"dem.tif: ground is missing: give --ground GROUND, of {CHOICES}"),
         (["g.gpkg", "--ground", "plot 7=x"], "--ground plot 7=x: no ground 'x': must be"),
         (["--ground", "a=rock", "--ground", "rock"], "--ground a=rock: give a layer of zones"),
         (["g.gpkg", "--ground", "plot=rock", "--ground", "talus"],
@@ -156,7 +157,7 @@ def test_at_a_terminal_grounds_are_asked_for_once_each(monkeypatch, capsys):
 def test_a_terminal_that_answers_nothing_is_refused(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", Terminal(""))
     assert new() == 2
-    assert f"no ground: give --ground GROUND, of {CHOICES}" in capsys.readouterr().err
+    assert f"ground is missing: give --ground GROUND, of {CHOICES}" in capsys.readouterr().err
     assert not Path("case.nml").exists()
 
 

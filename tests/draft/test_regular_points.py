@@ -109,7 +109,7 @@ def test_points_marked_as_nodata_are_gaps(tmp_path):
     z = np.where(np.isnan(HOLES), -9999.0, HOLES)
     dem, survey = dem_of_points(write(tmp_path / "a.xyz", nodes(z=z)))
     np.testing.assert_array_equal(dem.z, HOLES.astype("f4"))
-    assert "points with elevation -9999 are left out as nodata" in survey.remarks[0]
+    assert "points with elevation -9999 are omitted as nodata" in survey.remarks[0]
 
 
 def test_gaps_are_filled_where_asked_and_nodes_stay(tmp_path):
@@ -174,8 +174,8 @@ SLIPPED = {
         "17 {x} {y} {z}",
         "line 1: the third column, 4999980, is no",
     ),
-    "decimal commas": ("", "{x},5 {y},5 {z},5", "line 1: decimal commas: numbers need a point"),
-    "decimal commas in cells": ("", "{x},5;{y},5;{z},5", "line 1: decimal commas: numbers need"),
+    "decimal commas": ("", "{x},5 {y},5 {z},5", "line 1: has decimal commas: use decimal points"),
+    "decimal commas in cells": ("", "{x},5;{y},5;{z},5", "line 1: has decimal commas: use"),
     "north first": ("", "{y} {x} {z}", "x 4999980, y 600000 look exchanged: name the columns"),
     "north named x": ("y x z", "{x} {y} {z}", "x 4999965, y 600020 lies outside EPSG:32632"),
 }
@@ -208,7 +208,7 @@ def test_rounded_places_are_refused_and_degrees_are_remarked(tmp_path, monkeypat
     points = nodes()
     rows = [f"{x:g} {y:g} {z:g}\n" for x, y, z in points.tolist()]
     Path("a.xyz").write_text("".join(["x y z\n", *rows]))
-    words = "a.xyz: 600 points at 48 places: are x and y rounded[?]"
+    words = "a.xyz: 600 points at 48 different places: are x and y rounded[?]"
     refuses(["dem", "a.xyz", "-o", "dem.tif"], words, capsys)
     points[:, :2] = (7, 46) + (points[:, :2] - (W, N)) / 1e5
     write(Path("b.xyz"), points)

@@ -47,13 +47,14 @@ MISTAKES = {
     "x and y in km": (lambda p: p * (1e-3, 1e-3, 1.0), {}, "half of the terrain is steeper than 9"),
     "0 for missing": (more((40, 40, 0)), {}, "elevation 0 m in 1 of 901 points, 7.. m below all o"),
     "0 for missing, thrice": (more((40, 40, 0), (60, 60, 0), (70, 70, 0)), {},
-        "elevation 0 m in 3 of 903 points, 7.. m below all others: leave them out, or is it nodat"),
+        "elevation 0 m in 3 of 903 points, 7.. m below all others: remove these points, or "
+        "declare"),
     "-1 for missing": (more((40, 40, -1)), {}, "elevation -1 m in 1 of 901 points, 7.. m below al"),
     "-99 for missing": (more((40, 40, -99)), {}, "elevation -99 m in 1 of 901 points, 8.. m below"),
     "a satellite": (more((40, 40, 5000)), {}, "elevation 5000 m in 1 of 901 points, 4,0.. m above"),
     "z in feet of one": (more((40, 40, 2723)), {}, "elevation 2723 m in 1 of 901 points, 1,7.. m "),
-    "a bird": (more((40, 40, 880)), {}, "1 points are isolated spikes or pits, "
-        "the largest at 2600040, 1200040 by [3-6]. m: leave them out"),
+    "a bird": (more((40, 40, 880)), {}, "1 points are isolated spikes or pits, the largest at "
+                                        "2600040, 1200040 by [3-6]. m: remove them"),
     "a multipath": (more((40, 120, 830)), {}, "1 points are isolated .* 2600040, 1200120 by"),
     "birds": (more((40, 40, 880), (90, 20, 870)), {}, "2 points are isolated"),
     "two surveys": (more((40, 40, 828), (40, 40, 836)), {}, "1 places have several points, up to "
@@ -84,7 +85,7 @@ def test_sound_surveys_give_none(seed, options, tmp_path):
 
 
 @pytest.mark.parametrize(("cell", "message"), [
-    (200.0, "--cell 200: the points cover 149.8 x 149.7 m: must be at most half of that"),
+    (200.0, "--cell 200: the points cover 149.8 x 149.7 m: must be at most half of this extent"),
     (80.0, "--cell 80: the points cover"),
     (0.04, "--cell 0.04: points are 4.99 m apart: must be at least 0.0499"),
     (1e-9, "--cell 1e-09: points are 4.99 m apart: must be at least 0.0499"),

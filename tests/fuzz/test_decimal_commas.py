@@ -69,8 +69,8 @@ def test_a_decimal_comma_is_refused_with_the_point(what, batch, tmp_path, monkey
     Path("case.nml").write_text(CASE.replace(old, new, 1))
     point = pair.replace(",", ".")
     words = (
-        f"case.nml: &{key}: {pair} is two numbers: write {point}, "
-        "or blanks after the commas of a list"
+        f"case.nml: &{key}: {pair} is two numbers: write {point}, or put a blank after each comma "
+        "of a list"
     )
     both = r"(\nrockfall: .* is two numbers: .*)?"  # also for y, if x and y have commas
     refuses(["run", "case.nml", "-o", "r.nc"], words.replace(".", r"\.") + both, capsys)
@@ -100,8 +100,10 @@ def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
     write_slope()
     Path("case.nml").write_text(CASE.replace("600120.0", str(far)))
     found = implausible(read_scene(rockfall.read_case("case.nml")))
-    said = f"case.nml: &line name = 'L': vertex 2 lies {off} km off the terrain: check it"
-    assert [line for line in found if "&line" in line] == ([said] if off else [])
+    said = (
+        f"case.nml: &line name = 'L': vertex 2 lies {off} km off the terrain: check its coordinates"
+    )
+    assert [line for line in found if "vertex" in line] == ([said] if off else [])
 
 
 def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, capsys):
@@ -111,8 +113,8 @@ def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, c
     prepare(rockfall.read_case("case.nml"), tmp_path / "ready")
     text = CASE.replace(LINE, "x = 600000, 5, 600120, 5 y = 4999930, 5, 4999930, 5")
     words = (
-        "case.nml: &line name = 'L': vertex 2 is more than 100 km from the terrain; decimals need "
-        "a point, coordinates the system of the terrain"
+        "case.nml: &line name = 'L': vertex 2 is more than 100 km from the terrain: use decimal "
+        "points, and coordinates in the CRS of the terrain"
     )
     Path("case.nml").write_text(text)
     Path("ready/case.nml").write_text(text)

@@ -75,7 +75,7 @@ def test_runs_go_on_without_locks(program, fault, ready, disk):
     output = OUTPUTS[program]
     status, said = run(program, output, ready, disk, "--checkpoint", "1e-9", NO_LOCK=fault)
     assert status == 0, said
-    assert said.count("cannot be locked") == 1 and "no more checkpoints" not in said
+    assert said.count("cannot be locked") == 1 and "further checkpoints are written" not in said
     same_results(result_of(ready / output), rockfall.run(rockfall.read_case(ready / "case.nml")))
     assert not list(ready.glob("a.*.*")) and not list(ready.glob(".*"))
 
@@ -189,7 +189,9 @@ def test_a_disk_that_fills_up_leaves_a_checkpoint_that_is_named(program, ready, 
     assert status == 2
     last = said.splitlines()[-1]
     assert last.startswith(f"{program}: {output}: cannot be written: ")
-    assert last.endswith(f". {state} keeps {boulders_in(state)} boulders for --resume")
+    assert last.endswith(
+        f". {state} contains {boulders_in(state)} boulders: continue with --resume"
+    )
     assert state.read_bytes() == kept and not Path(output).exists()
     assert run(program, output, ready, disk, *words)[0] == 0
     same_results(result_of(Path(output)), rockfall.run(rockfall.read_case("case.nml")))

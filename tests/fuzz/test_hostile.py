@@ -85,7 +85,7 @@ def test_the_check_finds_what_it_is_to_find(tmp_path):
 
 def test_a_pipe_is_refused_and_not_waited_for(files, batch):
     """Opening a pipe without a writer would never return."""
-    said = {"case.nml": "not a regular file", "scene.nc": "cannot be read as netCDF-4"}
+    said = {"case.nml": "is not a regular file", "scene.nc": "cannot be read as netCDF-4"}
     prepare(rockfall.read_case("in/asc.nml"), "in/ready")
     for name, words in said.items():
         good = (files / "ready" / name).read_bytes()
@@ -97,7 +97,7 @@ def test_a_pipe_is_refused_and_not_waited_for(files, batch):
     for name in ("asc.nml", "dem.asc", "zones.csv", "cells.asc"):
         text = (files / name).read_bytes()
         mutators.fifo(None, files / name)
-        with refused(f"in/{name}: not a regular file"):
+        with refused(f"in/{name}: is not a regular file"):
             read_scene(rockfall.read_case("in/asc.nml"))
         (files / name).unlink()
         (files / name).write_bytes(text)
@@ -106,7 +106,7 @@ def test_a_pipe_is_refused_and_not_waited_for(files, batch):
 
 def test_devices_and_links_to_themselves_are_refused(tmp_path):
     for read in (rockfall.read_case, rockfall.read_result, lambda path: merge([path])):
-        with refused("/dev/zero: not a regular file"):
+        with refused("/dev/zero: is not a regular file"):
             read("/dev/zero")
     loop = tmp_path / "loop.csv"
     loop.symlink_to(loop)
@@ -119,7 +119,7 @@ def test_texts_past_all_bounds_are_refused_before_they_are_read(tmp_path):
     path.touch()
     os.truncate(path, 10_000_000_000)
     for read in (rockfall.read_case, lambda path: list(table_rows(path))):
-        with refused(f"{path}: larger than 64 MB, so not a text file of rockfall"):
+        with refused(f"{path}: is larger than 64 MB, so it is not a rockfall text file"):
             read(path)
     path.write_text("zone," + ",".join(map(str, range(1000))) + "\n")
     with refused(f"{path}: line 1: more than 1000 columns"):
@@ -262,13 +262,13 @@ def change_result(path, change):
     [
         (lambda f: f.renameVariable("restitution_normal_bin_bounds", "q"),
          "incomplete rockfall result: variable restitution_normal_bin_bounds is missing"),
-        (lambda f: f.renameDimension("x", "q"), "passages: is not along y, x"),
+        (lambda f: f.renameDimension("x", "q"), "passages: must have dimensions y, x"),
         (lambda f: f["status"].setncattr("flag_meanings", "stopped"),
          "status: has no flag_meanings"),
         (lambda f: f.setncattr("seed", "2"), "seed = 2: is not a number"),
         (lambda f: f["passages"].delncattr("long_name"), "passages: has no type"),
         (lambda f: f["incidence_angle_bin_bounds"].__setitem__((3, 1), np.nan),
-         "incidence_angle_bin_bounds: must be increasing edges of bins"),
+         "incidence_angle_bin_bounds: must be increasing bin edges"),
         (lambda f: f["x"].__setitem__(3, np.inf), "x: must be a number for every x"),
         (lambda f: f["crossing_velocity_x"].__setitem__(0, np.inf),
          "crossing_velocity_x: must be a number for every crossing"),
@@ -284,7 +284,7 @@ def change_result(path, change):
         (lambda f: f.renameVariable("crossing_omega", "q"),
          "incomplete rockfall result: variable crossing_omega is missing"),
         (lambda f: f.renameVariable("crossing_time", "line_time"),
-         "has the layout of rockfall 1, with all boulders at all lines: run it again"),
+         "has the layout of rockfall 1: run the case again"),
     ],
 )  # fmt: skip
 def test_a_result_that_is_not_whole_is_refused(whole, change, said):
@@ -297,7 +297,10 @@ def test_a_result_that_is_not_whole_is_refused(whole, change, said):
     ("change", "said"),
     [
         (lambda f: f.renameVariable("stop_y", "q"), "the result is incomplete: "),
-        (lambda f: f.renameDimension("boulder", "q"), "whole.nc: .*: is not along boulder$"),
+        (
+            lambda f: f.renameDimension("boulder", "q"),
+            "whole.nc: .*: must have dimensions boulder$",
+        ),
         (lambda f: f["y"].__setitem__(3, 0.0), "dem: coordinate y is not evenly spaced$"),
     ],
 )

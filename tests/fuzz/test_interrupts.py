@@ -62,7 +62,7 @@ def test_a_run_that_slurm_ends_goes_on(place):
     assert (child.returncode, out) == (143, "")
     first = "rockfall: interrupted: part.nc contains the first"
     said = re.fullmatch(rf"(?:{PROGRESS})*{first} ([\d,]+) of .*\n", err)
-    assert err.endswith(" and is a valid result, --resume continues\n")
+    assert err.endswith(" and is a valid result: continue with --resume\n")
     number = int(said[1].replace(",", ""))
     assert rockfall.read_result(place / "part.nc").sizes["boulder"] == number
     words = [*words, "--quiet", "--checkpoint", "0"]
@@ -111,7 +111,7 @@ def test_an_export_that_is_terminated_leaves_nothing(result, monkeypatch, capsys
     before = sorted(result.rglob("*"))
     sent = terminated(monkeypatch, export, "write_map")
     assert main(["export", "out.nc", "tables"]) == 143 and sent
-    assert capsys.readouterr().err == "rockfall: interrupted; no file is half-written\n"
+    assert capsys.readouterr().err == "rockfall: interrupted: no incomplete file was written\n"
     assert sorted(result.rglob("*")) == before
 
 
@@ -177,7 +177,7 @@ def test_a_signal_saves_what_rockfall_batch_has_done(number, status, prepared):
     _, err = process.communicate(timeout=600)
     assert process.returncode == status
     kept = boulders_in(prepared / "a.checkpoint")
-    assert f"interrupted: a.checkpoint holds {kept} of 200000 boulders" in err
+    assert f"interrupted: a.checkpoint contains {kept} of 200000 boulders" in err
     assert {path.name for path in prepared.iterdir()} == before | {"a.checkpoint"}
 
 
@@ -186,7 +186,7 @@ def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
     before = sorted(prepared.iterdir())
     process = start_batch(prepared, shim | {"INTERRUPT_READY": "1"}, "--checkpoint", "0")
     _, err = process.communicate(timeout=600)
-    assert process.returncode == 130 and err.endswith("interrupted; nothing was kept\n")
+    assert process.returncode == 130 and err.endswith("interrupted: no boulders were saved\n")
     assert sorted(prepared.iterdir()) == before
 
 

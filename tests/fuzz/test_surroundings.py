@@ -15,7 +15,7 @@ from rockfall import cli
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 MANY = "OMP_NUM_THREADS = 100000: must be at most 1024"
-STACK = "a thread has a stack of [0-9]+ kB: must be at least 500 kB (ulimit -s, OMP_STACKSIZE)"
+STACK = "the stack of each thread has [0-9]+ kB: must be at least 500 kB (ulimit -s, OMP_STACKSIZE)"
 MEMORY = "threads = 1000: their stacks of 81[0-9]{2} kB do not fit in memory (ulimit -v): "
 MEMORY += "use fewer threads or a smaller OMP_STACKSIZE"
 
@@ -146,9 +146,9 @@ def test_names_that_are_no_text_are_one_line(programs):
         done = ran([sys.executable, "-m", "rockfall", *command])
         name = next(word for word in command if bad in word).encode(errors="backslashreplace")
         assert (done.returncode, done.stdout) == (2, b"")
-        assert done.stderr == b"rockfall: " + name + b": is not a name in UTF-8\n"
+        assert done.stderr == b"rockfall: " + name + b": is not a UTF-8 file name\n"
     done = ran([sys.executable, "-m", "rockfall", "run", "case.nml"], cwd=bad)
-    assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a name in UTF-8\n")
+    assert done.returncode == 2 and done.stderr.endswith(b"d\\udcff: is not a UTF-8 file name\n")
     command = [find_program(), f"{bad}/case.nml", "-o", "out", "--quiet"]
     done = ran(command)  # names are bytes there
     assert (done.returncode, done.stderr) == (0, b"")

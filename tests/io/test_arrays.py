@@ -67,9 +67,9 @@ def test_masked_cells_are_none(case):
 @pytest.mark.parametrize(
     ("name", "array", "message"),
     [
-        ("zones", ZONES + 0.5, r"zones = \(array\): 1.5: must be an integer of 32 bits"),
-        ("zones", ZONES + 2**32, r"zones = \(array\): 4294967297: must be an integer"),
-        ("cells", CELLS.astype("U21"), r"cells = \(array\): contains <U21, must be numbers"),
+        ("zones", ZONES + 0.5, r"zones = \(array\): 1.5: must be a 32-bit integer"),
+        ("zones", ZONES + 2**32, r"zones = \(array\): 4294967297: must be a 32-bit integer"),
+        ("cells", CELLS.astype("U21"), r"cells = \(array\): must contain numbers, not <U21"),
         ("cells", CELLS[1:], r"cells = \(array\): has the shape \(39, 40\)"),
     ],
 )

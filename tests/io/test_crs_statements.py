@@ -87,7 +87,7 @@ def test_feet_in_one_of_them_are_refused(mapping):
     """GDAL reads spatial_ref first, where feet may be missing."""
     (name,) = (name for name in mapping if "NAVD88" in mapping[name])
     data = write(**mapping)
-    message = f"elevations are in US survey foot ({name}), metres are needed"
+    message = f"elevations are in US survey foot ({name}), but must be in metres"
     with refused(f"dem.nc: crs: {message}"):
         read_dem("dem.nc")
     with refused(f"dem: {message}"):

@@ -21,7 +21,7 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 W, N = 600000.0, 5000000.0
 GRID = scenes.grid(np.empty((80, 60)), 5.0, W, N - 400)
-NO_CRS = "the drawing has no CRS: its coordinates are read as in the CRS of the DEM"
+NO_CRS = "the drawing has no CRS: its coordinates are interpreted in the CRS of the DEM"
 
 
 @pytest.fixture
@@ -108,10 +108,10 @@ def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
     path, remarks = saved(drawing, tmp_path), []
     shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores case
     assert [shape.area for shape in shapes] == [800.0, 800.0]
-    assert remarks == [f"{path}, layer Quelle: left out, not polygons: 1 TEXT"]
+    assert remarks == [f"{path}, layer Quelle: omitted, because not polygons: 1 TEXT"]
     with refused(
-        f"{path}, layer Kante: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: polygons "
-        "are needed"
+        f"{path}, layer Kante: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: must be "
+        "a polygon"
     ):
         read_polygons(path, GRID, [], "Kante")
     shapes, _ = read_features(path, GRID, [], "Kante")
@@ -133,11 +133,11 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     lines, remarks = lines_of(path, grid=grid)
     assert len(lines) == 1
     assert remarks == [
-        f"{path}, layer 0: left out, not lines: 1 LINE without length, 1 POINT, 1 MTEXT, "
+        f"{path}, layer 0: omitted, because not lines: 1 LINE without length, 1 POINT, 1 MTEXT, "
         "1 POLYLINE, 1 HATCH",
-        f"{path}, layer 0: left out: 1 entities in paper space. _CHSPACE in CAD moves them to "
-        "model space",
-        f"{path}, layer 0: {NO_CRS}, its unit mm as metres",
+        f"{path}, layer 0: omitted: 1 entities in paper space. Move them to model space with "
+        "_CHSPACE in CAD",
+        f"{path}, layer 0: {NO_CRS}, and its unit mm as metres",
     ]
 
 
@@ -191,7 +191,7 @@ def test_hatches_have_the_area_of_their_style(name, edges, style, drawing, tmp_p
     assert [shape.area for shape in shapes] == [AREAS[name][style], 100]
     lines, remarks = lines_of(path, "Fels")
     assert len(lines) == len(RINGS[name]) + 1
-    assert remarks == [f"{path}, layer Fels: left out, not lines: 1 HATCH"]
+    assert remarks == [f"{path}, layer Fels: omitted, because not lines: 1 HATCH"]
 
 
 def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
@@ -255,8 +255,8 @@ def test_paper_space_is_counted_and_refused_where_it_has_all(drawing, tmp_path):
     read_polygons(path, GRID, remarks)
     move = "move them with _CHSPACE in CAD"
     assert remarks == [
-        f"{path}, layer Fels: left out: 2 entities in paper space. _CHSPACE in CAD moves them to "
-        "model space"
+        f"{path}, layer Fels: omitted: 2 entities in paper space. Move them to model space with "
+        "_CHSPACE in CAD"
     ]
     with refused(f"{path}, layer Road: 2 entities in paper space, none in model space: {move}"):
         lines_of(path, "Road")
@@ -382,9 +382,9 @@ def test_layers_and_attributes_that_are_not_there_are_one_line(drawing, tmp_path
         drawing.modelspace().add_line((0, 0), (1, 0), dxfattribs=on(name))
     drawing.modelspace().add_text("x", dxfattribs=on("texts"))
     path = saved(drawing, tmp_path)
-    with refused(f"{path}: no layer texts, has: a, b"):
+    with refused(f"{path}: no layer texts (layers: a, b)"):
         lines_of(path, "texts")
-    with refused(f"{path}: has 2 layers (a, b); choose one with layer"):
+    with refused(f"{path}: has 2 layers (a, b): choose one with layer"):
         lines_of(path)
-    with refused(f"{path}: no attribute zone: a drawing has no attributes"):
+    with refused(f"{path}: attribute zone is missing: a drawing has no attributes"):
         burn_polygons(path, GRID, "zone")

@@ -77,7 +77,7 @@ def test_a_byte_order_mark_is_skipped():
     Path("dem.prj").write_text(rasterio.crs.CRS.from_epsg(32632).to_wkt())
     with refused(
         "dem.asc: begins with a byte-order mark, so that dem.prj cannot be read: save it as UTF-8 "
-        "without one"
+        "without this mark"
     ):
         read_dem("dem.asc")
 
@@ -93,23 +93,23 @@ DEM = "rockfall dem {name} -o {stem}_dem.tif"
 FOREIGN = {
     "a.asc": ("ncols 2\n".encode("utf-16"), "text in UTF-16", "save it as UTF-8"),
     "b.asc": (b"\xfe\xff\0n", "text in UTF-16", "save it as UTF-8"),
-    "c.asc": (b"x;y;z\n1;2;3\n", "points in rows", f"make a DEM of them: {DEM}"),
-    "d.asc": (b"600000.5;5000000.5;812\n", "points in rows", f"make a DEM of them: {DEM}"),
-    "e.tif": (b"600000 5000000 812\n", "points in rows", f"make a DEM of them: {DEM}"),
-    "f.grd": (b"DSAA\r\n2 2\n", "a Surfer text grid", "make a GeoTIFF of it: rio convert"),
-    "g.sgrd": (b"NAME\t= a\n", "a SAGA grid", "make a GeoTIFF of it: rio convert g.sdat g_sdat"),
+    "c.asc": (b"x;y;z\n1;2;3\n", "points in rows", f"create a DEM from them: {DEM}"),
+    "d.asc": (b"600000.5;5000000.5;812\n", "points in rows", f"create a DEM from them: {DEM}"),
+    "e.tif": (b"600000 5000000 812\n", "points in rows", f"create a DEM from them: {DEM}"),
+    "f.grd": (b"DSAA\r\n2 2\n", "a Surfer text grid", "convert it to a GeoTIFF: rio convert"),
+    "g.sgrd": (b"NAME\t= a\n", "a SAGA grid", "convert it to a GeoTIFF: rio convert g.sdat g_sdat"),
     "h.hgt": (b"\x01\x02" * 9, "an SRTM tile whose name gives no position", "name it such as"),
-    "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "make a GeoTIFF of it: rio"),
+    "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "convert it to a GeoTIFF: rio"),
     "j.tif": (zipped(), "a ZIP archive", "unpack it"),
     "k.asc": (gzip.compress(b"ncols 2", mtime=0), "compressed (gzip)", "unpack it"),
     "l.tif": (b"<!DOCTYPE html>\n<html>", "a web page", "the download failed"),
-    "m.tif": (b"\x89PNG\r\n\x1a\n", "a picture (PNG)", "a GeoTIFF with elevations is needed"),
-    "n.tif": (b"\xff\xd8\xff\xe0", "a picture (JPEG)", "a GeoTIFF with elevations is needed"),
-    "o.asc": (b"LASF\0\0", "a point cloud", "rockfall dem makes a DEM of it"),
+    "m.tif": (b"\x89PNG\r\n\x1a\n", "a picture (PNG)", "give a GeoTIFF with elevations"),
+    "n.tif": (b"\xff\xd8\xff\xe0", "a picture (JPEG)", "give a GeoTIFF with elevations"),
+    "o.asc": (b"LASF\0\0", "a point cloud", "create a DEM from it with rockfall dem"),
     "q.asc": (b"ncols: 3\nnrows: 2\n", "an ESRI ASCII grid with another header", "its first line"),
     "r.asc": (b"# made\nncols 3\n", "an ESRI ASCII grid with another header", "its first line"),
     "s.tif": (b"PK\x03\x04" + bytes(22) + b"\0\0\0\0doc.kml", "zipped KML", "unpack it"),
-    "p.tif": (b'{"type": "FeatureCollection"', "JSON", "a raster is needed"),
+    "p.tif": (b'{"type": "FeatureCollection"', "JSON", "give a raster"),
 }
 
 
@@ -129,8 +129,8 @@ def test_layers_are_named():
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     make_layer("a.gpkg", [shapely.Point(1, 2)])
     with refused(
-        "a.gpkg: is a GeoPackage, which cannot be read as a raster: make a GeoTIFF of it: "
-        "rio convert a.gpkg a_gpkg.tif"
+        "a.gpkg: is a GeoPackage, which cannot be read as a raster: convert it to a GeoTIFF: rio "
+        "convert a.gpkg a_gpkg.tif"
     ):
         read_dem("a.gpkg")
 
@@ -156,7 +156,7 @@ def test_the_command_that_converts_is_right(driver, name):
     converted(driver, name, z)
     with pytest.raises(RockfallError) as caught:
         read_dem(name)
-    rio, *words = shlex.split(str(caught.value).split("of it: ")[1])
+    rio, *words = shlex.split(str(caught.value).split("to a GeoTIFF: ")[1])
     assert rio == "rio"
     main_group.main(words, standalone_mode=False)
     found, grid = read_dem(words[-1])
@@ -250,7 +250,7 @@ def zipped(*names):
     ("a.txt", '{"type": "FeatureCollection", "features": []}', "is JSON, not a CSV table: if it"),
     ("a.csv", "<!DOCTYPE html><html>", "is a web page, not a CSV table: the download failed"),
     ("a.xlsx", zipped("[Content_Types].xml"), "is a spreadsheet (.xlsx), not a CSV table: "),
-    ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "is a spreadsheet of Excel 97"),
+    ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1", "is an Excel 97 spreadsheet"),
     ("a.csv", "x,y\n1,2\n".encode("utf-16"), "is text in UTF-16, not a CSV table: save it as"),
     ("a.csv.gz", gzip.compress(b"x,y\n1,2\n", mtime=0),
         "is compressed (gzip), not a CSV table: unpack it"),

@@ -279,9 +279,11 @@ def test_plan_in_another_unit_and_the_command_that_mends_both(way, packing):
 @pytest.mark.parametrize(("unit", "number"), [(SURVEY, 0), (1.0, 1)])
 def test_a_plan_in_feet_with_heights_of_no_stated_unit_has_two_cures(unit, number):
     tiff(plane(unit, 10 * SURVEY), "EPSG:2263", STATE_PLANE)
-    with pytest.raises(RockfallError, match="with elevations in US survey foot too: rio") as caught:
+    with pytest.raises(
+        RockfallError, match="elevations are also in US survey foot, run: rio"
+    ) as caught:
         read_dem("dem.tif")
-    commands = re.split(r"; with elevations in [^:]*: ", str(caught.value))[1:]
+    commands = re.split(r"\. If [^:]*, run: ", str(caught.value))[1:]
     assert len(commands) == 2
     run_offered(commands[number])
     assert slope(*read_dem("dem_utm.tif")) == pytest.approx(20.0, abs=0.15)
@@ -542,7 +544,9 @@ def test_text_with_points_in_feet_is_refused(head, projection):
     dem, _ = dem_of_points("dem.xyz", cell=CELL)
     assert slope(dem.z[5:-5, 5:-5], dem.grid) == pytest.approx(20.0, abs=0.1)
     write(head, projection, FEET)
-    with pytest.raises(RockfallError, match="dem.xyz: z is in .*foot .*metres are nee") as caught:
+    with pytest.raises(
+        RockfallError, match="dem.xyz: z is in .*foot .*must be in metres"
+    ) as caught:
         dem_of_points("dem.xyz", cell=CELL)
     has_20_degrees(str(caught.value).partition(": convert with: ")[2], "dem_m.xyz")
 

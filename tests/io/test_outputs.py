@@ -322,7 +322,7 @@ def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsy
     for kept in ("r-2.nc", "r-3.nc"):
         monkeypatch.setattr("rockfall.io.atomic.replace", failing(1, HELD, alone=True))
         assert main(["run", "case.nml", "-o", "r.nc", "--quiet", "--overwrite"]) == 2
-        told = "cannot be replaced; is it open in another program? The new file is"
+        told = "cannot be replaced (is it open in another program?). The new file is"
         assert capsys.readouterr().err == f"rockfall: r.nc: {told} {kept}\n"
         assert rockfall.read_result(kept).equals(rockfall.read_result("r.nc"))
     assert Path("r.nc").read_bytes() == before and not list(place.glob(".*"))

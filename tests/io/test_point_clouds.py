@@ -81,7 +81,10 @@ def test_ground_that_is_not_withheld_is_taken(name, tmp_path, monkeypatch):
 
 def test_without_ground_the_classes_are_named(tmp_path):
     path = cloud(tmp_path / "a.laz", places(), np.arange(3000) % 2)
-    message = f"{path}: no points of class 2; has 0 (1,500 points), 1 (1,500 points); see --classes"
+    message = (
+        f"{path}: has no points of class 2 (classes: 0 (1,500 points), 1 (1,500 points)): "
+        "choose with --classes"
+    )
     with refused(message):
         read_clouds([path])
     assert len(read_clouds([path], classes=[0, 1])[0]) == 3000
@@ -184,12 +187,10 @@ def test_thinned_points_are_means_of_squares(tmp_path, monkeypatch):
 def test_too_many_points_are_refused_with_the_way_out(tmp_path, monkeypatch):
     path = cloud(tmp_path / "a.laz", places())
     monkeypatch.setattr("rockfall.io.vectors.point_clouds.MAX_POINTS", 1000)
-    with refused(
-        "more than 1,000 points: --thin M takes the mean of those in each square of M metres"
-    ):
+    with refused("more than 1,000 points: average them in squares of M metres with --thin M"):
         read_clouds([path])
     assert len(read_clouds([path], thin=5.0)[0]) == 96
-    with refused("--thin 0.01: leaves more than 1,000 points: use more"):
+    with refused("--thin 0.01: leaves more than 1,000 points: use a larger value"):
         read_clouds([path], thin=0.01)
     with refused("--thin 1e-05: too small for these coordinates"):
         read_clouds([path], thin=1e-5)
@@ -220,9 +221,9 @@ def test_text_of_every_layout(text, tmp_path):
     [
         ("", "is empty"),
         ("x y z\n", "has no points"),
-        ("1 2\n3 4\n", "line 1: 2 columns: x, y and z are needed"),
-        ("x y height\n1 2 3\n", "line 1: must have one column z, or be numbers"),
-        ("x y z z\n1 2 3 4\n", "line 1: must have one column z, or be numbers"),
+        ("1 2\n3 4\n", "line 1: 2 columns: must have x, y and z"),
+        ("x y height\n1 2 3\n", "line 1: must have exactly one column z, or be numbers"),
+        ("x y z z\n1 2 3 4\n", "line 1: must have exactly one column z, or be numbers"),
         ("1 2 3\n4 5\n", "x = 4, y = 5, z = nan: not a position [m]"),
         ("1 2 3\n4 5 1e99\n", "x = 4, y = 5, z = 1e+99: not a position [m]"),
     ],
@@ -262,7 +263,7 @@ def test_tiles_become_the_dem_of_their_points(tmp_path, capsys):
     assert "several files: must all be .las, .laz or .xyz" in capsys.readouterr().err
     assert main(["dem", str(tmp_path / "points.csv"), "-o", str(out), "--thin", "1",
                  "--overwrite"]) == 2  # fmt: skip
-    assert "--classes and --thin are for .las, .laz and .xyz" in capsys.readouterr().err
+    assert "--classes and --thin are only valid for .las, .laz and .xyz" in capsys.readouterr().err
 
 
 def test_errors_of_a_large_cloud_are_those_of_some(tmp_path, monkeypatch, capsys):

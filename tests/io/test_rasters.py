@@ -235,7 +235,9 @@ def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
     make_netcdf(BYTES, {}, units=units)
     what = ("coordinate x is", "coordinate y is", "elevations are")[which]
     name = {"km": "kilometre"}.get(unit, unit) + " (band unit)" if which == 2 else unit
-    with pytest.raises(RockfallError, match=re.escape(f"dem.nc: {what} in {name}, metres are")):
+    with pytest.raises(
+        RockfallError, match=re.escape(f"dem.nc: {what} in {name}, but must be in metres")
+    ):
         read_dem("dem.nc")
 
 
@@ -243,11 +245,12 @@ def test_netcdf_in_any_unit_but_the_metre_is_refused(which, unit):
     ("about", "message"),
     [
         ({"scale_factor": "0.1"}, "scale_factor = 0.1: must be a number"),
-        ({"scale_factor": 0.0}, "scale_factor = 0: must be another number"),
-        ({"missing_value": 0.5}, "missing_value = 0.5: must be of the type of the variable, int8"),
-        ({"valid_range": np.array([3, 1], "i1")}, "valid from 3 to 1: must be a range"),
+        ({"scale_factor": 0.0}, "scale_factor = 0: must not be 0"),
+        ({"missing_value": 0.5}, "missing_value = 0.5: does not fit the type of the variable, "
+                                 "int8"),
+        ({"valid_range": np.array([3, 1], "i1")}, "valid from 3 to 1: the range is empty"),
         ({"valid_min": 1.0, "scale_factor": 0.1},
-         "valid_min = 1.0: must be of the type of the variable, int8"),
+         "valid_min = 1.0: does not fit the type of the variable, int8"),
         ],
 )  # fmt: skip
 def test_what_netcdf_says_against_itself_is_refused(about, message):
@@ -315,9 +318,9 @@ def test_ascii_does_not_depend_on_where_its_text_is_cut(monkeypatch):
         ("1 2 3\n4 \0 6", r"line 7: '\x00' is not a number"),
         (
             "1 2 3\n4 5",
-            "ends after 5 numbers, ncols x nrows = 3 x 2 expected: truncated or damaged",
+            "ends after 5 values, ncols x nrows = 3 x 2 expected: truncated or damaged",
         ),
-        ("1 2 3\n4 5 6 7", "more than 6 numbers, ncols x nrows = 3 x 2 expected"),
+        ("1 2 3\n4 5 6 7", "more than 6 values, ncols x nrows = 3 x 2 expected"),
         ("1 2 inf\n4 5 6", "row 1, column 3: elevation inf: must be finite or nodata"),
     ],
 )
@@ -330,7 +333,7 @@ def test_ascii_that_lies_is_refused(body, message):
 def test_an_absurd_ascii_header_is_refused_before_memory_is_asked_for():
     make_ascii("dem.asc", "1 2 3", size=(3_000_000, 2_000_000))
     with refused(
-        "dem.asc: too short for ncols x nrows = 3000000 x 2000000 numbers: truncated or damaged"
+        "dem.asc: too short for ncols x nrows = 3000000 x 2000000 values: truncated or damaged"
     ):
         read_dem("dem.asc")
 
@@ -392,7 +395,7 @@ def test_a_file_that_is_no_raster(content):
 
 def test_several_bands():
     make_raster("dem.tif", np.stack([hill()] * 3))
-    with refused("dem.tif: has 3 bands, exactly one is needed"):
+    with refused("dem.tif: has 3 bands: must have exactly one"):
         read_dem("dem.tif")
 
 
@@ -409,7 +412,7 @@ def test_a_raster_of_nodata(blocks):
 
 
 def test_too_few_cells():
-    with refused("dem.tif: 1 x 6 cells, at least 2 x 2 are needed"):
+    with refused("dem.tif: 1 x 6 cells: must be at least 2 x 2"):
         read_dem(make_raster("dem.tif", hill(6, 1)))
 
 
@@ -427,7 +430,7 @@ def test_more_cells_than_memory():
 
 
 def test_a_raster_that_lies_nowhere():
-    with refused("dem.tif: has no georeference"):
+    with refused("dem.tif: is not georeferenced"):
         read_dem(make_raster("dem.tif", hill(), transform=None))
 
 
@@ -436,7 +439,7 @@ def test_netcdf_with_unmarked_coordinates_and_the_cure():
     data.x.attrs, data.y.attrs = {}, {}
     data.to_netcdf("dem.nc")
     with refused(
-        "dem.nc: its coordinates are not marked as such: give x the attribute axis = 'X' and y the "
+        "dem.nc: its coordinates are not identified: give x the attribute axis = 'X' and y the "
         "attribute axis = 'Y'"
     ):
         read_dem("dem.nc")
@@ -459,7 +462,7 @@ def test_the_metre_in_any_spelling(unit):
 )
 def test_a_system_of_any_kind_is_in_metres(crs, what):
     make_raster("dem.tif", hill(), crs=crs)
-    with pytest.raises(RockfallError, match=f"^dem.tif: {what} .*, metres are needed"):
+    with pytest.raises(RockfallError, match=f"^dem.tif: {what} .*, but must be in metres"):
         read_dem("dem.tif")
 
 
@@ -469,9 +472,9 @@ def test_degrees_and_the_command_that_mends_them():
     with pytest.raises(RockfallError) as caught:
         read_dem("dem.tif")
     assert str(caught.value) == (
-        "dem.tif: cells are in degrees (EPSG:4326), metres are needed; reproject with: rio warp "
-        "dem.tif dem_utm.tif --dst-crs EPSG:32632 --resampling bilinear "
-        "--src-nodata -9999 --dst-nodata -9999"
+        "dem.tif: cells are in degrees (EPSG:4326), but must be in metres: reproject with: rio "
+        "warp dem.tif dem_utm.tif --dst-crs EPSG:32632 --resampling bilinear --src-nodata -9999 "
+        "--dst-nodata -9999"
     )
     run_offered(caught)
     z, grid = read_dem("dem_utm.tif")
@@ -500,7 +503,7 @@ def test_oblong_cells_and_the_command_that_mends_them(crs):
     with pytest.raises(RockfallError) as caught:
         read_dem("a dem.tif")
     assert str(caught.value) == (
-        "a dem.tif: cells are not square (2.5 x 3 m); resample with: rio warp 'a dem.tif' "
+        "a dem.tif: cells are not square (2.5 x 3 m): resample with: rio warp 'a dem.tif' "
         "'a dem_square.tif' --res 2.5 --resampling bilinear"
     )
     run_offered(caught)
@@ -514,7 +517,7 @@ def test_a_rotated_raster_and_the_command_that_mends_it(crs):
     with pytest.raises(RockfallError) as caught:
         read_dem("dem.tif")
     assert str(caught.value) == (
-        "dem.tif: is rotated; resample with: rio warp dem.tif dem_square.tif --res 5 "
+        "dem.tif: is rotated: resample with: rio warp dem.tif dem_square.tif --res 5 "
         "--resampling bilinear"
     )
     run_offered(caught)
@@ -602,7 +605,7 @@ def test_other_cells_and_the_command_that_mends_them(crs, what, dtype, resamplin
         read_aligned("zones.tif", dem, what, dtype)
     assert str(caught.value) == (
         f"zones.tif: {what} (120 x 80 cells of 3, corner 599990, 5000010) are not on the cells of "
-        "dem.tif (40 x 60 cells of 5, corner 600000, 5000000); resample with: rio warp zones.tif "
+        "dem.tif (40 x 60 cells of 5, corner 600000, 5000000): resample with: rio warp zones.tif "
         f"zones_on_dem.tif --like dem.tif --resampling {resampling} "
         "--src-nodata -9999 --dst-nodata -9999"
     )
@@ -628,7 +631,7 @@ def test_another_crs_and_the_command_that_mends_it(dem):
     with pytest.raises(RockfallError) as caught:
         read_aligned("zones.tif", dem, "zones", np.int32)
     assert str(caught.value) == (
-        "zones.tif: zones are in EPSG:4326, dem.tif is in EPSG:32632; resample with: rio warp "
+        "zones.tif: zones are in EPSG:4326, dem.tif is in EPSG:32632: resample with: rio warp "
         "zones.tif zones_on_dem.tif --like dem.tif --resampling nearest"
     )
     run_offered(caught)
@@ -672,7 +675,7 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
     """It may refer to any files, servers and code."""
     Path("dem.vrt").write_text(MOSAIC)
     command = "gdal_translate dem.vrt dem_vrt.tif"
-    with refused(f"dem.vrt: is a VRT: make a GeoTIFF of it: {command}"):
+    with refused(f"dem.vrt: is a VRT: convert it to a GeoTIFF: {command}"):
         read_dem("dem.vrt")
 
 
@@ -721,7 +724,7 @@ def test_no_file_reaches_the_network(server, name):
 def test_a_pipe_beside_a_raster_is_not_waited_for(name):
     make_raster("dem.tif", hill())
     os.mkfifo(name)
-    with refused(f"{name}: not a regular file"):
+    with refused(f"{name}: is not a regular file"):
         read_dem("dem.tif")
 
 
@@ -746,13 +749,13 @@ def test_erdas_imagine_with_its_numbers_in_another_file():
             file.write(hill()[None])
         if spill == "NO":
             np.testing.assert_array_equal(read_dem("dem.img")[0], hill())
-    with refused("dem.img: its numbers are in another file: make a GeoTIFF of it"):
+    with refused("dem.img: its values are in another file: convert it to a GeoTIFF"):
         read_dem("dem.img")
 
 
 def test_a_folder_is_no_raster():
     Path("dem.tif").mkdir()
-    with refused("dem.tif: is a folder; a file name is needed"):
+    with refused("dem.tif: is a folder: give a file name"):
         read_dem("dem.tif")
 
 
@@ -770,7 +773,7 @@ def test_a_tile_far_larger_than_its_raster_is_refused():
     """It would be unpacked completely."""
     tiles = {"tiled": True, "blockxsize": 4112, "blockysize": 4112}
     make_raster("dem.tif", hill(dtype="uint8"), compress="deflate", **tiles)
-    with refused("dem.tif: tiles of 4112 x 4112 cells, of a raster of 4 x 6: damaged"):
+    with refused("dem.tif: tiles of 4112 x 4112 cells do not fit a raster of 4 x 6: damaged"):
         read_dem("dem.tif")
 
 
@@ -804,11 +807,11 @@ def test_numpy_arrays_of_other_kinds_are_converted():
         (hill(), None, "a NumPy array needs a transform (affine.Affine)"),
         (hill(), Affine(5, 0, 0, 0, -4, 0), "cells are not square (5 x 4 m)"),
         (hill(), Affine(4, 3, 0, 3, -4, 0), "is rotated"),
-        (hill(), Grid(0, 0, 1, 5, 5), "array has shape (6, 4), its grid (5, 5)"),
+        (hill(), Grid(0, 0, 1, 5, 5), "array has shape (6, 4), but its grid has (5, 5)"),
         (hill() * np.nan, PLACE, "all cells are nodata"),
         (hill() * 1e5, PLACE, "row 1, column 1: elevation 1e+08: must be within 1e7 m of zero or "
          "nodata"),
-        (hill().astype(str), PLACE, "elevations are of type <U32, real numbers are needed"),
+        (hill().astype(str), PLACE, "elevations have type <U32: must be real numbers"),
     ],
 )  # fmt: skip
 def test_numpy_arrays_are_checked_like_files(data, transform, message):
@@ -863,8 +866,11 @@ def uneven(data):
         (uneven, "coordinate x is not evenly spaced"),
         (lambda d: d.assign_coords(y=2 * d.y), "cells are not square (5 x 10 m)"),
         (lambda d: d[:, ::-1], "x must increase"),
-        (lambda d: d[:1], "4 x 1 cells, at least 2 x 2 are needed"),
-        (lambda d: d.assign_attrs(units="ft"), "elevations are in foot (units), metres are needed"),
+        (lambda d: d[:1], "4 x 1 cells: must be at least 2 x 2"),
+        (
+            lambda d: d.assign_attrs(units="ft"),
+            "elevations are in foot (units), but must be in metres",
+        ),
         (lambda d: d.assign_attrs(crs="nonsense"), "CRS cannot be understood: nonsense"),
     ],
 )

@@ -49,8 +49,8 @@ def test_which_is_right_is_asked(scale, told, words):
     with pytest.raises(RockfallError) as caught:
         read_dem("dem.tif")
     assert str(caught.value) == (
-        f"dem.tif: elevations are in {words}, and its scale of {scale:g} makes metres of them "
-        "already: correct one"
+        f"dem.tif: elevations are declared in {words}, but scale factor {scale:g} already converts "
+        "them to metres: correct the unit or the scale"
     )
 
 

@@ -85,9 +85,10 @@ def test_columns_that_are_absent_or_empty_are_nan():
         ("", "is empty"),
         ("\n\n", "is empty"),
         ("zone,mean_radius\n", "no rows below the header"),
-        ("id,mean_radius\n1,0.1", "line 1: no column zone, has: id, mean_radius"),
-        ("zone,radius\n1,0.1", "line 1: none of the columns mean_radius, rg70, rg20, rg10"),
-        ("zone,zone,rg70\n1,1,2", "line 1: column zone: occurs twice"),
+        ("id,mean_radius\n1,0.1", "line 1: column zone is missing (columns: id, mean_radius)"),
+        ("zone,radius\n1,0.1",
+         "line 1: must have at least one of the columns mean_radius, rg70, rg20, rg10"),
+        ("zone,zone,rg70\n1,1,2", "line 1: column zone occurs twice"),
         ("zone,mean_radius\n\n1,0.1\n2,-0.1", "line 4: mean_radius = -0.1: must be > 0 (Inf "
          "absorbs)"),
         ("zone,rg70\n1,nan", "line 2: rg70 = nan: must be > 0 (Inf absorbs)"),
@@ -95,7 +96,7 @@ def test_columns_that_are_absent_or_empty_are_nan():
         ("zone,rg70\n1.5,1", "line 2: zone = 1.5: must be an integer"),
         ("zone,rg70\n3000000000,1", "line 2: zone = 3000000000: must fit in 32 bits"),
         ("zone,rg70\n1,1\n2,1\n1,2", "line 4: zone 1: occurs twice in the table"),
-        ("zone,rg70\n1,1,2", "line 2: 3 columns, the header has 2"),
+        ("zone,rg70\n1,1,2", "line 2: has 3 columns, but the header has 2"),
         ("zone,rg70,note\n1,1,2\n2,1,\"open", "line 3: unexpected end of data"),
     ],
 )  # fmt: skip
@@ -178,7 +179,7 @@ def test_a_default_zone_without_a_row():
 
 
 def test_more_zones_than_a_cell_can_number():
-    with refused("zones.csv: 32768 zones: at most 32767"):
+    with refused("zones.csv: 32768 zones: must be at most 32767"):
         material_index(IDS, list(range(32768)), table="zones.csv")
 
 
@@ -329,7 +330,7 @@ def test_multipoints_are_points_but_no_object():
     thresholds = np.array([30e3, 300e3])
     objects = read_objects([File("house.gpkg", None, "house")], GRID, thresholds, [])
     assert objects.places.tolist() == [[600005, 4999990]]
-    with refused("points.gpkg: feature 2: has several points: split it into objects of one point"):
+    with refused("points.gpkg: feature 2: has several points: split it into one object per point"):
         read_objects([File("points.gpkg", None, "points")], GRID, thresholds, [])
     Path("one.geojson").write_text('{"type": "MultiPoint", "coordinates": [[1, 39], [2, 39]]}')
     assert read_points("one.geojson", Grid(0.0, 40.0, 10.0, nx=6, ny=4), []).x.tolist() == [1, 2]
@@ -380,7 +381,7 @@ def test_reprojected_polygons_are_those_of_the_terrain(crs):
 
 def test_coordinates_that_are_nowhere_in_the_crs_of_the_dem():
     make_layer("a.gpkg", [box(0, 0, 9, 9)], "EPSG:4326", zone=[3])
-    with pytest.raises(RockfallError, match=r"^a.gpkg: feature 1: EPSG:4326: position does not "):
+    with pytest.raises(RockfallError, match=r"^a.gpkg: feature 1: EPSG:4326: position cannot be "):
         inside("a.gpkg", utm_grid())
 
 
@@ -409,10 +410,10 @@ def lines_and_points():
     import shapely
 
     return [
-        ([shapely.Point(600010, 4999970)], "feature 1: is a Point, polygons are needed"),
+        ([shapely.Point(600010, 4999970)], "feature 1: is a Point, but polygons are required"),
         (
             [box(0, 0, 9, 9), shapely.LineString([(600000, 4999960), (600010, 4999970)])],
-            "feature 2: is a LineString, polygons are needed",
+            "feature 2: is a LineString, but polygons are required",
         ),
         ([box(0, 0, 9, 9), None], "feature 2: has no geometry"),
         ([shapely.Polygon()], "feature 1: has no geometry"),
@@ -421,7 +422,7 @@ def lines_and_points():
                               (600000, 4999970)])],
             "feature 1: invalid polygon: Self-intersection[600005 4999965]",
         ),
-        ([], "the layer is empty, polygons are needed"),
+        ([], "the layer is empty: must contain polygons"),
     ]  # fmt: skip
 
 
@@ -437,10 +438,10 @@ def test_what_is_no_polygon(case):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ([1.0, 2.5], "feature 2: zone = 2.5: must be an integer of 32 bits"),
-        ([1, 3_000_000_000], "feature 2: zone = 3000000000: must be an integer of 32 bits"),
+        ([1.0, 2.5], "feature 2: zone = 2.5: must be a 32-bit integer"),
+        ([1, 3_000_000_000], "feature 2: zone = 3000000000: must be a 32-bit integer"),
         ([None, 1.0], "feature 1: zone is empty"),
-        (["rock", "soil"], "attribute zone is not a number, zone ids are integers"),
+        (["rock", "soil"], "attribute zone is not a number: zone ids must be integers"),
     ],
 )
 def test_attributes_that_are_no_zone_ids(values, message):
@@ -451,7 +452,7 @@ def test_attributes_that_are_no_zone_ids(values, message):
 
 def test_a_missing_attribute():
     make_layer("a.gpkg", [box(0, 0, 9, 9)], klass=[1], height=[2.0])
-    with refused("a.gpkg: no attribute zone, has: klass, height"):
+    with refused("a.gpkg: attribute zone is missing (attributes: klass, height)"):
         burn_polygons("a.gpkg", utm_grid(), "zone")
 
 
@@ -463,7 +464,7 @@ def test_several_layers():
         file.execute(f"INSERT INTO {columns} VALUES ('layer_styles', 'attributes')")
     assert inside("a.gpkg", utm_grid()).sum() == 1
     make_layer("a.gpkg", [box(0, 0, 9, 9)], layer="roads", zone=[1])
-    with refused("a.gpkg: has 2 layers (zones, roads); keep one layer in the file"):
+    with refused("a.gpkg: has 2 layers (zones, roads): keep one layer in the file"):
         inside("a.gpkg", utm_grid())
 
 

@@ -74,14 +74,14 @@ def test_the_dense_view_has_the_same_and_nan_elsewhere(result):
 
 def test_a_dense_view_that_is_too_large_is_refused(result, monkeypatch):
     monkeypatch.setattr(module, "MAX_DENSE", 1e5)
-    with refused("at_lines: 3 lines of 600 boulders take 0.0 GB; rockfall.crossings(result, line) "
-                 "takes one line"):  # fmt: skip
+    with refused("at_lines: 3 lines x 600 boulders need 0.0 GB: read one line with "
+                 "rockfall.crossings(result, line)"):  # fmt: skip
         rockfall.at_lines(result)
 
 
 @pytest.mark.parametrize("line", ["rail", 3, -1])
 def test_an_unknown_line_is_refused(result, line):
-    with refused(f"line {line}: no such line, lines: Straße Süd, road 2, road_2"):
+    with refused(f"line {line}: no such line (lines: Straße Süd, road 2, road_2)"):
         rockfall.crossings(result, line)
 
 

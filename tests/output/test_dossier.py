@@ -137,7 +137,9 @@ def test_every_number_of_page_1_is_in_the_tables_and_from_python(case, made):
     first = book.worksheets[1]
     assert first.oddHeader.left.text.startswith("Boulders at each place, with 95 % intervals")
     heads = [cell.value for cell in first[1]]
-    assert heads[1:4] == [f"boulders a year{end}" for end in ("", ", lower limit", ", upper limit")]
+    assert heads[1:4] == [
+        f"boulders per year{end}" for end in ("", ", lower limit", ", upper limit")
+    ]
     values = {row[0]: row[1:] for row in first.iter_rows(min_row=2, values_only=True)}
     hazard = read_hazard(folder / "hazard_today.nc")
     for place in places_of(hazard):
@@ -303,7 +305,7 @@ def test_a_single_model_is_said(case):
     assert any("rock sizes (&surface uniform_mean_radius)" in line for line in inputs.remarks)
     assert not read_dossier(alone, one_model=True, **PLACE).remarks
     (line,) = second_answer(run_dossier(inputs))
-    assert line == "By one rebound model: the spread between models is not included."
+    assert line == "Only one rebound model was run: the spread between models is not included."
 
 
 def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(case, tmp_path):
@@ -393,7 +395,7 @@ def test_lines_design_and_report_take_a_hazard(
         assert main(["design", *words]) == 2
         said = capsys.readouterr().err
         assert "out.nc: has no frequencies, unlike the hazard " in said
-        assert ": design each by itself" in said
+        assert ": run design for each separately" in said
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

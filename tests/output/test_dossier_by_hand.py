@@ -354,7 +354,7 @@ def test_classes_and_risks_of_houses(sheets):
     assert remaining[1] == pytest.approx(damage, rel=CLOSE)
     assert remaining[4] == pytest.approx(deaths, rel=CLOSE)
     assert remaining[7] == max(risks[house][3] for house in HOUSES)
-    rows |= table(sheets, "Segments of roads")
+    rows |= table(sheets, "Road segments")
     assert remaining[0] == max((class_of(row[0:9:3]) for row in rows.values()), key=OTHER.index)
 
 
@@ -402,7 +402,7 @@ def test_scenarios_areas_and_files(sheets, project):
     hazard = read_hazard(folder / "dossier/hazard_today.nc")
     classes = hazard["hazard_class"].values
     certain = hazard["hazard_class_certain"].values == 1
-    for name, (cells, area, share) in table(sheets, "Classes of hazard").items():
+    for name, (cells, area, share) in table(sheets, "Hazard classes").items():
         here = classes == OTHER.index(name) + 1
         assert cells == np.count_nonzero(here) and area == cells * CELL**2
         fraction = np.count_nonzero(here & certain) / cells
@@ -415,7 +415,7 @@ def test_scenarios_areas_and_files(sheets, project):
 
 def test_segments(sheets, boulders):
     """Frequencies, class and mean height; a boulder hits a segment with its side."""
-    rows, today = table(sheets, "Segments of roads"), boulders["today"]
+    rows, today = table(sheets, "Road segments"), boulders["today"]
     assert {*rows} == {*pieces()}
     for name, row in rows.items():
         for k, least in enumerate((-1, 30, 300)):

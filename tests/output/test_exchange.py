@@ -242,8 +242,8 @@ def test_a_result_without_crs_is_drawn_as_dxf_only(tmp_path, capsys, monkeypatch
     capsys.readouterr()
     assert main(["export", "out.nc", "gis", "--formats", "tif", "kml"]) == 2
     assert capsys.readouterr().err == (
-        "rockfall: KML needs longitudes and latitudes, and the result has no CRS: "
-        "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again\n"
+        "rockfall: KML requires longitudes and latitudes, but the result has no CRS: give the DEM "
+        "one (rockfall dem DEM -o DEM.tif --crs CODE) and run again\n"
     )
     assert not (tmp_path / "gis").exists()
 
@@ -258,7 +258,7 @@ def test_without_the_cad_extra_one_line_and_nothing_written(result, tmp_path, mo
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--formats", "shp"], "--formats shp: must be tif, gpkg, csv, kml, dxf"),
+        (["--formats", "shp"], "--formats shp: must be one of tif, gpkg, csv, kml, dxf"),
         (
             ["--formats", "tif", "czml"],
             "--formats czml: is no longer written: use kml, which Cesium reads",
@@ -298,4 +298,4 @@ def test_zones_of_a_hazard_are_drawn(tmp_path, capsys, monkeypatch):
     names = dict(zip(about["fields"], values, strict=True))["Name"].tolist()
     assert names == [one.dxf.text for one in drawing.query("TEXT")] == ["Haus Müller & <Söhne>"]
     assert main(["export", "zones/hazard.nc", "new", "--formats", "gpkg"]) == 2
-    assert capsys.readouterr().err == "rockfall: --formats gpkg: must be kml, dxf\n"
+    assert capsys.readouterr().err == "rockfall: --formats gpkg: must be one of kml, dxf\n"

@@ -320,7 +320,7 @@ def test_what_is_no_result_is_one_line(content, message, tmp_path, monkeypatch):
 def test_a_file_in_place_of_the_folder_is_one_line(result, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").touch()
-    with pytest.raises(RockfallError, match="^folder: is a file, a folder is needed$"):
+    with pytest.raises(RockfallError, match="^folder: is a file: give a folder$"):
         export(result, "folder")
 
 

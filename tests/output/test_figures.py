@@ -452,7 +452,9 @@ def test_the_dem_of_a_run_from_an_array_must_lie_where_it_lay(full, tmp_path):
     for moved in (2.5, 0.0), (0.0, -2.5), (1e6, 0.0), (0.0, -1e6):  # half a cell, and far away
         there = replace(TERRAIN[1], west=moved[0], north=TERRAIN[1].north + moved[1])
         apart = make_raster(tmp_path / "apart.tif", Z, there.transform, crs=None)
-        with pytest.raises(RockfallError, match=r"apart.tif: corner .*, cells of 5 m: must have"):
+        with pytest.raises(
+            RockfallError, match=r"apart.tif: corner .*, cells of 5 m: must match the run"
+        ):
             terrain_of(full, apart)
 
 
@@ -504,7 +506,7 @@ def test_the_command_warns_of_a_terrain_that_is_gone(place, capsys, monkeypatch)
     [
         (["dem.tif", "p"], "dem.tif: is not a netCDF result"),
         (["out.nc", "p", "--format", "bmp"], "format = 'bmp': must be one of png, pdf, svg"),
-        (["out.nc", "dem.tif"], "dem.tif: is a file, a folder is needed"),
+        (["out.nc", "dem.tif"], "dem.tif: is a file: give a folder"),
         (["out.nc", "p", "--dem", "none.tif"], "none.tif: cannot be read: No such file"),
     ],
 )

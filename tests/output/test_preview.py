@@ -78,7 +78,7 @@ def test_rows_too_many_for_a_file_are_said_before_the_run(tmp_path, monkeypatch)
 
 
 def test_a_terrain_without_a_crs_is_said_with_what_follows_and_the_cure(tmp_path):
-    note = "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
+    note = "the DEM has no CRS: layers are read in its coordinates, results have none: set it with "
     note += "rockfall dem DEM --crs EPSG:2056 -o NEW"
     scene = scene_of(tmp_path, 8, 10)
     assert preview.preview(scene).splitlines()[-1] == f"  note         {note}"

@@ -494,12 +494,12 @@ def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     whole = run(tmp_path, boulders=10, line=[]).assign_attrs(
         case=case.text(), case_file="my case.nml"
     )
-    again = "Reproduces these numbers to the last bit"
+    again = "Reproduces bit-identical results"
     text = report(ReportInputs(whole))
-    assert f"{again}, in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
+    assert f"{again} in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
     assert "the case file below" in text  # the file may have changed since
     text = report(ReportInputs(interrupted(whole, 4)))
-    assert f"{again}, and adds missing boulders, with files" in text
+    assert f"{again} and adds missing boulders, with files" in text
 
 
 NET = {"name": "net", "x": [0.0, 300.0], "y": [360.0, 360.0], "height": 3.0, "capacity": 9.0}

@@ -60,9 +60,9 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     at_road = table[(table["line"] == "road") & (table["statistic"] == "fraction")]
     bare, net = at_road["value"]
     rows = cells_of(page)
-    passing = rows["of all boulders, pass [%]"]
+    passing = rows["passing boulders, of all [%]"]
     assert passing[0] == number(100 * bare) and passing[1].startswith(f"{number(100 * net)}\n-")
-    assert rows["boulders a year that arrive"] == ["0.400", "0.100"]
+    assert rows["arriving boulders per year"] == ["0.400", "0.100"]
     assert rows["cost"] == ["-", "120,000"]
     assert rows["nets and walls"] == ["-", "net: 4 m, EAD 3"]
     assert page.count("<img ") == 1 and "With net: passing fraction" in page
@@ -90,7 +90,7 @@ def test_without_maps_there_is_no_figure(results, tmp_path):
 @pytest.mark.filterwarnings("ignore:.*figures have no relief")
 def test_what_cannot_be_is_one_line(results, tmp_path):
     path = tmp_path / "a.html"
-    with refused("cost of dam: unknown, variants: bare, with net"):
+    with refused("cost of dam: no such variant (variants: bare, with net)"):
         rockfall.report_variants(results, path, costs={"dam": 1.0})
     with refused("cost of bare = nan: must be >= 0"):
         rockfall.report_variants(results, path, costs={"bare": np.nan})

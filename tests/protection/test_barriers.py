@@ -253,8 +253,8 @@ def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
         ({"capacity": None, "class": 8}, "&barrier class = 8: must be 0 to 7"),
         ({"height": 0.0}, "&barrier height = 0.0: must be 0.001 to 100 [m]"),
         ({"name": "road"}, "must be unique among lines and barriers"),
-        ({"x": [1.0, 1.0], "y": [2.0, 2.0]}, "must have two different points"),
-        ({"x": [1.0]}, "must be the same number"),
+        ({"x": [1.0, 1.0], "y": [2.0, 2.0]}, "the vertices must not all coincide"),
+        ({"x": [1.0]}, "x has 1 values, y has 2: the numbers must be equal"),
     ],
 )  # fmt: skip
 def test_refused_in_one_line(case, wrong, message):

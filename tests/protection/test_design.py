@@ -381,7 +381,7 @@ def test_prices_of_heights_in_another_unit(result, heights, told, no, tmp_path):
 
 def test_a_design_says_which_boulders_its_numbers_are_of(result, tmp_path):
     sheet = design(result)
-    own = "Numbers refer to the boulders of the case: volume = 'normal', volume_mean = 0.8, "
+    own = "Values refer to the boulders of the case: volume = 'normal', volume_mean = 0.8, "
     assert len(sheet.population) == 1 and sheet.population[0].startswith(own)
     assert sheet.population[0] in design_text(sheet)
     scenario = [{"name": "a", "frequency": 0.2, "volume_mean": 2.0}]
@@ -404,19 +404,19 @@ def test_nobody_comes(tmp_path):
     assert high == pytest.approx(1.96**2 / (3 * BOULDERS + 1.96**2), rel=1e-3)
     assert sheet.demand["fraction"][0] == 0 == sheet.demand["fraction_low"][0]
     most = number(100 * high, up=True)
-    text = f"road: 0 boulders come, but the interval of the fraction is 0 to {most} %"
+    text = f"road: 0 boulders arrive, but the interval of the fraction is 0 to {most} %"
     assert text in design_text(sheet)
 
 
 def test_what_is_refused(result, tmp_path):
-    with refused("along = 'rail': no such line, lines: road"):
+    with refused("along = 'rail': no such line (lines: road)"):
         design(result, along="rail")
     for residual in (-0.1, 1.0, math.nan):
         with refused(f"residual = {residual}: must be >= 0 and < 1"):
             design(result, residual=residual)
-    with refused("standard = 'DIN': must be UNI, ONR"):
+    with refused("standard = 'DIN': must be one of UNI, ONR"):
         design(result, standard="DIN")
-    with refused("survey = 'fair': must be good, poor"):
+    with refused("survey = 'fair': must be one of good, poor"):
         design(result, survey="fair")
     with refused("width = 0: must be > 0 m"):
         design(result, along="road", width=0)
@@ -437,7 +437,7 @@ def test_what_is_refused(result, tmp_path):
         (("UNI,gamma_dp,good,1.02", "UNI,gamma_dp,good,-1"),
          "line 5: value = -1: must be a number >= 0"),
         (("standard,factor", "norm,factor"),
-         "line 1: column norm: must be standard, factor, condition, value, source"),
+         "line 1: column norm: must be one of standard, factor, condition, value, source"),
     ],
 )  # fmt: skip
 def test_a_table_of_factors_that_is_wrong(change, message, tmp_path):
@@ -489,7 +489,7 @@ def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
         net = run(tmp_path, line=[], barrier=nets, **groups)
         sheet = design(net, calibration=calibration)
         high, low = (check_row(row)[-1] for row in sheet.checks.to_dict("records"))
-        assert low.startswith("no") or low == "no boulder comes"
+        assert low.startswith("no") or low == "no boulder arrives"
         found[name] = high
         said = "unconfirmed" in high
         _, shown, *_ = [*demand_rows(sheet.demand.to_dict("records")[0])][-1]

@@ -139,8 +139,8 @@ def test_standalone_program_takes_what_was_prepared(case):
     done = run_program("ready/case.nml", "--output", "new.nc", cwd=".")
     refused_in_one_line(
         done,
-        "ready/case.nml: &line file = '../site.gpkg': is a layer: "
-        "`rockfall prepare` writes its coordinates into the case",
+        "ready/case.nml: &line file = '../site.gpkg': is a layer, which cannot be read here: run "
+        "`rockfall prepare` first",
     )
 
 
@@ -215,9 +215,19 @@ def test_zones_and_sources_name_a_layer(case, capsys):
     scene = read_scene(of_site)
     assert (scene.x.size, set(scene.rasters.zone.ravel().tolist())) == (24, {1})
     for group, key, layer, message in (
-        ("surface", "zones_layer", None, r"site.gpkg: has 3 .*; choose one with zones_layer"),
-        ("surface", "zones_layer", "road", "site.gpkg: no attribute zone, has: none"),
-        ("release", "polygons_layer", "none", "site.gpkg: no layer none, has: ground, cliff, road"),
+        ("surface", "zones_layer", None, r"site.gpkg: has 3 .*: choose one with zones_layer"),
+        (
+            "surface",
+            "zones_layer",
+            "road",
+            r"site.gpkg: attribute zone is missing \(attributes: none\)",
+        ),
+        (
+            "release",
+            "polygons_layer",
+            "none",
+            r"site.gpkg: no layer none \(layers: ground, cliff, road\)",
+        ),
     ):
         changed = of_site.replace(**{group: {key: layer}})
         (case.folder / "case.nml").write_text(changed.text())
@@ -240,18 +250,18 @@ def refused_cases():
     two = {"file": "two.gpkg"}
     either = "give one of the two"
     case = "case.nml: "
-    yield "line", two, r"two.gpkg: has 2 layers \(road, net\); choose one with layer"
+    yield "line", two, r"two.gpkg: has 2 layers \(road, net\): choose one with layer"
     yield (
         "line",
         {"file": "two.gpkg", "layer": "ground"},
-        "two.gpkg: no layer ground, has: road, net",
+        r"two.gpkg: no layer ground \(layers: road, net\)",
     )
-    yield "line", {"file": "point.gpkg"}, "point.gpkg: feature 1: is a Point, lines are needed"
+    yield "line", {"file": "point.gpkg"}, "point.gpkg: feature 1: is a Point, but lines are .*"
     yield "line", {"file": "none.gpkg"}, "case.nml: &line file = 'none.gpkg': no such file"
-    yield "line", road | {"field": "id"}, "road.gpkg: no attribute id, has: none"
-    yield "line", {"file": "far.gpkg"}, "far.gpkg: feature 1: EPSG:4326: position does not .*"
-    yield "line", road | typed(ROAD), f"{case}&line x, y: give these, or file with lines in a layer"
-    yield "line", {"name": "a"}, f"{case}&line x, y: give these, or file with lines in a layer"
+    yield "line", road | {"field": "id"}, r"road.gpkg: attribute id is missing \(attributes: none\)"
+    yield "line", {"file": "far.gpkg"}, "far.gpkg: feature 1: EPSG:4326: position cannot be .*"
+    yield "line", road | typed(ROAD), f"{case}&line x, y: give both, or a layer of lines as file"
+    yield "line", {"name": "a"}, f"{case}&line x, y: give both, or a layer of lines as file"
     yield "line", typed(ROAD), f"{case}&line name is missing: .*"
     yield (
         "line",
@@ -259,7 +269,7 @@ def refused_cases():
         f"{case}&line layer .*: is (only|not) valid .*",
     )
     yield "line", road | {"name": "x" * 61}, ".*&line name = .*: must be at most 60 characters"
-    yield "barrier", road, "road.gpkg: feature 1: .*&barrier height is missing: needed here, .*"
+    yield "barrier", road, "road.gpkg: feature 1: .*&barrier height is missing: needed here or .*"
     yield (
         "barrier",
         road | {"height": 2.0},
@@ -279,7 +289,7 @@ def refused_cases():
         f"{case}&barrier capacity, class: {either}",
     )
     yield "barrier", typed(NET, name="n", capacity=1.0), f"{case}&barrier height is missing: .*"
-    yield "dam", road, "road.gpkg: feature 1: .*&dam height is missing: needed here, .*"
+    yield "dam", road, "road.gpkg: feature 1: .*&dam height is missing: needed here or .*"
     yield "dam", typed(CREST), f"{case}&dam height is missing: .*"
 
 

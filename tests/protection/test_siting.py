@@ -185,11 +185,11 @@ def test_runs_in_turn_find_the_same(case, found):
     assert turns.table.equals(found.table) and turns.come == found.come
     best = found.table["alignment"][found.table["choice"] == BEST].tolist()
     assert line_names(turns.result) == list(dict.fromkeys(["road", *best]))
-    about = "900 boulders at 6 alignments take 0.00024 GB, more than half of the memory"
+    about = "900 boulders at 6 alignments need 0.00024 GB, more than half of the memory"
     assert turns.notes[0].startswith(f"{about}: 3 runs") and turns.notes[1:] == found.notes
     for given in ({"memory": 2 * 44 * 900}, {"memory": 1.0}):
-        with refused("site: 900 boulders at 2 lines take 7.9e-05 GB: more than half of the memory: "
-                     "give fewer boulders"):  # fmt: skip
+        with refused("site: 900 boulders at 2 lines need 7.9e-05 GB, more than half of the "
+                     "memory: give fewer boulders"):  # fmt: skip
             site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
 
 
@@ -321,7 +321,7 @@ def test_loads_and_frequencies_are_of_the_same_boulders(case):
     assert row["energy_q95"] < 0.5 * np.quantile(energies[1], 0.95)
     assert row["n"] == energy.size and found.boulders == 1200
     assert [*found.results] == ["often", "rare"]
-    assert "of the scenarios, by frequency: often, rare" in siting_text(found)
+    assert "of the scenarios, weighted by frequency: often, rare" in siting_text(found)
     assert "of the scenarios" not in siting_text(site(case.replace(scenario=[]), "road", **how))
 
 
@@ -340,7 +340,7 @@ def test_scenarios_run_in_turn_find_the_same(case):
     case, how = scenarios(case), {"every": 100.0, "to": 200.0, **TERRAIN}
     found = site(case, "road", **how)
     turns = site(case, "road", memory=2 * 44 * 600 * 3 * 5, **how)
-    assert turns.notes[0].startswith("1,200 boulders at 3 alignments take")
+    assert turns.notes[0].startswith("1,200 boulders at 3 alignments need")
     assert turns.notes[0].endswith("4 runs, and only the best alignment is kept")
     assert turns.table.equals(found.table) and turns.come == found.come
     assert turns.advice == found.advice
@@ -379,7 +379,7 @@ def test_directions(case):
 
 def test_refusals(case):
     for given, message in (
-        ({"line": "rail"}, "case: line = 'rail': no such line, lines: road"),
+        ({"line": "rail"}, "case: line = 'rail': no such line (lines: road)"),
         ({"every": 0.0}, "every = 0.0: must be > 0 m"),
         ({"every": 0.1}, "every = 0.1: gives 1,000 alignments up to 100 m: must be 1 to 199"),
         ({"every": 200.0}, "every = 200.0: gives 0 alignments up to 100 m: must be 1 to 199"),
@@ -390,10 +390,10 @@ def test_refusals(case):
         ({"max_bypass": 2.0}, "max_bypass = 2.0: must be 0 to 1"),
         ({"volume": 0.0}, "volume = 0.0: must be > 0 m3"),
         ({"space": -1.0}, "space = -1.0: must be >= 0 m"),
-        ({"acceptable": 0.0}, "acceptable = 0.0: must be > 0 boulders a year"),
+        ({"acceptable": 0.0}, "acceptable = 0.0: must be > 0 boulders per year"),
         (
             {"acceptable": 0.1},
-            "case: acceptable = 0.1 a year: needs &scenario groups, which give frequencies",
+            "case: acceptable = 0.1 per year: requires &scenario groups with frequencies",
         ),
     ):
         with refused(message):
@@ -422,5 +422,5 @@ def test_command(place, capsys):
     assert main([*words, "-o", "out"]) == 2
     assert "already exists" in capsys.readouterr().err
     assert main(["site", "case.nml", "--line", "M", "--factors", str(FACTORS), "-o", "new"]) == 2
-    assert "line = 'M': no such line, lines: L" in capsys.readouterr().err
+    assert "line = 'M': no such line (lines: L)" in capsys.readouterr().err
     assert not (place / "new").exists()

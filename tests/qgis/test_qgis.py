@@ -259,7 +259,7 @@ def test_what_is_drawn_is_neither_blank_nor_hidden(opened):
         ("neither", "Unable to execute algorithm\nGive either a case, or elevations .*"),
         ("not zones", r".*layer zones: left out \(.*mean_radius.*\)"),
         ("not a dam", r".*a dam needs an attribute height \[m\].*"),
-        ("no ground", r".*dem\.tif: no ground: give --ground GROUND, of rock, .*"),
+        ("no ground", r".*dem\.tif: ground is missing: give --ground GROUND, of rock, .*"),
         ("again", r".*case\.nml: already exists; not overwritten.*"),
     ],
 )

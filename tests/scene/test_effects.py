@@ -49,13 +49,13 @@ EFFECTS = [
     ("breakage", "cone", 30.0, {}, "at = ", {"breakage": {"at": "impact"}}),
     ("impact", "ratio", "nearest", BY_TABLE, "form = 'matrix'", {"impact": {"form": "matrix"}}),
     ("impact", "turning", "to_aspect", BY_TABLE, "form = 'matrix'", {"impact": {"form": "matrix"}}),
-    ("boulder", "block_shape", ["platy"], {}, "a table of impacts", BY_TABLE),
-    ("boulder", "block_shape_share", [1.0], {}, "a table of impacts", BY_TABLE),
+    ("boulder", "block_shape", ["platy"], {}, "an impact table", BY_TABLE),
+    ("boulder", "block_shape_share", [1.0], {}, "an impact table", BY_TABLE),
     ("boulder", "block_axes", [3.0, 2.0, 1.0], {"boulder": {
-        "volume": "list", "volumes": [2.0], "volume_mean": None}}, "a table of impacts", BY_TABLE),
-    ("boulder", "ground_strength_sigma", 0.5, {}, "a table of impacts", BY_TABLE),
+        "volume": "list", "volumes": [2.0], "volume_mean": None}}, "an impact table", BY_TABLE),
+    ("boulder", "ground_strength_sigma", 0.5, {}, "an impact table", BY_TABLE),
     ("boulder", "mean_radius_sigma", 0.5, BY_TABLE | {"surface": {"uniform_mean_radius": None}},
-        "sizes of rocks", {"surface": {"uniform_mean_radius": 0.2}}),
+        "rock sizes", {"surface": {"uniform_mean_radius": 0.2}}),
     ("surface", "ground_strength", 2e5, {}, "ground, or &impact table", BY_TABLE),
     ("surface", "ground_relief", 12.0, {}, "ground, or &impact table", BY_TABLE),
     ("surface", "zone_field", "z", {}, "zones", None),
@@ -155,7 +155,7 @@ def read(case, **layers):
 
 @pytest.mark.parametrize("changes, words", [
     ({"boulder": {"block_shape": "platy"}, "surface": {"ground": "soil_4"}},
-        "&boulder block_shape = 'platy': is only valid with a table of impacts"),
+        "&boulder block_shape = 'platy': is only valid with an impact table"),
     ({"impact": {"ratio": "nearest"}, "surface": {"ground": "soil_4"}},
         "&impact ratio = 'nearest': is only valid with impact sets"),
     ({"impact": {"turning": "to_aspect"}, "surface": {"ground": "talus"}},

@@ -74,7 +74,8 @@ def test_a_table_of_species_that_a_user_wrote(tmp_path):
     [
         ("", "trees.csv: is empty"),
         ("x,y,dbh,species\n", "trees.csv: no rows below the header"),
-        ("x,y,species\n1,2,fir\n", "trees.csv: line 1: no column dbh, has: x, y, species"),
+        ("x,y,species\n1,2,fir\n",
+         "trees.csv: line 1: column dbh is missing (columns: x, y, species)"),
         ("x,y,dbh,species\n1,2,nan,fir\n",
          "trees.csv: line 2: dbh = nan: must be a number >= 0 and <= 1000"),
         ("x,y,dbh,species\n1,2,-3,fir\n",
@@ -84,7 +85,7 @@ def test_a_table_of_species_that_a_user_wrote(tmp_path):
         ("x,y,dbh,species\n1,2,0,fir\n", "trees.csv: line 2: dbh = 0: must be > 0 [cm]"),
         ("x,y,dbh,species\ninf,2,3,fir\n",
          "trees.csv: line 2: x = inf: must be a number >= -1e+12 and <= 1e+12"),
-        ("x,y,dbh,species\n1,2,3\n", "trees.csv: line 2: 3 columns, the header has 4"),
+        ("x,y,dbh,species\n1,2,3\n", "trees.csv: line 2: has 3 columns, but the header has 4"),
         ("x,y,dbh,species\n1,2,3,\n", "trees.csv: line 2: species = : must not be empty"),
         ("x,y,dbh\n1,2,3\n",
          "trees.csv: has no species: add them, or set &forest conifers or uniform_conifers"),
@@ -102,7 +103,9 @@ def test_a_list_with_a_fault(tmp_path, monkeypatch, text, words):
 
 def test_a_species_that_is_not_known(tmp_path):
     (tmp_path / "trees.csv").write_text("x,y,dbh,species\n1,2,3,fir\n1,2,3,bamboo\n")
-    with pytest.raises(RockfallError, match=r"tree 2: species = bamboo: is not in .*, has: .*oak"):
+    with pytest.raises(
+        RockfallError, match=r"tree 2: species = bamboo: is not in .*species: .*oak"
+    ):
         trees_of(tmp_path, {"trees": "trees.csv"})
 
 
@@ -113,7 +116,7 @@ def test_a_species_that_is_not_known(tmp_path):
          r"feature 2: dbh = nan: must be > 0 and at most 1000 \[cm\]"),
         ({"dbh": [-30.0, 3.0], "species": ["fir", "fir"]}, r"feature 1: dbh = -30: must be > 0"),
         ({"dbh": ["30", "30"], "species": ["fir", "fir"]}, "attribute dbh: must be a number"),
-        ({"species": ["fir", "fir"]}, "no attribute dbh, has: species"),
+        ({"species": ["fir", "fir"]}, r"attribute dbh is missing \(attributes: species\)"),
         ({"dbh": [30.0, 30.0], "species": ["fir", None]}, "feature 2: has no species"),
         ({"dbh": [30.0, 30.0]}, "has no species"),
     ],
@@ -131,7 +134,7 @@ def test_a_layer_of_other_shapes(tmp_path, other):
     shapely = pytest.importorskip("shapely")
     shapes = [shapely.Point(100, 200), shapely.from_wkt(other)]
     make_layer(tmp_path / "trees.gpkg", shapes, crs=None, dbh=[30.0, 3.0], species=["fir", "fir"])
-    with pytest.raises(RockfallError, match="feature 2: is a .*, points are needed"):
+    with pytest.raises(RockfallError, match="feature 2: is a .*, but points are required"):
         trees_of(tmp_path, {"trees": "trees.gpkg"})
 
 
@@ -275,7 +278,7 @@ def test_species_of_a_list_by_the_share_of_conifers(tmp_path):
 
 def test_a_share_of_conifers_in_place_of_a_percentage_is_doubted(tmp_path):
     found = scene_of(tmp_path, MADE | {"uniform_conifers": 0.7})
-    assert any("conifers: at most 0.7 %: is it a fraction" in one for one in found.remarks)
+    assert any("conifers: at most 0.7 %: is the value a fraction" in one for one in found.remarks)
     assert not scene_of(tmp_path, MADE).remarks
 
 
@@ -291,7 +294,7 @@ def test_a_stand_is_described_before_it_is_run(tmp_path):
 
 @pytest.mark.parametrize(("dbh", "unit"), [(0.3, "m"), (300.0, "mm")])
 def test_diameters_in_another_unit_are_doubted(tmp_path, dbh, unit):
-    with pytest.warns(UserWarning, match=f"mean diameter of {dbh:g} cm: is it in {unit}"):
+    with pytest.warns(UserWarning, match=f"mean diameter of {dbh:g} cm: is the value in {unit}"):
         case = scenes.make_case(
             tmp_path, *scenes.sets(), case={"boulders": 1}, release={"x": [150.0], "y": [380.0]},
             forest=MADE | {"uniform_dbh_mean": dbh, "uniform_dbh_std": 0.0},

@@ -94,13 +94,13 @@ def test_objects_of_a_frame_are_those_of_a_layer(case):
 
 
 def test_what_cannot_be_is_said_of_the_frame(case):
-    with refused("lines = (GeoDataFrame): feature 1: is a Point, lines are needed"):
+    with refused("lines = (GeoDataFrame): feature 1: is a Point, but lines are required"):
         read_scene(case, lines=make_frame([shapely.Point(W, N)]))
     with refused("lines: the GeoDataFrame is empty"):
         read_scene(case, lines=make_frame([]))
     with refused(
-        "roads: unknown layer, known: lines, barriers, dams, zones, trees, stands, clearings, "
-        "sources"
+        "roads: unknown layer: must be one of lines, barriers, dams, zones, trees, stands, "
+        "clearings, sources"
     ):
         read_scene(case, roads=make_frame([across(9)]))
     with pytest.raises(rockfall.RockfallError, match=r"^lines: cannot be read as a GeoDataFrame"):

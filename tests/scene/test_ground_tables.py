@@ -143,7 +143,9 @@ def test_rocks_of_no_size_are_for_grounds_that_need_none(tmp_path):
     case = case_with(tmp_path, uniform_mean_radius=0.0, ground="road")
     assert read(case).rasters.sizes.tolist() == [[0.0]]
     for ground, name in (("laboratory-spheres", "laboratory-spheres"), (None, "sets.nml")):
-        with pytest.raises(rockfall.RockfallError, match=f"ground '{name}' needs mean_radius > 0"):
+        with pytest.raises(
+            rockfall.RockfallError, match=f"ground '{name}' requires mean_radius > 0"
+        ):
             rockfall.run(case.replace(surface={"ground": ground}), dem=z, transform=grid(z))
 
 
@@ -202,7 +204,7 @@ def test_a_ground_of_impact_sets_is_the_case_with_these_sets(tmp_path):
 # ---- what is refused
 
 BAD_ROWS = {
-    "a,Constant,0.4,0.9,,,,x": "model = Constant: must be rockyfor3d, pfeiffer_bowen, "
+    "a,Constant,0.4,0.9,,,,x": "model = Constant: must be one of rockyfor3d, pfeiffer_bowen, "
     "bourrier_hungr, constant, absorbs, ploughed, hard",
     "a,constant,0.4,,,,,x": "&ground r_t is missing: needed for model = 'constant'",
     "a,constant,,0.9,,,,x": "&ground r_n is missing: needed for model = 'constant'",
@@ -230,9 +232,9 @@ BAD_TABLES = {
        for rows, said in BAD_ROWS.items()},
     "": "is empty",
     HEAD: "no rows below the header",
-    "name,model\na,absorbs\n": "line 1: no column source, has: name, model",
-    "name,model,source,colour\n": f"line 1: column colour: must be {COLUMNS}",
-    "name,model,source,r_n,r_n\n": "line 1: column r_n: occurs twice",
+    "name,model\na,absorbs\n": "line 1: column source is missing (columns: name, model)",
+    "name,model,source,colour\n": f"line 1: column colour: must be one of {COLUMNS}",
+    "name,model,source,r_n,r_n\n": "line 1: column r_n occurs twice",
     "name,model,r_n,r_n_min,r_n_max,r_t,source\na,constant,0.4,0.5,0.6,0.9,x\n":
         "line 2: &ground r_n = 0.4: must lie between r_n_min and r_n_max",
     f"{IDS}a,-1,absorbs,x\n": "line 2: id = -1: must be an integer from 0 to 999999999",
@@ -252,7 +254,7 @@ def test_bad_tables(tmp_path, table):
 def test_names_that_nothing_has(tmp_path):
     known = f"Grounds: {', '.join(SHIPPED.rows)}. Impact tables: {', '.join(table_names())}. "
     said = (
-        "'mud': no ground of grounds.csv, no impact table or set. "
+        "'mud': is not a ground of grounds.csv, an impact table or an impact set. "
         f"{known}Impact sets: bourrier2009-ensemble"
     )
     with pytest.raises(RockfallError) as caught:
@@ -266,14 +268,14 @@ def test_names_that_nothing_has(tmp_path):
 
 def test_sizes_that_a_ground_needs(tmp_path):
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,soil_4\n3,0.3,\n")
-    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'soil_4' needs mean_radius"):
+    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'soil_4' requires mean_radius"):
         read(case_with(tmp_path, **surface), **arrays)
     arrays, surface = zones(tmp_path, "1,0.2,\n2,0,rocky-slope\n3,0.3,\n")
-    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'rocky-slope' needs mean_radius > 0"):
+    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'rocky-slope' requires mean_radius > 0"):
         read(case_with(tmp_path, **surface), **arrays)
-    with refused("case: &surface: ground 'soil_4' needs mean_radius"):
+    with refused("case: &surface: ground 'soil_4' requires mean_radius"):
         read(case_with(tmp_path, ground="soil_4"))
-    with refused("case: &surface: ground 'sets.nml' needs mean_radius > 0"):
+    with refused("case: &surface: ground 'sets.nml' requires mean_radius > 0"):
         ids = np.full((80, 60), 3, np.int32)
         ids[:4] = -1
         read(case_with(tmp_path, ground_map="given"), ground_map=np.ma.masked_equal(ids, -1))
@@ -292,10 +294,10 @@ def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
     case = case_with(tmp_path, **surface)
     scene = read(case.replace(impact={"form": "table", "table": "meadow"}), **arrays)
     assert scene.rasters.sizes.ravel().tolist() == [0.2, 0.0, 0.0]
-    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'sets.nml' needs mean_radius > 0"):
+    with refused(f"{tmp_path}/zones.csv: zone 2: ground 'sets.nml' requires mean_radius > 0"):
         read(case, **arrays)
     arrays, surface = zones(tmp_path, "1,0.2\n2,\n3,0.3\n", "zone,mean_radius\n")
-    with refused(f"{tmp_path}/zones.csv: zone 2: mean_radius needed for method B"):
+    with refused(f"{tmp_path}/zones.csv: zone 2: method B requires mean_radius"):
         read(case_with(tmp_path, **surface), **arrays)
     arrays["zones"][arrays["zones"] == 2] = 1
     read(case_with(tmp_path, **surface), **arrays)
@@ -349,6 +351,6 @@ def test_a_zone_without_a_ground_is_reported_unless_the_case_chooses_one(tmp_pat
         assert not [line for line in read(own, **arrays).remarks if "no ground" in line]
     arrays, surface = zones(tmp_path, rows.replace("2,0.2,", "2,,"))
     unset = unset.replace(surface=surface)
-    said = "no ground: give one, the default 'vaujany-observed' needs mean_radius > 0"
+    said = "ground is missing: give one (the default 'vaujany-observed' requires mean_radius > 0)"
     with refused(f"{tmp_path}/zones.csv: zone 2: {said}"):
         read(unset, **arrays)

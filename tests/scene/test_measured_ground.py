@@ -157,7 +157,7 @@ def test_the_command_writes_a_row_and_adds_others(place, capsys):
         ([*SCAR, "--shape", "cube"], "shape = 'cube': must be sphere"),
         ([*SCAR, "--rest-angle", "100"], "rest_angle = 100: must be 0 to 90"),
         ([*SCAR, "--longest", "1"], "waves from 2 to 1 R_b"),
-        (SCAR, "own-ground: a row of a table of grounds needs a patch"),
+        (SCAR, "own-ground: a row in a table of grounds requires a patch"),
         (["--patch", "no.tif", "--radius", "1"], "no.tif"),
     ],
 )
@@ -175,7 +175,7 @@ def test_tables_that_cannot_take_the_row_are_left_alone(place, capsys):
     words = ["ground", *SCAR, "--patch", "patch.tif", "--radius", "0.5", "--longest", "16"]
     words += ["-o", "own.csv"]
     for text, message in (
-        ("name,model,source\nroad,absorbs,me\n", "no column strength"),
+        ("name,model,source\nroad,absorbs,me\n", "column strength, "),
         ("name,model,source\nown-ground,absorbs,me\n", "has a ground own-ground"),
         ("x,y\n1,2\n", "column x"),
     ):

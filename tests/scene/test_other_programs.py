@@ -21,7 +21,7 @@ shapely = pytest.importorskip("shapely", reason="the vector extra is not install
 
 SOIL = SOILS[0]
 WHERE = box(*BOX["west"])
-ONE = "must have one"
+ONE = "must have exactly one"
 
 
 @pytest.fixture
@@ -147,10 +147,11 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
     ("name", "text", "file", "message"),
     [
         ("rocks.geojson", "{", "/rocks.geojson", "is no GeoJSON"),
-        ("rocks.geojson", None, "", "no rocks: needs a GeoJSON of polygons with number, z, "
-         "rocks_min_vol, rocks_max_vol"),
+        ("rocks.geojson", None, "", "rocks are missing: give a GeoJSON of polygons with number, "
+                                    "z, rocks_min_vol, rocks_max_vol"),
         ("rocks.geojson", collection(({"number": 5}, WHERE), ({"nb_rocks": 5}, WHERE)),
-         "/rocks.geojson", "has number and nb_rocks, which are the same attribute: keep one"),
+         "/rocks.geojson", "has number and nb_rocks, which are the same attribute: keep one of "
+                           "them"),
         ("rocks.geojson", collection(({"number": 0}, WHERE)), "/rocks.geojson",
          "polygon 1: number = 0: must be a number >= 1"),
         ("rocks.geojson", collection(({"rocks_min_vol": 0}, WHERE)), "/rocks.geojson",
@@ -164,14 +165,14 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
         ("soil.geojson", collection((SOIL | {"R_n": -0.1}, WHERE)), "/soil.geojson",
          "polygon 1: R_n = -0.1: must be a number >= 0"),
         ("soil.geojson", collection(({"number": 5, "R_n": 0.4}, WHERE)), "/soil.geojson",
-         "has attributes of rocks and of another layer: rocks, soils and forest need "
-         "files of their own"),
+         "has attributes of rocks and of another layer: rocks, soils and forest require separate "
+         "files"),
         ("soils.geojson", collection((SOIL, WHERE)), "/soils.geojson",
          "soils are already given by soil.geojson"),
-        ("other.tif", "", "", f"{ONE} DEM (.asc or .tif), has: dem.asc, other.tif"),
-        ("dem.asc", None, "", f"{ONE} DEM (.asc or .tif), has: none"),
+        ("other.tif", "", "", f"{ONE} DEM (.asc or .tif) (found: dem.asc, other.tif)"),
+        ("dem.asc", None, "", f"{ONE} DEM (.asc or .tif) (found: none)"),
         ("more.xyd", "1010,2120,20", "",
-         f"{ONE} forest (.xyd or .geojson), has: more.xyd, trees.xyd"),
+         f"{ONE} forest (.xyd or .geojson) (found: more.xyd, trees.xyd)"),
         ("trees.xyd", "1010,2120,20\n1020,here,20\n", "/trees.xyd",
          "line 2: must be x, y and DBH [cm], with decimal points"),
     ],
@@ -266,20 +267,20 @@ def test_refused_folders_of_avaframe(tmp_path):
     imported(tmp_path, ": has no folder Inputs/REL", ground="talus")
     folder = avaframe(tmp_path / "avaHill")
     choices = "rock, rocky-slope, talus, compact, meadow, vegetated-soil, soft-soil"
-    imported(folder, f"/Inputs/hill.asc: no ground: give --ground GROUND, of {choices}")
+    imported(folder, f"/Inputs/hill.asc: ground is missing: give --ground GROUND, of {choices}")
     with refused(
         f"--ground: no ground 'slate': must be {choices}, or another ground of docs/grounds.md"
     ):
         rockfall.import_avaframe(folder, tmp_path / "out", ground="slate", no_forest=True)
     make_layer(folder / "Inputs/REL/rel.shp", [shapely.box(*BOX["west"])], name=["a"])
-    mixed = "/Inputs/REL: must have shapefiles or rasters, has both"
+    mixed = "/Inputs/REL: must have shapefiles or rasters (found: both)"
     imported(folder, mixed, ground="talus")
     for path in (folder / "Inputs/REL").iterdir():
         path.unlink()
     imported(folder, mixed.replace("both", "none"), ground="talus")
     (folder / "Inputs/second.asc").write_text("")
     imported(
-        folder, "/Inputs: must have one DEM (.asc or .tif), has: hill.asc, second.asc",
+        folder, "/Inputs: must have exactly one DEM (.asc or .tif) (found: hill.asc, second.asc)",
         ground="talus",
     )  # fmt: skip
     assert not (tmp_path / "out").exists()

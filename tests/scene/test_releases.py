@@ -238,7 +238,7 @@ def test_check_and_options_say_which_number_is_meant(case, capsys):
     assert main(["run", "case.nml", *words]) == 0
     (case.folder / "again.nml").write_text(rockfall.read_result("out.nc").attrs["case"])
     assert main(["check", "again.nml"]) == 0
-    said = "10 of all sources together, 2 to 3 from each; sources: 4 (points)"
+    said = "10 from all sources together, 2 to 3 from each; sources: 4 (points)"
     assert said in capsys.readouterr().out
     words = ["--boulders", "7", "-o", "new.nc", "--quiet"]
     assert main(["run", "again.nml", *words]) == 0
@@ -290,8 +290,8 @@ def refused_cases():
         ({"volume": [None, "normal"]}, "&boulder volume_mean is missing: needed for .*"),
         ({"volume": [None, "normal"], "volume_min": [None, 1.0]}, "&boulder volume_.*"),
         ({"volume": ["normal"] * 2, "volume_mean": [0.8, 0.8], "volume_std": [0.1, 15.0]},
-         "&boulder volume_std = 15.0: must be at most 5 times volume_mean .*"),
-        ({"frequency": [1.0, None]}, "has no frequency: all must have one, or none"),
+         "&boulder volume_std = 15.0: must be at most 5 times volume_mean: .*"),
+        ({"frequency": [1.0, None]}, "has no frequency: all sources or none must have a frequency"),
         ({"frequency": [1.0, 0.0]}, "frequency = 0: must be > 0 .*"),
         ({"drop_height": [1.0, np.inf]}, "drop_height = inf: must be at most 1e12 .*"),
     ):  # fmt: skip
@@ -300,19 +300,22 @@ def refused_cases():
     many = points(velocity=[1.0, 2.0])
     yield {"points": many}, r".*attribute velocity: must be velocity_x, velocity_y, velocity_z .*"
     plain = points()
-    yield {"points": plain, "name_field": "id"}, f"{plain}: no attribute id, has: none"
-    yield {"points": plain, "points_layer": "b"}, f"{plain}: no layer b, has: .*"
+    yield (
+        {"points": plain, "name_field": "id"},
+        rf"{plain}: attribute id is missing \(attributes: none\)",
+    )
+    yield {"points": plain, "points_layer": "b"}, rf"{plain}: no layer b \(layers: .*\)"
     yield {"points": plain, "polygons": plain}, "case.nml: &release: give one of: points .*"
     yield (
         {"points": plain, "by_area": True},
         ".*&release by_area = .true.: is not valid for points",
     )
-    yield {"polygons": plain}, f"{plain}: feature 1: is a Point, polygons are needed"
+    yield {"polygons": plain}, f"{plain}: feature 1: is a Point, but polygons are required"
     yield {"points": "none.gpkg"}, "case.nml: &release points = 'none.gpkg': no such file"
     make_layer("mixed.gpkg", [POINTS[0], CLIFFS[0]])
-    yield {"points": "mixed.gpkg"}, "mixed.gpkg: feature 2: is a Polygon, points are needed"
+    yield {"points": "mixed.gpkg"}, "mixed.gpkg: feature 2: is a Polygon, but points are required"
     make_layer("empty.gpkg", [])
-    yield {"points": "empty.gpkg"}, "empty.gpkg: the layer is empty, points are needed"
+    yield {"points": "empty.gpkg"}, "empty.gpkg: the layer is empty: must contain points"
     make_layer("off.gpkg", [shapely.Point(W - 9, N)])
     yield {"points": "off.gpkg"}, ".*source 1 .* lies outside the terrain .*"
     with open("a.csv", "w") as file:
@@ -321,7 +324,7 @@ def refused_cases():
     yield {"points": "a.csv", "points_layer": "b"}, ".*points_layer: is not valid for a table"
     with open("b.csv", "w") as file:
         file.write("x,z\n600120,1\n")
-    yield {"points": "b.csv"}, "b.csv: line 1: no column y, has: x, z"
+    yield {"points": "b.csv"}, r"b.csv: line 1: column y is missing \(columns: x, z\)"
     with open("c.csv", "w") as file:
         file.write("x,y\n600120,\n")
     yield {"points": "c.csv"}, "c.csv: line 2: y = '': must be a number"
@@ -345,7 +348,9 @@ def test_what_cannot_be_is_refused_in_one_line(case, capsys, subtests):
     either = r"case.nml: &case boulders, boulders_total: give one of the two: .*"
     refuses(["run", "case.nml", "--output", "new.nc"], either, capsys)
     make_layer("f.gpkg", POINTS, frequency=[1.0, 2.0, 3.0, 4.0])
-    with pytest.raises(rockfall.RockfallError, match="sources have a frequency: an ensemble needs"):
+    with pytest.raises(
+        rockfall.RockfallError, match="sources have a frequency: an ensemble requires"
+    ):
         run_ensemble(at(case, "f.gpkg"))
 
 

@@ -289,9 +289,9 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
     folder = make_folder(tmp_path / "rocky", **forest())
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (
-        "rebounds follow the classical model rockyfor3d of the shipped grounds, none the impact",
-        "without a fit speeds and energies may be too low",
-        "Forest is not validated:",
+        "rebounds follow the classical model rockyfor3d of the shipped grounds, not the impact",
+        "without a fit, speeds and energies may be too low",
+        "forest model is not validated:",
     ):
         assert said in text and said in (tmp_path / "case/case.nml").read_text()
     bare = make_folder(tmp_path / "bare", soiltype=None)
@@ -310,7 +310,7 @@ def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
     assert found.names[:3] == ("grounds of the case", "impact sets, method A", "rockyfor3d")
     assert found.names[2:] == tuple(ROCKS)
     part = 100 * (NX - 8) * (NY - 3) / (NX * NY)
-    assert f"impact sets cover {part:.1f} % of the terrain, the case's own grounds the rest" in (
+    assert f"impact sets cover {part:.1f} % of the terrain, grounds of the case the rest" in (
         found.notes
     )
     table = found.table.set_index(["model", "line", "quantity", "statistic"])["value"]
@@ -374,9 +374,10 @@ NEEDED = "dem.asc, rockdensity.asc, d1.asc, d2.asc, d3.asc, rg70.asc, rg20.asc, 
 @pytest.mark.parametrize(
     ("rasters", "words"),
     [
-        ({"d2": None, "rg10": None}, f"no d2.asc, rg10.asc: a folder of Rockyfor3D needs {NEEDED}"),
+        ({"d2": None, "rg10": None},
+         f"d2.asc, rg10.asc missing: a Rockyfor3D folder requires {NEEDED}"),
         ({"rockdensity": np.zeros((NY, NX))},
-         "rockdensity.asc: no source cells: must have cells above zero"),
+         "rockdensity.asc: no source cells: at least one cell must be above zero"),
         (net(height=0.0),
          "net_height.asc: net 7 has cells that are not > 0: give every cell of net_number an "
          "energy [kJ] and a height [m]"),

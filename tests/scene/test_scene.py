@@ -72,6 +72,7 @@ def test_a_scene_gives_its_memory_back(rasters, tmp_path):
 
 def test_a_path_is_no_case():
     with pytest.raises(
-        rockfall.RockfallError, match=r"^case = 'case.nml': must be a Case: rockfall.read_"
+        rockfall.RockfallError,
+        match=r"^case = 'case.nml': must be a Case, as read by rockfall.read_",
     ):
         rockfall.run("case.nml")

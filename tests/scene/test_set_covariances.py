@@ -60,21 +60,21 @@ SINGULAR = {
 REFUSED = {
     "no variance": (with_entries(c11=1e-2, c77=1e-16, c87=9e-9), "(8, 8) above 0"),
     "no variance, among small": (with_entries(c11=0.3, c22=1e-12, c32=1e-13), "(3, 3) above 0"),
-    "correlation of 1.01": (with_entries(c11=1e-2, c44=1e-2, c41=1.01e-2), "(4, 1) makes a corr"),
+    "correlation of 1.01": (with_entries(c11=1e-2, c44=1e-2, c41=1.01e-2), "(4, 1) implies a corr"),
     "correlation of 900": (
-        with_entries(c11=0.1, c77=1e-16, c88=1e-6, c87=9e-9), "(8, 7) makes a correlation of 900",
+        with_entries(c11=0.1, c77=1e-16, c88=1e-6, c87=9e-9), "(8, 7) implies a correlation of 900",
     ),
     "correlation of -1.001, small": (
         with_entries(c11=0.3, c88=1e-14, c99=1e-12, c98=-1.001e-13),
-        "(9, 8) makes a correlation of -1.001",
+        "(9, 8) implies a correlation of -1.001",
     ),
     "three against each other": (
         with_entries(c11=1e-2, c22=1e-4, c33=1e-6, c21=-7e-4, c31=-7e-5, c32=-7e-6),
-        "smallest eigenvalue of its correlations is -0.4",
+        "smallest eigenvalue of its correlation matrix is -0.4",
     ),
     "the same, small": (
         with_entries(c44=0.3, c11=1e-12, c22=1e-14, c33=1e-16, c21=-7e-14, c31=-7e-15, c32=-7e-16),
-        "smallest eigenvalue of its correlations is -0.4",
+        "smallest eigenvalue of its correlation matrix is -0.4",
     ),
     "two digits": (printed(of_rank(2, 50), 2), "indefinite"),
     "three digits": (printed(of_rank(2, 51), 3), "indefinite"),
@@ -175,8 +175,11 @@ def test_units_change_no_decision(name, unit):
 @pytest.mark.parametrize(
     "noise, said",
     [
-        ([1e-4, 2e-5, 0, 0, 0, 0], "noise: entry (2, 1) = 0.00002 needs a variance (2, 2) above 0"),
-        ([1e-4, 1.01e-4, 1e-4, 0, 0, 0], "noise is indefinite: entry (2, 1) makes a correlation"),
+        (
+            [1e-4, 2e-5, 0, 0, 0, 0],
+            "noise: entry (2, 1) = 0.00002 requires a variance (2, 2) above 0",
+        ),
+        ([1e-4, 1.01e-4, 1e-4, 0, 0, 0], "noise is indefinite: entry (2, 1) implies a correlation"),
         ([0, 0, 1e-4, 0, 0, -1e-9], "noise: variance (3, 3) = -1e-9, must be >= 0"),
         ([1e-4, -7e-5, 1e-4, -7e-5, -7e-5, 1e-4], "noise is indefinite: the smallest eigenvalue"),
         ([1e-4, 1e-4, 1e-4, 0, 0, 0], ""),

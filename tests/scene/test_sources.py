@@ -225,7 +225,9 @@ def test_what_needs_the_same_from_each_source_is_refused(tmp_path):
     make_raster(tmp_path / "dem.tif", z, transform=grid(z).transform)
     make_raster(tmp_path / "cells.tif", top().astype("u1"), transform=grid(z).transform)
     files = case.replace(terrain={"dem": "dem.tif"}, release={"cells": "cells.tif"})
-    refusal = "case: &release by_area = .true.: {} needs equal numbers from each source"
+    refusal = (
+        "case: &release by_area = .true.: {} requires equal numbers of boulders from each source"
+    )
     with refused(refusal.format("--until")):
         run_until(case, "share@L<5%", **arrays)
     with refused(refusal.format("an ensemble")):

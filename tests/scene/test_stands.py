@@ -148,13 +148,13 @@ LEFT, RIGHT = shapely.box(0, 0, 160, 400), shapely.box(150, 0, 300, 400)
     ("shapes", "changes", "said"),
     [
         ([LEFT, RIGHT], {}, "features 1 and 2 overlap by 4,000 m2: polygons must not overlap"),
-        ([ALL], {"stems": None, "n": [1.0]}, "no attribute stems"),
+        ([ALL], {"stems": None, "n": [1.0]}, "attribute stems"),
         ([ALL, RIGHT], {"stems": [500.0, None]}, "feature 2: has no stems"),
         ([RIGHT], {"dbh_mean": [None]}, "feature 1: has no dbh_mean"),
         ([ALL], {"conifers": [120.0]}, "feature 1: conifers = 120: must be 0 to 100 %"),
         ([ALL], {"stems": ["many"]}, "attribute stems: must be a number"),
         ([ALL], {"BHD": [30.0]}, "attributes dbh_mean and BHD: both give dbh_mean: keep one"),
-        ([ALL], {"conifers": None}, "no attribute conifers or species: add it, or set &forest"),
+        ([ALL], {"conifers": None}, "attribute conifers or species is missing: add it, or set"),
         ([ALL], {"species": ["palm"]}, "feature 1: species = palm: is not in"),
         ([ALL], {"species": ["spruce 60, fir 20"]}, "feature 1: species = 'spruce 60, fir 20': mu"),
         ([shapely.box(900, 0, 950, 9)], {}, "all stands are outside the terrain"),
@@ -174,7 +174,7 @@ def test_values_that_the_layer_lacks_come_from_the_case_and_never_from_both(tmp_
     assert np.array_equal(scene.trees, scene_of(tmp_path, MADE).trees)
     with pytest.raises(RockfallError, match="uniform_dbh_mean: attribute dbh_mean of"):
         stands_of(tmp_path, [ALL], {"uniform_dbh_mean": 20.0}, **GIVEN)
-    with refused("case: &forest: give one of polygons, trees and stems"):
+    with refused("case: &forest: give only one of polygons, trees and stems"):
         case_of(tmp_path, {"polygons": "stands.gpkg"} | MADE)
 
 
@@ -327,7 +327,7 @@ def test_logs_of_a_layer_are_low_barriers(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        ({"diameter": 40.0, "capacity": 5.0}, "diameter = 40.0: gives the capacity of a log"),
+        ({"diameter": 40.0, "capacity": 5.0}, "diameter = 40.0: determines the capacity of a log"),
         ({"decay_class": 2, "capacity": 5.0, "height": 1.0}, "is only valid with diameter"),
         ({"decay_class": 5, "diameter": 40.0}, "must be 1 to 4"),
     ],
@@ -340,7 +340,7 @@ def test_a_log_with_a_fault(tmp_path, keys, said):
 
 @pytest.mark.parametrize("std, told", [
     ([12.0, 0.12], "0.12 cm at a mean of 30 cm"),
-    ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): is it in m"),
+    ([0.12, 0.15], "0.12 cm at a mean of 30 cm (100 % of the stems): is the value in m"),
     ([12.0, 40.0], "40 cm at a mean of 30 cm"),
     ([12.0, 29.0], None),
     ([0.0, 0.0], None),  # all with the same diameter

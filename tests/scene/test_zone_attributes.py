@@ -99,11 +99,17 @@ def test_the_standalone_program_gives_the_same_bits(case):
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"soil": [1, 2, 3]}, r"ground.gpkg: no attribute mean_radius, rg70, rg20, rg10 or ground"),
-        ({"mean_radius": [0.2, np.nan, 0.2]}, r"ground.gpkg: feature 2: mean_radius needed for"),
+        (
+            {"soil": [1, 2, 3]},
+            r"ground.gpkg: attributes are missing: give polygons mean_radius, rg70, rg20, rg10 or ",
+        ),
+        (
+            {"mean_radius": [0.2, np.nan, 0.2]},
+            r"ground.gpkg: feature 2: method B requires mean_radius",
+        ),
         ({"mean_radius": [0.2, -1.0, 0.2]}, r"feature 2: mean_radius = -1.0: must be > 0"),
         ({"mean_radius": ["0.2", "x", "0.2"]}, r"feature 2: mean_radius = x: must be a number"),
-        ({"rg70": [0.2, 0.3, 0.2]}, r"ground.gpkg: feature 1: mean_radius needed for method B"),
+        ({"rg70": [0.2, 0.3, 0.2]}, r"ground.gpkg: feature 1: method B requires mean_radius"),
         ({"ground": ["road", "roat", "road"]}, r"feature 2: ground = .*roat"),
     ],
 )
@@ -115,5 +121,5 @@ def test_what_polygons_cannot_say_is_refused(case, columns, message):
 def test_a_default_needs_ids_and_a_raster_a_table(case):
     with refused("default_zone = 1: needs an integer attribute zone that distinguishes zones"):
         read_scene(polygons(case, **GROUND).replace(surface={"default_zone": 1}))
-    with refused("&surface table is missing: it gives the ground of the zones"):
+    with refused("&surface table is missing: it must give the grounds of the zones"):
         read_scene(case.replace(surface={"table": None}))

@@ -118,11 +118,11 @@ BAD = {
     "talus,,-1": "ground_relief = -1: must be 0 to 45",
     "talus,soft,": "ground_strength = soft: must be a number",
     "talus,inf,": "ground_strength = inf: must be a number",
-    "road,2e5,": "ground_strength = 200000: not valid on ground 'road': only on rock, compact, "
-    "talus, meadow, vegetated-soil, soft-soil",
-    ",2e5,": "ground_strength = 200000: not valid on ground 'sets.nml': only on ",
-    "rocky-slope,,12": "ground_relief = 12: not valid on ground 'rocky-slope': only on ",
-    "mud,2e5,": "ground = 'mud': no ground of grounds.csv",
+    "road,2e5,": "ground_strength = 200000: is not valid for ground 'road': only for rock, "
+    "compact, talus, meadow, vegetated-soil, soft-soil",
+    ",2e5,": "ground_strength = 200000: is not valid for ground 'sets.nml': only for ",
+    "rocky-slope,,12": "ground_relief = 12: is not valid for ground 'rocky-slope': only for ",
+    "mud,2e5,": "ground = 'mud': is not a ground of grounds.csv",
 }
 
 
@@ -222,8 +222,8 @@ def test_a_ground_without_strength_is_refused(case, ground):
     with pytest.raises(RockfallError) as caught:
         read_scene(case.replace(surface=surface))
     assert str(caught.value) == (
-        f"{case.name}: &surface ground_strength = 300000: not valid on ground '{ground}': only on "
-        "rock, compact, talus, meadow, vegetated-soil, soft-soil"
+        f"{case.name}: &surface ground_strength = 300000: is not valid for ground '{ground}': only "
+        "for rock, compact, talus, meadow, vegetated-soil, soft-soil"
     )
 
 

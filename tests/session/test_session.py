@@ -177,7 +177,7 @@ def test_statistics_are_those_of_the_function(case):
     pd.testing.assert_frame_equal(
         chosen, table.set_index("quantity").loc[chosen.quantity].reset_index()[table.columns]
     )
-    with refused("quantities: unknown quantity 'weight', known: speed"):
+    with refused("quantities: unknown quantity 'weight': must be one of speed"):
         batch.line_statistics(quantities=["weight"])
 
 

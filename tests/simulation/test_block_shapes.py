@@ -304,8 +304,8 @@ def test_axes_have_the_nearest_shape(axes, shape):
         ("flat,,,", "block_shape = 'flat': must be one of: compact, elongated, platy"),
         ("3,,,", "block_shape = '3': must be one of: compact, elongated, platy"),
         ("platy,1.0,0.8,0.4", "block_shape = 'platy': give this or the axes a, b, c"),
-        (",1.0,0.8,", "c = '': is missing: a block has the axes a, b and c"),
-        (",,,0.4", "a = '': is missing: a block has the axes a, b and c"),
+        (",1.0,0.8,", "c = '': is missing: a block requires the axes a, b and c"),
+        (",,,0.4", "a = '': is missing: a block requires the axes a, b and c"),
         (",1.0,0.8,0", "c = 0.0: must be > 0"),
         (",1.0,-0.8,-0.9", "b = -0.8: must be > 0"),
         (",inf,0.8,0.4", "a = .*: must be .*"),
@@ -344,14 +344,14 @@ WRONG_MIXES = [
     ({SHAPE: ["platy", "platy"]}, SHAPE, "= 'platy', 'platy': must list each shape once"),
     ({SHAPE: [*BLOCK_SHAPES, "compact"]}, SHAPE,
         "= 'compact', 'elongated', 'platy', 'compact': must list each shape once"),
-    ({SHARE: [0.5, 0.5]}, SHARE, "= 0.5, 0.5: must be 3, one for each block_shape"),
+    ({SHARE: [0.5, 0.5]}, SHARE, "= 0.5, 0.5: must have 3 values, one for each block_shape"),
     ({SHARE: [0.5, 0.3, 0.3]}, SHARE, "= 0.5, 0.3, 0.3: must sum to 1, but sums to 1.1"),
     ({SHARE: [0.3, 0.3, 0.3]}, SHARE, "= 0.3, 0.3, 0.3: must sum to 1, but sums to 0.9"),
     ({SHARE: [0.0, 0.0, 0.0]}, SHARE, "= 0.0, 0.0, 0.0: must sum to 1, but sums to 0"),
     ({SHARE: [0.5, -0.3, 0.8]}, SHARE, "(value 2) = -0.3: must be 0 to 1"),
     ({SHARE: [0.5, 0.5, float("nan")]}, SHARE, "(value 3) = nan: must be a finite real number"),
     ({SHARE: [50.0, 30.0, 20.0]}, SHARE, "(value 1) = 50.0: must be 0 to 1"),
-    ({SHAPE: "platy"}, SHARE, "= 0.5, 0.3, 0.2: must be 1, one for each block_shape"),
+    ({SHAPE: "platy"}, SHARE, "= 0.5, 0.3, 0.2: must have 1 values, one for each block_shape"),
     ({SHAPE: "platy", SHARE: 0.5}, SHARE, "= 0.5: must sum to 1, but sums to 0.5"),
 ]  # fmt: skip
 
@@ -370,8 +370,8 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
     case = mixed_case(tmp_path).replace(impact={"sets": "laboratory-spheres"})
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n" + "".join(
         f"{k},0.3,\n" for k in (1, 2, 3, 4)))  # fmt: skip
-    with refused("case: &boulder block_shape = 'compact', 'elongated', 'platy': is only valid with "
-                 "a table of impacts, which no ground has"):  # fmt: skip
+    with refused("case: &boulder block_shape = 'compact', 'elongated', 'platy': is only valid "
+                 "with an impact table, which no ground has"):  # fmt: skip
         read_scene(case, **striped())
 
 
@@ -424,10 +424,12 @@ def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
 @pytest.mark.parametrize(
     "keys, message",
     [
-        ({"block_axes": AXES[:9]}, "block_axes = .*: must be three for each of volumes"),
-        ({"block_axes": AXES[:-1]}, "block_axes = .*: must be three for each of volumes"),
+        ({"block_axes": AXES[:9]}, "block_axes = .*: must have three values for each value of "
+                                   "volumes"),
+        ({"block_axes": AXES[:-1]}, "block_axes = .*: must have three values for each value of "
+                                    "volumes"),
         ({"block_axes": [*AXES[:9], 1.0, 1.6, 0.9]},
-         r"block_axes \(value 10\) = 1.0: must be a, b, c of each block, a >= b >= c"),
+         r"block_axes \(value 10\) = 1.0: must be a, b, c of each block, with a >= b >= c"),
         ({"block_axes": [*AXES[:9], 1.6, 0.9, 1.0]}, r"block_axes \(value 10\) = 1.6: must be a,"),
         ({"block_axes": [0.0, *AXES[1:]]}, r"block_axes \(value 1\) = 0.0: must be > 0"),
         ({"block_axes": [*AXES[:11], -0.9]}, r"block_axes \(value 12\) = -0.9: must be > 0"),
@@ -436,9 +438,10 @@ def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
         ({"volume": "fixed", "volume_mean": 1.0, "volumes": None},
          "block_axes = .*: is not valid for volume = 'fixed'"),
         ({"block_axes": None, "block_shape": "source"},
-         "block_shape = 'source': needs a layer or table of sources, or d1, d2, d3"),
+         "block_shape = 'source': 'source' requires a layer or table of sources, or the rasters "
+         "d1"),
         ({"block_axes": None, "block_shape": ["source", "platy"]},
-         "block_shape = 'source', 'platy': must be 'source' alone"),
+         "block_shape = 'source', 'platy': 'source' cannot be combined with other shapes"),
     ],
 )  # fmt: skip
 def test_axes_of_lists_that_cannot_be_are_refused(tmp_path, keys, message):
@@ -501,7 +504,7 @@ def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
     rockfall.write_result(result, tmp_path / "out.nc")
     assert main(["lines", str(tmp_path / "out.nc"), "--by", "shape"]) == 0
     assert all(f"\n  {name} " in capsys.readouterr().out for name in BLOCK_SHAPES[:1])
-    with refused("by = 'shape': the boulders of the result have one block shape"):
+    with refused("by = 'shape': all boulders of the result have the same block shape"):
         rockfall.line_statistics(result.drop_vars("block_shape"), by="shape")
 
 
@@ -618,7 +621,7 @@ def with_shape(number):
         (with_shape(4), "2.nc: is damaged: block_shape = 4: must be 1 to 3"),
         (with_shape(0), "2.nc: is damaged: block_shape = 0: must be 1 to 3"),
         (lambda file: file.renameVariable("block_shape", "other"), "2.nc: is damaged: block_shape"),
-        (without_attribute, "merge: a part has other variables of boulders than the first"),
+        (without_attribute, "merge: a part has different boulder variables than the first part"),
     ],
 )
 def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message):
@@ -646,8 +649,8 @@ def moved_record(file):
     file["table_shape"][:] = shape
 
 
-TABLES_APART = "case.nml: arrays table_... do not agree with each other, or with ground_table"
-DAMAGED_TABLE = "is a damaged table of impacts"
+TABLES_APART = "case.nml: arrays table_... are inconsistent with each other or with ground_table"
+DAMAGED_TABLE = "is a damaged impact table"
 
 
 @pytest.mark.parametrize(
@@ -672,7 +675,7 @@ def test_tables_of_a_scene_file_that_cannot_be_are_refused(tmp_path, change, wor
 
 def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(tmp_path):
     done = run_changed(tmp_path, lambda file: file.setncattr("scene_layout", np.int64(2)))
-    words = "scene.nc: is not a scene file of layout 3: `rockfall prepare` makes one"
+    words = "scene.nc: is not a scene file with layout 3: create it with `rockfall prepare`"
     refused_in_one_line(done, words)
 
 
@@ -692,9 +695,11 @@ def run_changed(tmp_path, change):
 
 
 DOUBTED = [  # keys, expected doubt
-    ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder is platy: its share is 0"),
+    ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder is platy: the fraction of this "
+                               "shape is 0"),
     (LISTED | dict.fromkeys((*SHAPES_OF_MIX, "volume_std")) | {"block_axes": [1.2, 0.9, 0.008] * 4},
-     "block_axes: the longest axis of a block is 150 times the shortest: are all in one unit?"),
+     "block_axes: the longest axis of a block is 150 times the shortest: are all axes in one "
+     "unit?"),
 ]  # fmt: skip
 
 
@@ -717,5 +722,7 @@ def test_shares_beside_the_shapes_are_refused_with_their_key(tmp_path):
         "&boulder volume_mean = 1.0, block_shape = 'compact' 0.5, 'platy' 0.5 /\n"
         "&release x = 1.0, y = 1.0 /\n"
     )
-    with pytest.raises(rockfall.RockfallError, match="in quotes, shares go in block_shape_share$"):
+    with pytest.raises(
+        rockfall.RockfallError, match="in quotes, give fractions in block_shape_share$"
+    ):
         rockfall.read_case(tmp_path / "case.nml")

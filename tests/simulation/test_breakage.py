@@ -208,7 +208,7 @@ def test_limits_are_refused(tmp_path, monkeypatch, capsys):
         (tmp_path / "case.nml").write_text(text + more)
         refuses(["run", "case.nml", "-o", "r.nc"], f"case.nml: &breakage {said}", capsys)
     (tmp_path / "case.nml").write_text(f"{text}&breakage at = 'impact' /\n&output kept = 'none' /")
-    said = "case.nml: &output kept = 'none': must be 'all' where boulders break .*"
+    said = "case.nml: &output kept = 'none': must be 'all' if boulders break .*"
     refuses(["run", "case.nml", "-o", "r.nc"], said, capsys)
 
 
@@ -218,7 +218,7 @@ def test_what_statistics_count_is_said(folder, bare):
     assert any(text.startswith("Breakage follows an unvalidated rule") for text in texts)
     (counted,) = (text for text in texts if " broke, into " in text)
     crossed = at_lines(bare)["line_fragments"].values[0]
-    assert f"low: {crossed[crossed > 0].mean():.3g} fragments of each" in counted
+    assert f"low: {crossed[crossed > 0].mean():.3g} fragments per crossing" in counted
     assert any("reached &breakage max_fragments = 60" in text for text in texts)
     whole = run(case(folder))
     assert not any("reak" in one.text for one in model_remarks(whole, case_of(whole)))
@@ -229,7 +229,7 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
     with pytest.raises(
-        rockfall.RockfallError, match="&breakage at = 'both': must be 'none': the end of a boulder"
+        rockfall.RockfallError, match="&breakage at = 'both': must be 'none': a boulder ends"
     ):
         rockfall.back_analysis(case(folder, breakage=BOTH), observed)
     notes = rockfall.compare(bare, observed).notes

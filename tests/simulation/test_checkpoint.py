@@ -138,7 +138,7 @@ def test_a_full_disk_is_said_once_and_the_run_goes_on(scene, tmp_path, monkeypat
 
     monkeypatch.setattr(checkpoint, "sync", full)
     result = simulate.run_scene(scene, chunk=20, checkpoint=saved)
-    assert said == [f"{saved.path}: no more checkpoints: No space left on device"]
+    assert said == [f"{saved.path}: no further checkpoints are written: No space left on device"]
     monkeypatch.undo()
     same(result, simulate.run_scene(scene))
     assert Checkpoint(tmp_path / "c", 0.0).found() == 20 and not saved.part.exists()

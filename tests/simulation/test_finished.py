@@ -14,7 +14,7 @@ from programs import Killed, everything, find_program, killed_after
 from rockfall.cli import main
 from rockfall.simulation import simulate
 
-FINISHED = "is finished already, from the same case; nothing was changed"
+FINISHED = "already contains the finished run of this case: nothing was changed"
 
 
 def prepare(folder):

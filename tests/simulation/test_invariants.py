@@ -231,8 +231,8 @@ def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypat
     monkeypatch.setattr(run_state, "MAX_COLUMNS", reached - 1)
     for threads, chunk in ((1, 7), (4, 500)):
         with refused(
-            f"case: &output maps: boulders reach more than {reached - 1} cells; the counts of "
-            "quantile maps in more do not fit in memory"
+            f"case: &output maps: boulders reach more than {reached - 1} cells, for which quantile "
+            "maps do not fit in memory: omit these maps"
         ):
             simulate.run_scene(scene, threads=threads, chunk=chunk)
 

@@ -246,7 +246,7 @@ def test_a_summary_says_why_it_has_no_outcomes_of_barriers(case):
 @pytest.mark.all
 def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_figures):
     result, file = kept_with_a_net(case), tmp_path / "some.nc"
-    note = "From the 60 kept of 3,000 boulders."
+    note = "Based on the 60 of 3,000 boulders that were kept."
     assert kept_note(result) == rockfall.design(result).kept == note
     assert f"Warning: {note}" in design_text(rockfall.design(result))
     assert note in summary(result).split("  barrier ")[1]
@@ -282,11 +282,11 @@ def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, 
     for name, kept in (("all", "all"), ("none", "none"), ("some", 60)):
         rockfall.write_result(result(kept), tmp_path / f"{name}.nc")
     needs = "requires rows of boulders, but &output kept = 'none' keeps none"
-    rows = "its number of kept boulders (60, not 3,000) differs; run variants with the same &output"
+    rows = "its number of kept boulders (60, not 3,000) differs: run variants with the same &output"
     for pair, message in (
         (("all", "none"), f"none: {needs}"),
         (("none", "some"), f"none: {needs}"),
-        (("all", "some"), f"some: is no variant of all: {rows} kept"),
+        (("all", "some"), f"some: is not a variant of all: {rows} kept"),
     ):
         assert main(["compare", *(str(tmp_path / f"{name}.nc") for name in pair)]) == 2
         said = capsys.readouterr().err
@@ -300,7 +300,7 @@ def test_a_page_of_variants_says_from_which_boulders_it_is(case, tmp_path, blank
     page = tmp_path / "page.html"
     with pytest.warns(UserWarning, match="elevations were given as an array"):
         rockfall.report_variants({"a": some, "b": kept_with_a_net(case)}, page)
-    assert "From the 60 kept of 3,000 boulders." in page.read_text()
+    assert "Based on the 60 of 3,000 boulders that were kept." in page.read_text()
 
 
 @pytest.mark.all
@@ -310,16 +310,16 @@ def test_figures_that_need_rows_are_named_and_maps_are_of_all(
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     monkeypatch.chdir(tmp_path)  # without the impact set of the case, which has a figure
     bare = case.replace(output={"kept": "none", "maps": None, "trajectories": 0})
-    why = "need rows of boulders, and &output kept = 'none' keeps none"
+    why = "require rows of boulders (&output kept), which the result does not have"
     rockfall.write_result(run(bare), tmp_path / "bare.nc")
     assert main(["figures", str(tmp_path / "bare.nc"), str(tmp_path / "no")]) == 2
     said = capsys.readouterr()
-    assert "no figure can be drawn: run-outs, stops and numbers at lines" in said.err
+    assert "no figure can be drawn: run-outs, stops and line statistics" in said.err
     assert why in said.err and not said.out and not (tmp_path / "no").exists()
     rockfall.write_result(counted, tmp_path / "maps.nc")
     assert main(["figures", str(tmp_path / "maps.nc"), str(tmp_path / "maps")]) == 0
     said = capsys.readouterr()
-    assert f"run-outs, stops and numbers at lines are not drawn: they {why}\n" in said.err
+    assert f"run-outs, stops and line statistics are not drawn: they {why}\n" in said.err
     assert (tmp_path / "maps" / "pass_frequency.png").exists()
     for result in (counted, run(case.replace(output={"kept": 60}))):
         (passages,) = (one for one in figures(result) if one.name == "pass_frequency")
@@ -333,7 +333,7 @@ def test_other_words_and_numbers_are_refused(case, kept):
 
 
 def test_limits_of_cells_of_sampled_sources_need_rows(case):
-    with pytest.raises(RockfallError, match="&output kept = 'none'?: must be 'all' for maps where"):
+    with pytest.raises(RockfallError, match="&output kept = 'none'?: must be 'all' for maps with"):
         case.replace(release={"sources": "sample"}, output={"kept": "none"})
 
 

@@ -52,7 +52,7 @@ def test_what_a_case_names_it_follows(impact, form):
 
 
 def test_both_without_a_form_are_refused(tmp_path, monkeypatch, capsys):
-    says = "&impact sets, table: give one of the two, or form = 'matrix' or 'table' with both"
+    says = "&impact sets, table: give only one, or choose with form = 'matrix' or 'table'"
     with refused(f"case: {says}"):
         case_of({"sets": "mine.nml", "table": "meadow"})
     monkeypatch.chdir(tmp_path)
@@ -70,7 +70,7 @@ def test_a_change_brings_its_form():
     assert table.replace(impact={"table": None}) == matrix.replace(impact={"sets": None})
     assert case_of({"form": "table"}).replace(impact={"form": None}) == case_of({})
     for case in table, matrix:
-        with pytest.raises(RockfallError, match="give one of the two"):
+        with pytest.raises(RockfallError, match="give only one, or choose with form"):
             case.replace(impact={"sets": "laboratory-spheres", "table": "talus"})
     for case in table, matrix:
         assert case.replace(impact={"stop_speed": 1.0}).impact["form"] == case.impact["form"]
@@ -168,8 +168,8 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
-    """They would be alternatives and not be drawn together."""
-    says = "is an impact table, but laboratory-spheres is none: it can replace a table only"
+    """They would be alternatives, and not drawn together."""
+    says = "is an impact table, which can only replace an impact table, not laboratory-spheres"
     for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
             uncertain(tmp_path, {}, *others, "talus", sets="laboratory-spheres")

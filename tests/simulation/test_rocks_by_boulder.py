@@ -183,9 +183,9 @@ def test_the_preview_has_neutral_slopes_of_all_boulders(tmp_path):
     ({"surface": {"uniform_mean_radius": 0.2}, "boulder": {"mean_radius_sigma": 1.6}},
      "&boulder mean_radius_sigma = 1.6: must be 0 to 1.5"),
     ({"surface": {"ground": "talus"}},
-     "&boulder mean_radius_sigma = 0.5: is only valid with sizes of rocks in &surface"),
+     "&boulder mean_radius_sigma = 0.5: is only valid with rock sizes in &surface"),
     ({"impact": {"table": "talus"}, "surface": {}},
-     "&boulder mean_radius_sigma = 0.5: is only valid with sizes of rocks in &surface"),
+     "&boulder mean_radius_sigma = 0.5: is only valid with rock sizes in &surface"),
 ])  # fmt: skip
 def test_what_a_case_cannot_mean_is_refused(groups, said):
     boulder = {"volume_mean": 1.0, "mean_radius_sigma": SIGMA} | groups.pop("boulder", {})

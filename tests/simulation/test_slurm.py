@@ -117,7 +117,7 @@ def test_arrays_beyond_what_slurm_usually_takes_are_reported(
 def test_batch_runs_prepared_cases_only(few_boulders, tmp_path, batch, capsys):
     words = ["slurm", str(few_boulders), str(tmp_path / "jobs"), "--shards=2", "--program=batch"]
     assert main(words) == 2
-    said = "scene.nc is missing next to it: create both by `rockfall prepare`"
+    said = "scene.nc is missing next to it: create both with `rockfall prepare`"
     assert capsys.readouterr().err == f"rockfall: {few_boulders}: {said}\n"
     assert not (tmp_path / "jobs").exists()
 

@@ -326,7 +326,7 @@ AXES = {"columns": [(0.0, 0.1), (0.1, 0.1), (0.2, 0.1), (np.nan, 0.1), (0.1, np.
 def test_a_damaged_table_is_refused(tmp_path, ground, axes):
     case = coded_case(tmp_path, SOUND, 5, radius=0.3, surface={"uniform_mean_radius": 0.1})
     coded_table(tmp_path / "coded.nc", ground, **axes)
-    with refused(f"{tmp_path}/coded.nc: is a damaged table of impacts"):
+    with refused(f"{tmp_path}/coded.nc: is a damaged impact table"):
         rockfall.run(case, **plane())
 
 

@@ -158,7 +158,7 @@ def test_an_unknown_table_is_refused(made):
         folder=made, case={"boulders": 1}, impact={"form": "table", "table": "mud"},
         boulder={"volume": "fixed", "volume_mean": 1.0}, release={"x": [50.0], "y": [480.0]},
     )  # fmt: skip
-    with pytest.raises(rockfall.RockfallError, match="no such table of impacts") as caught:
+    with pytest.raises(rockfall.RockfallError, match="no such impact table") as caught:
         rockfall.run(case, **terrain())
     assert caught.value.code == 2
 
@@ -177,7 +177,7 @@ def test_a_damaged_table_is_refused(made, tmp_path, field, value):
         boulder={"volume": "fixed", "volume_mean": 1.0}, release={"x": [50.0], "y": [480.0]},
     )  # fmt: skip
     name = case.path("meadow.nc")
-    with refused(f"{name}: is a damaged table of impacts"):
+    with refused(f"{name}: is a damaged impact table"):
         rockfall.run(case, **terrain())
 
 
@@ -309,7 +309,7 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
         assert np.array_equal(drawn["stop_x"], alone["stop_x"])
         stops.append(drawn["stop_y"].values)
     assert not np.array_equal(*stops)
-    with pytest.raises(rockfall.RockfallError, match="no such table of impacts"):
+    with pytest.raises(rockfall.RockfallError, match="no such impact table"):
         Uncertain(read_scene(case.replace(ensemble={"sets": ["no-ground", "talus"]}), **terrain()))
 
 

@@ -137,7 +137,7 @@ def test_time_at_a_line_is_that_of_its_cells(tmp_path):
         ([300.0, 30.0], "&hazard thresholds = 300.0, 30.0: must increase"),
         ([-1.0], "&hazard thresholds = -1.0: must be 0 to 100000 [kJ]"),
         (list(map(float, range(1, 10))),
-         "&hazard thresholds = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0: must be at most 8 "
+         "&hazard thresholds = 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0: must have at most 8 "
          "values"),
     ],
 )  # fmt: skip

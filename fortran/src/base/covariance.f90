@@ -65,7 +65,7 @@ contains
       if (allocated(error)) return
       call find_eigenvalues(correlation, eigenvalue, vectors)
       if (minval(eigenvalue) < -printed_tolerance) then
-         call fail(error, name//" is indefinite: the smallest eigenvalue of its correlations is " &
+         call fail(error, name//" is indefinite: the smallest eigenvalue of its correlation matrix is " &
                    //real_text(minval(eigenvalue), 3)//", must be >= 0")
          return
       end if
@@ -144,7 +144,7 @@ contains
                call fail(error, name//": variance "//place_of([j, j])//" = "//real_text(c(j, j), 3)//", must be >= 0")
             else if (abs(c(i, j)) > 0 .and. .not. c(j, j) > 0) then
                call fail(error, name//": entry "//place_of([max(i, j), min(i, j)])//" = "//real_text(c(i, j), 3) &
-                         //" needs a variance "//place_of([j, j])//" above 0")
+                         //" requires a variance "//place_of([j, j])//" above 0")
             end if
             if (allocated(error)) return
          end do
@@ -164,8 +164,8 @@ contains
                call fail(error, name//" is not symmetric: entry "//place_of([i, j])//" = "//real_text(c(i, j), 17) &
                          //", entry "//place_of([j, i])//" = "//real_text(c(j, i), 17))
             else if (abs(correlation(i, j)) > 1 + printed_tolerance) then
-               call fail(error, name//" is indefinite: entry "//place_of([i, j])//" makes a correlation of " &
-                         //real_text(correlation(i, j), 6)//", must be -1 to 1")
+               call fail(error, name//" is indefinite: entry "//place_of([i, j])//" implies a correlation of " &
+                         //real_text(correlation(i, j), 6)//", which must be -1 to 1")
             end if
             if (allocated(error)) return
          end do

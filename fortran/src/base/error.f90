@@ -35,7 +35,7 @@ contains
    pure subroutine gather(fault, error)
       type(error_t), allocatable, intent(inout) :: fault  !! not allocated afterwards
       type(error_t), allocatable, intent(inout) :: error
-      character(len=*), parameter :: more = fault_mark//"more errors follow; correct these first"
+      character(len=*), parameter :: more = fault_mark//"more errors follow: correct these first"
 
       if (.not. allocated(fault)) return
       if (.not. allocated(error)) then

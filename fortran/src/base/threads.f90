@@ -67,7 +67,7 @@ contains
          stacks = headroom + stack*(team_size(threads) - 2) + work_space*team_size(threads)
       end if
       if (stack < min_stack) then
-         call fail(error, "a thread has a stack of "//integer_text(stack/kilobyte)//" kB: must be at least " &
+         call fail(error, "the stack of each thread has "//integer_text(stack/kilobyte)//" kB: must be at least " &
                    //integer_text(min_stack/kilobyte)//" kB (ulimit -s, OMP_STACKSIZE)")
       else if (.not. can_map(headroom)) then
          call fail(error, "not enough memory for this case (ulimit -v)")

@@ -262,7 +262,7 @@ contains
          call fail(error, group%file//": &surface: give a ground, or one of: zones with table; mean_radius " &
                    //"(method B) or rg70, rg20, rg10 (method A) rasters; uniform_mean_radius (B) or uniform_rg (A)")
       else if (zones) then
-         call require_key(group, "zones", "which gives the places of the zones", error)
+         call require_key(group, "zones", "to locate the zones", error)
       else if (by_raster .and. this%method == method_b) then
          call require_key(group, "mean_radius", "for method B", error)
       else if (by_raster) then
@@ -346,8 +346,8 @@ contains
       if (this%volumes%max < this%volumes%min) then
          call refuse(group, "volume_max", "must not be below volume_min", error)
       else if (distribution == "normal" .and. this%volumes%std > max_spread*this%volumes%mean) then
-         call refuse(group, "volume_std", "must be at most "//integer_text(max_spread)//" times volume_mean [m3]; " &
-                     //"it is not a percentage", error)
+         call refuse(group, "volume_std", "must be at most "//integer_text(max_spread)// &
+                     " times volume_mean: give it in m3, not in percent", error)
       end if
       if (this%by_source) call set_factors(group, this)
    end subroutine read_boulder
@@ -367,11 +367,13 @@ contains
       n = size(names)
       if (has_key(group, "block_axes")) call read_axes(group, names, this, error)
       if (any(names == "source") .and. .not. allocated(error)) then
-         if (n > 1) call refuse(group, "block_shape", "must be 'source' alone", error)
-         if (.not. allocated(error)) call check_use(group, "block_shape_share", .false., "shapes in block_shape", error)
+         if (n > 1) call refuse(group, "block_shape", "'source' cannot be combined with other shapes", error)
+         if (.not. allocated(error)) call check_use(group, "block_shape_share", .false., &
+                                                    "several shapes in block_shape", error)
          if (.not. (allocated(error) .or. this%by_source .or. has_key(release, "points") &
                     .or. has_key(release, "polygons"))) &
-            call refuse(group, "block_shape", "needs a layer or table of sources, or d1, d2, d3", error)
+            call refuse(group, "block_shape", &
+                        "'source' requires a layer or table of sources, or the rasters d1, d2, d3", error)
          return
       end if
       if (allocated(error)) return
@@ -380,7 +382,8 @@ contains
       if (first_repeated(names) > 0) then
          call refuse(group, "block_shape", "must list each shape once", error)
       else if (size(shares) /= n) then
-         call refuse_list(group, "block_shape_share", "must be "//integer_text(n)//", one for each block_shape", error)
+         call refuse_list(group, "block_shape_share", "must have "//integer_text(n)// &
+                          " values, one for each block_shape", error)
       else if (abs(sum(shares) - 1) > share_rounding) then
          call refuse_list(group, "block_shape_share", "must sum to 1, but sums to "//real_text(sum(shares), 4), error)
       else
@@ -401,11 +404,11 @@ contains
       if (size(names) > 1 .or. names(1) /= block_shapes(1)) then
          call refuse(group, "block_shape", "is not valid together with block_axes", error)
       else if (value_count(group, "block_axes") /= 3*size(this%volumes%list)) then
-         call refuse_list(group, "block_axes", "must be three for each of volumes", error)
+         call refuse_list(group, "block_axes", "must have three values for each value of volumes", error)
       else
          do k = 1, size(axes, 2)
             if (axes(1, k) >= axes(2, k) .and. axes(2, k) >= axes(3, k)) cycle
-            call refuse(group, "block_axes", "must be a, b, c of each block, a >= b >= c", error, 3*k - 2)
+            call refuse(group, "block_axes", "must be a, b, c of each block, with a >= b >= c", error, 3*k - 2)
             return
          end do
          this%volumes%list_shape = [(shape_of_axes(axes(1, k), axes(2, k), axes(3, k)), k=1, size(axes, 2))]
@@ -490,8 +493,8 @@ contains
       call check_use(group, "release_fall", breakage%at_release, "at = 'release' or 'both'", error)
       if (allocated(error) .or. at == "none") return
       if (this%kept /= keeps_all) then
-         call refuse(output, "kept", "must be 'all' where boulders break (&breakage at): counts of fragments are in " &
-                     //"the rows of boulders", error)
+         call refuse(output, "kept", "must be 'all' if boulders break (&breakage at): fragments are counted " &
+                     //"for each boulder", error)
          return
       end if
       breakage%min_ratio = real_of(group, "min_area_ratio")
@@ -518,8 +521,8 @@ contains
       made = has_key(group, "stems") .or. has_key(group, "uniform_stems")
       this%forest = listed .or. mapped .or. made
       if (count([listed, mapped, made]) > 1) then
-         if (.not. mapped) call fail(error, group%file//": &forest: give trees, or stems, not both")
-         if (mapped) call fail(error, group%file//": &forest: give one of polygons, trees and stems")
+         if (.not. mapped) call fail(error, group%file//": &forest: give either trees or stems")
+         if (mapped) call fail(error, group%file//": &forest: give only one of polygons, trees and stems")
          return
       end if
       call check_either(group, "stems", made, made, error)
@@ -541,7 +544,7 @@ contains
          do k = 1, 3
             model%weight(:, k) = reals_of(group, trim(turn_keys(k)))
             if (.not. sum(model%weight(:, k)) > 0) &
-               call refuse(group, trim(turn_keys(k)), "one of them must be > 0", error)
+               call refuse(group, trim(turn_keys(k)), "at least one weight must be > 0", error)
          end do
       end associate
    end subroutine read_forest
@@ -560,9 +563,9 @@ contains
       call check_use(group, uniform, allowed, "stems", error)
       if (allocated(error)) return
       if (has_key(group, key) .and. has_key(group, uniform)) then
-         call refuse(group, uniform, "give this or "//key//", not both", error)
+         call refuse(group, uniform, "cannot be combined with "//key, error)
       else if (needed .and. .not. (has_key(group, key) .or. has_key(group, uniform))) then
-         call fail(error, key_location(group, key)//" is missing: a raster, or "//uniform//", to make trees of")
+         call fail(error, key_location(group, key)//" is missing: random trees require this raster, or "//uniform)
       end if
    end subroutine check_either
 
@@ -580,10 +583,10 @@ contains
       else if (has_comma(group, "y") .and. .not. equal) then
          call refuse_list(group, "y", "", error)
       else if (.not. equal) then
-         call fail(error, key_location(group, "x, y")//": "//integer_text(value_count(group, "x"))//" x and " &
-                   //integer_text(value_count(group, "y"))//" y: must be the same number")
+         call fail(error, key_location(group, "x, y")//": x has "//integer_text(value_count(group, "x"))// &
+                   " values, y has "//integer_text(value_count(group, "y"))//": the numbers must be equal")
       else if (value_count(group, "x") < min_points) then
-         call refuse(group, "x", "must be at least "//integer_text(min_points)//" values", error)
+         call refuse(group, "x", "must have at least "//integer_text(min_points)//" values", error)
       end if
    end subroutine check_points
 
@@ -618,7 +621,7 @@ contains
       groups = inline_groups(list, "dam")
       do n = 1, size(groups)
          call check_polyline(groups(n), error)
-         if (.not. allocated(error)) call require_key(groups(n), "height", "here, or as attribute of a layer", error)
+         if (.not. allocated(error)) call require_key(groups(n), "height", "here or as an attribute of a layer", error)
          if (allocated(error)) return
       end do
    end subroutine read_lines
@@ -660,7 +663,7 @@ contains
 
       points = has_key(group, "x") .or. has_key(group, "y")
       if (has_key(group, "file") .eqv. points) then
-         call fail(error, key_location(group, "x, y")//": give these, or file with lines in a layer")
+         call fail(error, key_location(group, "x, y")//": give both, or a layer of lines as file")
       end if
       call check_use(group, "layer", .not. points, "file", error)
       call check_use(group, "field", .not. points, "file", error)
@@ -670,7 +673,7 @@ contains
       else if (has_key(group, "capacity") .and. has_key(group, "class")) then
          call fail(error, key_location(group, "capacity, class")//": give one of the two")
       else if (count([(has_key(group, trim(barrier_strengths(k))), k=1, size(barrier_strengths))]) > 1) then
-         call refuse(group, "diameter", "gives the capacity of a log: leave out capacity and class", error)
+         call refuse(group, "diameter", "determines the capacity of a log: omit capacity and class", error)
       end if
    end subroutine check_layer
 
@@ -701,7 +704,7 @@ contains
       x = reals_of(group, "x")
       y = reals_of(group, "y")
       if (all(x >= x(1)) .and. all(x <= x(1)) .and. all(y >= y(1)) .and. all(y <= y(1))) &
-         call refuse(group, "x", "a line must have two different points", error)
+         call refuse(group, "x", "the vertices must not all coincide", error)
    end subroutine check_polyline
 
    !> Read the height and the capacity of a barrier.
@@ -715,7 +718,7 @@ contains
          return
       end if
       call check_use(group, "decay_class", .false., "diameter", error)
-      if (.not. allocated(error)) call require_key(group, "height", "here, or as attribute of a layer", error)
+      if (.not. allocated(error)) call require_key(group, "height", "here or as an attribute of a layer", error)
       if (allocated(error)) return
       barrier%height = real_of(group, "height")
       if (has_key(group, "class")) then
@@ -759,8 +762,8 @@ contains
       this%sampled = text_of(release, "sources") == "sample"
       if (allocated(error) .or. this%kept == keeps_all .or. .not. any(this%map)) return
       if (this%sampled) &
-         call refuse(group, "kept", "must be 'all' for maps where &release sources = 'sample': limits of cells need " &
-                     //"the boulders of each place", error)
+         call refuse(group, "kept", "must be 'all' for maps with &release sources = 'sample': map intervals "// &
+                     "require all boulders", error)
    end subroutine read_output
 
    !> Read the energy thresholds of maps, and the width of their objects.

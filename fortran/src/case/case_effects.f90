@@ -87,8 +87,8 @@ contains
 
       call only_with(group, [character(len=key_length) :: "block_shape", "block_shape_share", "block_axes", &
                             "ground_strength_sigma"], by_table(list) .or. any_grounds(list), &
-                     "a table of impacts: &impact form = 'table', or a ground", error)
-      call only_with(group, ["mean_radius_sigma"], any_rocks(list), "sizes of rocks in &surface", error)
+                     "an impact table: &impact form = 'table', or a ground", error)
+      call only_with(group, ["mean_radius_sigma"], any_rocks(list), "rock sizes in &surface", error)
       if (has_key(group, "rock_density") .and. is_changed(group, "density") .and. .not. allocated(error)) &
          call refuse(group, "density", "is not valid together with rock_density, which gives it", error)
    end subroutine check_boulder
@@ -134,7 +134,7 @@ contains
       scenarios = any(list%group%name == "scenario")
       call only_with(group, [character(len=key_length) :: "return_periods", "matrix", "frequency_factor", &
                              "minimum_area", "minimum_width"], scenarios, "&scenario", error)
-      call only_with(group, ["object_width"], scenarios .or. has_maps(list, "hits"), "&scenario, or maps of hits", &
+      call only_with(group, ["object_width"], scenarios .or. has_maps(list, "hits"), "&scenario, or hit maps", &
                      error)
       call only_with(group, ["thresholds"], scenarios .or. has_maps(list, "exceeded"), &
                      "&scenario, or maps ..._exceeded", error)

@@ -76,7 +76,7 @@ module rockfall_case_keys
       key_t("surface", "zones_layer", "text", 1, "absent", "", "", &
             "layer name, if the GeoPackage has several", in_scene), &
       key_t("surface", "default_zone", "integer", 1, "absent", "-2147483647 to 2147483647", "", &
-            "zone of cells without one", in_scene), &
+            "zone of cells outside all zones", in_scene), &
       key_t("surface", "mean_radius", "text", 1, "absent", "", "", &
             "raster of mean rock radii [m]", in_scene, "raster"), &
       key_t("surface", "rg70", "text", 1, "absent", "", "", &
@@ -95,17 +95,17 @@ module rockfall_case_keys
             "default ground: a row of the table of grounds, an impact table, or impact sets", &
             in_scene), &
       key_t("surface", "ground_strength", "real", 1, "absent", strength_range, "Pa", &
-            "replaces the strength of that ground", in_scene), &
+            "replaces the strength of the default ground", in_scene), &
       key_t("surface", "ground_relief", "real", 1, "absent", relief_range, "degree", &
-            "replaces the relief of that ground", in_scene), &
+            "replaces the relief of the default ground", in_scene), &
       key_t("surface", "ground_map", "text", 1, "absent", "", "", "raster of ground ids", in_scene, "raster"), &
       key_t("surface", "ground_table", "text", 1, "absent", "", "", &
             "CSV that replaces the shipped table of grounds", in_scene, "table"), &
       key_t("impact", "form", "text", 1, "'matrix'", "matrix, table", "", &
-            "rebound operator: the matrix of the paper, or a table of impacts; table if only a table is given", &
+            "rebound operator: matrix of the paper, or impact table; default: table if only a table is given", &
             in_scene), &
       key_t("impact", "table", "text", 1, "'talus'", "", "", &
-            "table of impacts, shipped or a file .nc", in_scene, "impact_table"), &
+            "shipped impact table, or a file .nc", in_scene, "impact_table"), &
       key_t("impact", "sets", "text", 1, "'vaujany-observed'", "", "", &
             "shipped impact set, or a file", in_scene, "sets"), &
       key_t("impact", "turning", "text", 1, "'past_aspect'", "past_aspect, to_aspect, lab", "", &
@@ -131,7 +131,7 @@ module rockfall_case_keys
       key_t("boulder", "block_axes", "real", many, "absent", "> 0", "m", &
             "list: axes a, b, c of each volume, longest first; they give the block shapes", in_scene), &
       key_t("boulder", "block_shape", "text", many, "'compact'", "compact, elongated, platy, source", "", &
-            "selects the impact table of a ground; several: by boulder; source: by d1, d2, d3 or a layer", &
+            "selects impact tables; several: drawn per boulder; source: from d1, d2, d3 or a layer", &
             in_scene), &
       key_t("boulder", "block_shape_share", "real", many, "absent", "0 to 1", "", &
             "fraction of each shape in block_shape, sum 1; absent: equal fractions", in_scene), &
@@ -170,7 +170,7 @@ module rockfall_case_keys
       key_t("release", "by_area", "logical", 1, ".false.", "", "", &
             "boulders in proportion to the surface area of cells; &case boulders is for a flat cell", in_scene), &
       key_t("release", "sources", "text", 1, "'all'", "all, sample", "", &
-            "for confidence intervals: sources are all there are, or a sample of similar sources"), &
+            "for confidence intervals: the sources are complete (all), or a sample of similar sources"), &
       key_t("release", "drop_height", "real", 1, "0.0", ">= 0", "m", "height of release above the surface"), &
       key_t("release", "velocity", "real", 3, "3*0.0", "", "m/s", "velocity of release: east, north, up"), &
       key_t("breakage", "at", "text", 1, "'none'", "none, release, impact, both", "", &
@@ -182,7 +182,7 @@ module rockfall_case_keys
       key_t("breakage", "min_volume", "real", 1, "0.001", "1e-6 to 1000", "m3", &
             "minimum volume of a fragment; smaller pieces are counted in fines_volume, not traced"), &
       key_t("breakage", "max_fragments", "integer", 1, "100", "2 to 10000", "", &
-            "maximum number of fragments of a boulder; the remainder stays one block, and is counted"), &
+            "maximum number of fragments of a boulder; the remainder stays one block, and is reported"), &
       key_t("breakage", "cone", "real", 1, "50.0", "0 to 90", "degree", &
             "full opening angle of the cone of directions about the velocity of the boulder"), &
       key_t("forest", "trees", "text", 1, "absent", "", "", &
@@ -286,11 +286,11 @@ module rockfall_case_keys
             "cells with fewer passages have no mean and no quantile"), &
       key_t("output", "rebounds", "logical", 1, ".false.", "", "", "histograms over all rebounds"), &
       key_t("output", "energy_balance", "logical", 1, ".false.", "", "", &
-            "energy of each boulder lost to ground, trees and barriers, and left"), &
+            "energy that each boulder loses to ground, trees and barriers, and its remaining energy"), &
       key_t("output", "trajectories", "integer", 1, "0", "0 to 2147483647", "", &
             "number of recorded boulders, the first of each source in proportion to its boulders"), &
       key_t("output", "kept", "count", 1, "'all'", "all, none, 1 to 2147483647", "", &
-            "boulders with rows of their own; unless all, line statistics are from sums and counts"), &
+            "number of boulders with a row each; unless 'all', line statistics use sums and counts"), &
       key_t("ensemble", "runs", "integer", 1, "64", "8 to 65536", "", "number of draws of the uncertain inputs"), &
       key_t("ensemble", "radius_factor", "real", 1, "1.0", "1 to 10", "", &
             "geometric standard deviation of R_m or Rg, zone by zone"), &
@@ -310,7 +310,7 @@ module rockfall_case_keys
       key_t("ensemble", "source_shift", "real", 1, "0.0", ">= 0", "m", &
             "standard deviation of a common shift of all sources, east and north"), &
       key_t("ensemble", "sets", "text", 100, "absent", "", "", &
-            "impact sets of equal probability; tables or ensembles of tables replace grounds by tables", &
+            "impact sets of equal probability, or impact tables and their ensembles, to replace tables", &
             file="sets"), &
       key_t("ensemble", "draws", "text", 1, "absent", "", "", &
             "CSV of draws from `rockfall back`, which replace the inputs in its columns", file="table"), &
@@ -322,10 +322,10 @@ module rockfall_case_keys
       key_t("observed", "shadow_angle", "real", 1, "absent", "5 to 85", "degree", &
             "lowest angle from the apex of the talus to any boulder at rest at the site or in the region"), &
       key_t("scenario", "name", "text", 1, "required", "", "", "name of a class of boulders with its frequency"), &
-      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "boulders released a year"), &
+      key_t("scenario", "frequency", "real", 1, "absent", "> 0", "1/year", "boulders released per year"), &
       key_t("scenario", "return_period", "real", 1, "absent", "> 0", "year", "instead of frequency: its inverse"), &
       key_t("scenario", "activity", "real", 1, "absent", "> 0", "", &
-            "instead of frequency, pareto: boulders a year larger than V [m3] = activity V**-volume_exponent"), &
+            "instead of frequency, pareto: boulders per year above V [m3] = activity V**-volume_exponent"), &
       key_t("scenario", "frequency_per", "text", 1, "'year'", "year, source, km2, m", "", &
             "year: all sources together; source: each; km2: area of source cells; m: cliff_length"), &
       key_t("scenario", "cliff_length", "real", 1, "absent", "> 0", "m", &
@@ -347,7 +347,7 @@ module rockfall_case_keys
             hazard_classes, "", &
             "hazard by intensity class, weakest first, and within it by return period, shortest first"), &
       key_t("hazard", "frequency_factor", "real", 2, "1.0, 1.0", "0 to 1000", "", &
-            "lowest and highest factor on all frequencies, for their limits: their uncertainty"), &
+            "uncertainty of all frequencies: lowest and highest factor, for the limits of results"), &
       key_t("hazard", "object_width", "real", 1, "10.0", "0 to 100", "m", &
             "width of an object in the middle of each cell, for maps of hits; 0: a point"), &
       key_t("hazard", "minimum_area", "real", 1, "0.0", ">= 0", "m2", &
@@ -358,9 +358,9 @@ module rockfall_case_keys
       key_t("variant", "without", "text", 7, "absent", "barrier, dam, forest, surface, impact, boulder, release", "", &
             "groups of the case to omit"), &
       key_t("variant", "barriers", "text", max_names, "absent", "", "", &
-            "names of those to include; for a layer its name or file; absent: all"), &
+            "names to include (of a layer: its name or file); absent: all"), &
       key_t("variant", "dams", "text", max_names, "absent", "", "", &
-            "names of those to include; for a layer its name or file; absent: all"), &
+            "names to include (of a layer: its name or file); absent: all"), &
       key_t("variant", "cost", "real", 1, "absent", ">= 0", "", "cost in any unit, for the report")]
 
    type(key_t), parameter :: own_keys(*) = [site_keys, run_keys]
@@ -401,7 +401,7 @@ contains
 
       call check_removed(list, error)
       if (allocated(error)) return
-      call check_names(list, key_table%group, key_table%name, repeatable, "a case has one such group; only &" &
+      call check_names(list, key_table%group, key_table%name, repeatable, "this group must occur only once; only &" &
                        //joined(repeatable, ", &")//" may repeat", error)
       all_known = .not. allocated(error)
       call check_operator(list, fault)
@@ -418,7 +418,7 @@ contains
 
       do g = 1, size(list%group)
          if (list%group(g)%name == "case" .and. has_key(list%group(g), "sampling")) &
-            call refuse(list%group(g), "sampling", "was removed: leave it out, boulders are drawn at random", error)
+            call refuse(list%group(g), "sampling", "was removed: omit it, boulders are always drawn at random", error)
       end do
    end subroutine check_removed
 
@@ -440,7 +440,7 @@ contains
       if (is_given(list, "impact", "form")) return
       if (is_given(list, "impact", "sets") .and. is_given(list, "impact", "table")) &
          call fail(error, list%group(findloc(list%group%name, "impact", dim=1))%file &
-                   //": &impact sets, table: give one of the two, or form = 'matrix' or 'table' with both")
+                   //": &impact sets, table: give only one, or choose with form = 'matrix' or 'table'")
    end subroutine check_operator
 
    pure logical function is_given(list, group, key)
@@ -549,8 +549,8 @@ contains
       else if (n > key%most .or. (key%most == 3 .and. n < 3)) then
          if (key%most == 1) call refuse_list(group, name, "must be one value", error)
          if (key%most == 3) call refuse_list(group, name, "must be three values", error)
-         if (all(key%most /= [1, 3])) call refuse_list(group, name, "must be at most "//integer_text(key%most) &
-                                                       //" values", error)
+         if (all(key%most /= [1, 3])) call refuse_list(group, name, "must have at most "//integer_text(key%most)// &
+                                                       " values", error)
       else
          select case (key%kind)
          case ("text"); call check_texts(group, key, error)
@@ -575,7 +575,7 @@ contains
       allocate (values(0))
       call get_text(group, trim(key%name), values, error)
       if (allocated(error)) then
-         if (key%name == "block_shape") error%message = error%message//", shares go in block_shape_share"
+         if (key%name == "block_shape") error%message = error%message//", give fractions in block_shape_share"
          return
       end if
       do k = 1, size(values)
@@ -584,8 +584,8 @@ contains
          else if (words /= "" .and. index(", "//words//",", ", "//trim(values(k))//",") == 0) then
             must = "must be one of: "//words
             if (key%name == "maps") &
-               must = "must be a map, as "//joined(nearest_names(values(k), map_names, maps_offered), ", ") &
-                      //"; all: docs/result.md, Maps"
+               must = "must be a map such as "//joined(nearest_names(values(k), map_names, maps_offered), ", ") &
+                      //" (all maps: docs/result.md, Maps)"
             call refuse(group, trim(key%name), must, error, k)
          end if
          if (allocated(error)) return
@@ -695,8 +695,8 @@ contains
       character(len=:), allocatable :: rule
 
       rule = ""
-      if (unit == "kg/m3" .and. value >= 1 .and. value <= 4) rule = "must be in kg/m3, 1000 times that in t/m3"
-      if (unit == "m/s2" .and. value > 900 .and. value < 1000) rule = "must be in m/s2, a hundredth of that in cm/s2"
+      if (unit == "kg/m3" .and. value >= 1 .and. value <= 4) rule = "must be in kg/m3: multiply t/m3 by 1000"
+      if (unit == "m/s2" .and. value > 900 .and. value < 1000) rule = "must be in m/s2: divide cm/s2 by 100"
    end function other_unit
 
    !> Parse the ends of "a to b", "> a" or ">= a"; `outer` provides missing ends.

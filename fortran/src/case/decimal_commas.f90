@@ -65,7 +65,7 @@ contains
       rule = whole//"."//rest
       if (index(rest, ".") > 0) rule = whole//rest  ! thousands comma
       if (len(rest) == 3 .and. verify(rest, digits) == 0) rule = rule//" or "//whole//rest  ! may be a thousands comma
-      rule = whole//","//rest//" is two numbers: write "//rule//", or blanks after the commas of a list"
+      rule = whole//","//rest//" is two numbers: write "//rule//", or put a blank after each comma of a list"
    end function point_rule
 
    !> Return whether number `k` is an integer, and the number after its bare comma has no sign.

@@ -67,8 +67,8 @@ contains
       if (allocated(error)) return
       if (present(draws)) draws = max(1, maxval(draw_of))
       if (draw == 0 .and. any(draw_of > 1)) then
-         call fail(error, file//": holds "//integer_text(maxval(draw_of)) &
-                   //" draws of the sets: they are for &ensemble sets")
+         call fail(error, file//": contains "//integer_text(maxval(draw_of))// &
+                   " draws of the impact sets: use it in &ensemble sets")
          return
       end if
       do g = 1, size(list%group)
@@ -95,8 +95,8 @@ contains
       if (all(present_ratio)) return
       of_draw = ""
       if (any(draw_of > 1)) of_draw = " of draw "//integer_text(requested)
-      call fail(error, file//": no &impact_set for ratio"//missing_ratios(present_ratio)//of_draw// &
-                "; a file needs ratios 1 to "//integer_text(impact_ratios))
+      call fail(error, file//": &impact_set is missing for ratio"//missing_ratios(present_ratio)//of_draw// &
+                ": must have ratios 1 to "//integer_text(impact_ratios))
    end subroutine read_sets
 
    !> Check all groups, and find the draw that each belongs to.
@@ -129,12 +129,12 @@ contains
 
       if (group%name /= "impact_set") then
          call fail(error, group%file//": line "//integer_text(group%line)//": &"//trim(group%name) &
-                   //": unknown group, known: &impact_set")
+                   //": unknown group: must be &impact_set")
          return
       end if
       do k = 1, size(group%entry)
          if (.not. any(keys == group%entry(k)%key)) then
-            call refuse(group, trim(group%entry(k)%key), "unknown key, known: "//joined(keys, ", "), error)
+            call refuse(group, trim(group%entry(k)%key), "unknown key: must be one of "//joined(keys, ", "), error)
             return
          end if
       end do
@@ -142,7 +142,7 @@ contains
          if (.not. has_key(group, trim(keys(k)))) then
             if (k <= required) call refuse(group, trim(keys(k)), "is missing", error)
          else if (value_count(group, trim(keys(k))) /= lengths(k)) then
-            call refuse(group, trim(keys(k)), "must be "//integer_text(lengths(k))//" values, not " &
+            call refuse(group, trim(keys(k)), "must have "//integer_text(lengths(k))//" values, not " &
                         //integer_text(value_count(group, trim(keys(k)))), error)
          end if
          if (allocated(error)) return
@@ -217,7 +217,8 @@ contains
       if (allocated(error)) return
       range = values
       if (range(1) < 0 .or. range(2) > maximum .or. range(1) > range(2)) then
-         call refuse(group, key, "must not fall within 0 to "//integer_text(nint(maximum))//" ["//unit//"]", error)
+         call refuse(group, key, "must not decrease between 0 and "//integer_text(nint(maximum))//" ["//unit//"]", &
+                     error)
       end if
    end subroutine read_range
 
@@ -238,12 +239,12 @@ contains
       if (has_key(group, "incidence") .and. .not. has_key(group, "lateral")) then
          call refuse(group, "incidence", "is only valid with lateral", error)
       else if (classes > lateral_classes) then
-         call refuse(group, "incidence", "must be at most "//integer_text(lateral_classes - 1)//" values", error)
+         call refuse(group, "incidence", "must have at most "//integer_text(lateral_classes - 1)//" values", error)
       else if (any(bounds <= 0 .or. bounds >= 90) .or. any(bounds(2:) <= bounds(:classes - 2))) then
-         call refuse(group, "incidence", "must increase within 0 to 90 [degree]", error)
+         call refuse(group, "incidence", "must increase between 0 and 90 [degree]", error)
       else if (has_key(group, "lateral") .and. size(values) /= classes*lateral_quantiles) then
-         call refuse(group, "lateral", "must be "//integer_text(lateral_quantiles)//" values for each of "// &
-                     integer_text(classes)//" classes of incidence, not "//integer_text(size(values)), error)
+         call refuse(group, "lateral", "must have "//integer_text(lateral_quantiles)//" values for each of "// &
+                     integer_text(classes)//" incidence classes, not "//integer_text(size(values)), error)
       else if (any(values < 0 .or. values > 90)) then
          call refuse(group, "lateral", "must be 0 to 90 [degree]", error, &
                      findloc(values < 0 .or. values > 90, .true., dim=1))
@@ -253,7 +254,7 @@ contains
       do k = 1, size(lateral, 2)
          lateral(:, k) = values((min(k, classes) - 1)*lateral_quantiles + 1:min(k, classes)*lateral_quantiles)
          if (all(lateral(2:, k) >= lateral(:lateral_quantiles - 1, k))) cycle
-         call refuse(group, "lateral", "must not fall within class "//integer_text(k), error)
+         call refuse(group, "lateral", "must not decrease within class "//integer_text(k), error)
          return
       end do
    end subroutine read_lateral

@@ -276,7 +276,7 @@ contains
          step = scan(text(i:), quote//achar(10))
          i = i + step
          if (step == 0 .or. text(i - 1:i - 1) /= quote) then
-            call fail(error, location(file, cursor%line)//"text without its closing quote: " &
+            call fail(error, location(file, cursor%line)//"closing quote is missing: " &
                       //excerpt(rest_of_line(text, cursor%pos)))
             return
          end if
@@ -339,7 +339,7 @@ contains
       n = size(entries)
       do i = 1, n - 1
          if (entries(i)%key /= entries(n)%key) cycle
-         call fail(error, where()//" "//trim(entries(n)%key)//": given twice in this group " &
+         call fail(error, where()//" "//trim(entries(n)%key)//": is given twice in this group " &
                    //"(first in line "//integer_text(entries(i)%line)//")")
          return
       end do

@@ -101,7 +101,7 @@ contains
       if (is_valid(table)) then
          call index_records(table)
       else
-         call fail(error, file//": is a damaged table of impacts")
+         call fail(error, file//": is a damaged impact table")
       end if
    end subroutine take_table
 

@@ -38,8 +38,8 @@ contains
       do g = 1, size(list%group)
          associate (group => list%group(g))
             if (.not. any(groups == group%name)) then
-               call fail(fault, location(group%line)//": unknown group, nearest: &" &
-                         //joined(nearest(group%name, pack(groups, is_first(groups))), ", &"))
+               call fail(fault, location(group%line)//": unknown group (similar groups: &" &
+                         //joined(nearest(group%name, pack(groups, is_first(groups))), ", &")//")")
             else if (group%repeated .and. .not. (any(repeatable == group%name) .or. &
                                                  any(list%group(:g - 1)%name == group%name))) then
                call fail(fault, location(group%line)//": "//rule)
@@ -51,8 +51,8 @@ contains
             do e = 1, size(group%entry)
                if (any(groups == group%name .and. keys == group%entry(e)%key)) cycle
                call fail(fault, location(group%entry(e)%line)//" "//trim(group%entry(e)%key) &
-                         //": unknown key, nearest: " &
-                         //joined(nearest(group%entry(e)%key, pack(keys, groups == group%name)), ", "))
+                         //": unknown key (similar keys: " &
+                         //joined(nearest(group%entry(e)%key, pack(keys, groups == group%name)), ", ")//")")
                call gather(fault, error)
             end do
          end associate
@@ -251,7 +251,7 @@ contains
       k = key_index(group, key)
       if (k == 0) return
       if (value_count(group, key) > max_texts) then
-         call refuse(group, key, "must be at most "//integer_text(max_texts)//" texts", error)
+         call refuse(group, key, "must have at most "//integer_text(max_texts)//" texts", error)
          return
       end if
       allocate (values_read(value_count(group, key)))
@@ -284,7 +284,7 @@ contains
       else if (status == decimal_malformed) then
          call refuse(group, key, "must be an integer", error)
       else
-         call refuse(group, key, "must be an integer of 64 bits", error)
+         call refuse(group, key, "must be a 64-bit integer", error)
       end if
    end subroutine get_integer
 

@@ -49,8 +49,8 @@ contains
       type(error_t), allocatable, intent(inout) :: error
 
       if (case%variants == "") return
-      call fail(error, case%file//": &variant: has the variants "//case%variants//": `rockfall prepare CASE DIR " &
-                //"--variant NAME` makes the case of one")
+      call fail(error, case%file//": &variant: has variants "//case%variants// &
+                ": choose one with `rockfall prepare CASE DIR --variant NAME`")
    end subroutine check_single
 
    pure type(entry_t) function entry_of(key, value) result(entry)

@@ -55,8 +55,9 @@ contains
       type(checkpoint_t), intent(in) :: this
       type(error_t), intent(inout) :: error
 
-      if (path_exists(this%name)) error%message = error%message//". "//this%name//" keeps " &
-                                                  //integer_text(boulders_in(this%name))//" boulders for --resume"
+      if (path_exists(this%name)) error%message = error%message//". "//this%name//" contains "// &
+                                                  integer_text(boulders_in(this%name))// &
+                                                  " boulders: continue with --resume"
    end subroutine name_checkpoint
 
    !> Check output and disk, and continue from a checkpoint, if any. If the output is complete, the run ends at once.
@@ -67,7 +68,8 @@ contains
 
       if (this%resumes .and. path_exists(this%output) .and. .not. path_exists(this%name)) then
          if (is_finished(this%output, this%inputs, run)) then
-            call fail(error, this%output//": is finished already, from the same case; nothing was changed", code=0)
+            call fail(error, this%output//": already contains the finished run of this case: nothing was changed", &
+                      code=0)
          else if (.not. this%overwrites) then
             call fail(error, this%output//": already exists; not overwritten (--overwrite replaces it)")
          end if
@@ -95,10 +97,10 @@ contains
       if (status /= 0 .or. now >= this%next) call save(this, run)
       if (status == 0) return
       if (this%kept > 0) then
-         call fail(error, "interrupted: "//this%name//" holds "//integer_text(this%kept)//" of " &
-                   //integer_text(run%boulders)//" boulders, --resume continues", status)
+         call fail(error, "interrupted: "//this%name//" contains "//integer_text(this%kept)//" of " &
+                   //integer_text(run%boulders)//" boulders: continue with --resume", status)
       else
-         call fail(error, "interrupted; nothing was kept", status)
+         call fail(error, "interrupted: no boulders were saved", status)
       end if
    end subroutine on_chunk
 
@@ -120,7 +122,7 @@ contains
       this%every = 0
       this%kept = 0
       if (path_exists(this%name)) this%kept = max(0_i8, boulders_in(this%name))
-      call this%say(error%message//"; no more checkpoints")
+      call this%say(error%message//". No further checkpoints are written")
    end subroutine save
 
    subroutine wait_for(this, seconds)

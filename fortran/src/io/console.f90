@@ -55,7 +55,7 @@ contains
          if (allocated(error) .or. arguments%help .or. arguments%version) return
          k = k + 1
       end do
-      if (arguments%case == "") call fail(error, "a case file is needed"//see_help)
+      if (arguments%case == "") call fail(error, "give a case file"//see_help)
    end subroutine read_arguments
 
    function argument(k) result(word)
@@ -83,7 +83,7 @@ contains
       if (name(:min(1, len(name))) /= "-" .and. arguments%case == "") then
          arguments%case = word
       else if (name(:min(1, len(name))) /= "-") then
-         call fail(error, excerpt(word)//": only one case file is allowed, not also "//arguments%case//see_help)
+         call fail(error, excerpt(word)//": only one case file is allowed, and "//arguments%case//" is given"//see_help)
       else if (.not. any("--"//names == name)) then
          call fail(error, excerpt(word)//": unknown option"//see_help)
       else if (equals <= len(word)) then

@@ -70,7 +70,7 @@ contains
       if (done) done = replace_file(part, name)
       if (done) return
       if (is_ok(file)) then
-         call fail(error, name//": cannot be replaced; is it open in another program? The new file is "//part)
+         call fail(error, name//": cannot be replaced (is it open in another program?). The new file is "//part)
       else
          done = remove_file(part)
          call fail(error, name//": cannot be written: "//trim(nf90_strerror(file%status)) &

@@ -83,13 +83,13 @@ contains
 
       associate (file => inputs%file)
          if (any(integers_of(file, "scene_layout", 1) /= layout)) then
-            call fail(error, file%name//": is not a scene file of layout "//integer_text(layout) &
-                      //": `rockfall prepare` makes one")
+            call fail(error, file%name//": is not a scene file with layout "//integer_text(layout)// &
+                      ": create it with `rockfall prepare`")
             return
          end if
          key = differing_key(keys_of(text_of(file, nf90_global, "case")), inputs%keys, of_arrays=.true.)
-         if (key /= "") call fail(error, case%file//": "//key//": differs from the case that "//file%name &
-                                  //" was made from: prepare again")
+         if (key /= "") call fail(error, case%file//": "//key//": differs from the case of "//file%name// &
+                                  ": run `rockfall prepare` again")
          inputs%case_file = text_of(file, nf90_global, "case_file")
          inputs%feature_names = ""
          inputs%input_warnings = text_of(file, nf90_global, "input_warnings")

@@ -94,7 +94,7 @@ contains
       case (1)
          call fail(error, name//": another run is writing this output: wait, or choose another output")
       case (2)
-         call say(name//": cannot be locked on this file system, two runs on one output would destroy it")
+         call say(name//": cannot be locked on this file system: do not start a second run with this output")
       case (3)
          call fail(error, name//": cannot be written (is its folder writable?)")
       case (4)
@@ -131,7 +131,7 @@ contains
          return
       end if
       if (make_empty(to)) ok = replace_file(from, to)
-      if (.not. ok) call fail(error, name//": its folder cannot rename files, choose another folder")
+      if (.not. ok) call fail(error, name//": files cannot be renamed in its folder: choose another folder")
       if (.not. ok) ok = remove_file(from)
       ok = remove_file(to)
    end subroutine check_place
@@ -155,7 +155,7 @@ contains
       if (bytes <= 0) return
       if (c_disk_holds(temporary_name(name)//c_null_char, bytes) == 0) &
          call fail(error, name//": needs at least "//integer_text(bytes/1000000 + 1) &
-                   //" MB of disk, more than its folder can take")
+                   //" MB of disk space, more than its folder has")
    end subroutine check_space
 
    logical function path_exists(path)

@@ -28,7 +28,7 @@ contains
          call fail(error, file//": no such file")
          return
       end if
-      if (.not. is_regular(file)) call fail(error, file//": not a regular file")
+      if (.not. is_regular(file)) call fail(error, file//": is not a regular file")
       if (allocated(error)) return
       open (newunit=unit, file=file, access="stream", form="unformatted", status="old", &
             action="read", iostat=status, iomsg=message)
@@ -38,7 +38,7 @@ contains
       end if
       inquire (unit=unit, size=size)
       if (size > max_text) then
-         call fail(error, file//": larger than 64 MB, so not a text file of rockfall")
+         call fail(error, file//": is larger than 64 MB, so it is not a rockfall text file")
       else
          allocate (character(len=max(size, 0_i8)) :: text)
          status = 0
@@ -48,7 +48,7 @@ contains
       if (.not. allocated(error)) then  ! pipes and devices do not report their size
          read (unit, iostat=status, iomsg=message) extra
          if (status == 0) then
-            call fail(error, file//": not a regular file, or it grew while it was read")
+            call fail(error, file//": is not a regular file, or grew while being read")
          else if (status /= iostat_end) then
             call fail(error, file//": cannot be read: "//trim(message))
          end if

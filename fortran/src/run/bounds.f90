@@ -96,7 +96,7 @@ contains
             call locate(dem, x(k), y(k), patch, u, w)
             if (.not. patch%known) then
                write (text, "(a,i0,2(a,f0.3),a)") "&release: source ", k, " (", x(k) + dem%x0, ", ", y(k) + dem%y0, &
-                  ") lies on nodata of the DEM, or next to it: must be on known terrain"
+                  ") lies on or next to a nodata cell: must be on terrain with an elevation"
                call fail(error, trim(text))
                return
             end if

@@ -162,9 +162,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (.not. allocated(this%arrays)) then
-         call fail(error, case%file//": the scene has been built")
+         call fail(error, case%file//": the scene is already built")
       else if (.not. is_complete(this%arrays)) then
-         call fail(error, case%file//": arrays elevation, source_x, source_y and impact_sets are needed")
+         call fail(error, case%file//": arrays elevation, source_x, source_y and impact_sets are required")
       else
          if (.not. allocated(this%arrays%sets_name)) this%arrays%sets_name = "impact_sets"
          this%case = case
@@ -226,7 +226,7 @@ contains
       if (allocated(scene%arrays)) then
          call fail(error, "the scene has not been built")
       else if (before < 0 .or. n < 1 .or. before > boulders_of(scene) - n) then
-         call fail(error, "the boulders of a run must be within those of the scene")
+         call fail(error, "the boulder range of the run exceeds the boulders of the scene")
       else
          call check_team(threads, error)
       end if
@@ -286,7 +286,7 @@ contains
       associate (last => this%run%before + this%run%boulders)
          if (n < 0 .or. first <= this%run%before .or. first + (n - 1)*step > last) then
             done = 0
-            call fail(error, "the run has fewer boulders left")
+            call fail(error, "the run has fewer remaining boulders")
             return
          end if
       end associate
@@ -321,7 +321,7 @@ contains
       if (.not. any(this%run%map .and. map_names == name)) then
          call fail(error, name//": must be one of &output maps")
       else if (index(name, "exceeded") > 0) then
-         call fail(error, name//": has a layer for each threshold: take them from tally_counts")
+         call fail(error, name//": has one layer per threshold: use tally_counts")
       end if
       if (allocated(error)) return
       maps = views_of(this%run%maps, [1, 1])

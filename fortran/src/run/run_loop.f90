@@ -66,8 +66,8 @@ contains
 
       total = boulder_count(scene)
       if (shard(2) > max(1_i8, total)) then
-         call fail(error, "--shard "//integer_text(shard(1))//"/"//integer_text(shard(2))//": there are " &
-                   //integer_text(total)//" boulders only")
+         call fail(error, "--shard "//integer_text(shard(1))//"/"//integer_text(shard(2))//": the run has only "// &
+                   integer_text(total)//" boulders")
          return
       end if
       before = proportional_part(total, shard(1) - 1, shard(2))

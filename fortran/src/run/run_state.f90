@@ -206,10 +206,11 @@ contains
       row = part%before - run%before
       if (allocated(run%number)) row = rows_of(run)
       if (row + n > size(run%status, kind=i8)) then
-         call fail(error, "a run of "//integer_text(run%total)//" boulders has no more rows to be merged")
+         call fail(error, "cannot merge: the parts have more rows than the run has boulders ("// &
+                   integer_text(run%total)//")")
          return
       else if (size(run%reals, 2) /= size(part%reals, 2) .or. size(run%integers, 2) /= size(part%integers, 2)) then
-         call fail(error, "a part has other variables of boulders than the first")
+         call fail(error, "cannot merge: a part has different boulder variables than the first part")
          return
       end if
       if (allocated(run%number)) run%number(row + 1:row + n) = part%number(:n)
@@ -350,7 +351,7 @@ contains
       n = 0
       allocate (results(chunk), crossings(chunk), row(chunk), stat=status)
       if (status /= 0) then
-         call fail(error, integer_text(chunk)//" boulders of a chunk do not fit in memory")
+         call fail(error, integer_text(chunk)//" boulders of one chunk do not fit in memory")
          return
       end if
       maps = views_of_threads(run%maps, run%threads, chunk)
@@ -359,7 +360,7 @@ contains
       if (size(maps) > 1) call take_own_tallies(run%maps)
       if (lacks_slots(maps(1))) then
          call fail(error, "&output maps: boulders reach more than "//integer_text(size(run%maps%bin_counts, 2)) &
-                   //" cells; the counts of quantile maps in more do not fit in memory")
+                   //" cells, for which quantile maps do not fit in memory: omit these maps")
          return
       end if
       run%crossed = sum(int(crossings(:n)%n, i8))

@@ -48,7 +48,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (case%unread /= "") then
-         call fail(error, case%unread//": is a layer: `rockfall prepare` writes its coordinates into the case")
+         call fail(error, case%unread//": is a layer, which cannot be read here: run `rockfall prepare` first")
          return
       end if
       scene%key = random_key(case%seed)
@@ -255,8 +255,8 @@ contains
             if (line%height > 0) group = "barrier"
             call fail(error, case%file//": &"//group//" name = '"//line%name//"': vertex " &
                       //integer_text(findloc(is_far, .true., dim=1))//" is more than " &
-                      //integer_text(int(0.001_wp*far))//" km from the terrain; decimals need a point, coordinates " &
-                      //"the system of the terrain")
+                      //integer_text(int(0.001_wp*far))// &
+                      " km from the terrain: use decimal points, and coordinates in the CRS of the terrain")
             return
          end associate
       end do
@@ -287,8 +287,8 @@ contains
       if (allocated(scene%features)) &
          complete = complete .and. all([(mean_volume(scene%features(k)%volumes) > 0, k=1, size(scene%features))])
       if (.not. complete) &
-         call fail(error, case%file//": &boulder volume: volume keys missing: give them in &boulder or as attributes " &
-                   //"of the source layer")
+         call fail(error, case%file//": &boulder volume: some of its keys are missing: give them in &boulder or "// &
+                   "as attributes of the source layer")
    end subroutine check_features
 
    !> Check the number of boulders: maps use 32-bit counts.
@@ -307,8 +307,8 @@ contains
          end if
       end if
       call fail(error, case%file//": &case boulders = "//integer_text(case%boulders)//" from each of " &
-                //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))//" together; " &
-                //"boulders_total shares a number over all")
+                //integer_text(sources)//" sources: must be at most "//integer_text(huge(1_i4))// &
+                " in total: use boulders_total")
    end subroutine check_number
 
    !> Check that 32-bit counts, as in maps, suffice for the fragments of all boulders.
@@ -318,9 +318,9 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       if (boulder_count(scene) <= huge(1_i4)/case%breakage%max_fragments) return
-      call fail(error, case%file//": &breakage max_fragments = "//integer_text(case%breakage%max_fragments)//" of " &
-                //integer_text(boulder_count(scene))//" boulders: must be at most "//integer_text(huge(1_i4)) &
-                //" together")
+      call fail(error, case%file//": &breakage max_fragments = "//integer_text(case%breakage%max_fragments)//" "// &
+                "for "//integer_text(boulder_count(scene))//" boulders: must be at most "// &
+                integer_text(huge(1_i4))//" in total")
    end subroutine check_fragments
 
    !> Set the factored impact sets, and the turning rule.
@@ -350,7 +350,7 @@ contains
 
       if (.not. allocated(arrays%ground_length)) return
       if (.not. tables_agree(arrays)) then
-         call fail(error, case%file//": arrays table_... do not agree with each other, or with ground_table")
+         call fail(error, case%file//": arrays table_... are inconsistent with each other or with ground_table")
          return
       end if
       given = parsed_grounds(arrays)

@@ -34,33 +34,33 @@ module rockfall_scene_arrays
       scene_array_t("source_y", "f8", "source", "m", "northing of the release"), &
       scene_array_t("area_ratio", "f8", "source", "1", "ratio of surface to plan area of the source cell"), &
       scene_array_t("source_frequency", "f8", "source", "1/year", "relative frequency of boulders from the source"), &
-      scene_array_t("source_feature", "i4", "source", "1", "polygon or point of the layer, counted from 1"), &
+      scene_array_t("source_feature", "i4", "source", "1", "index of the polygon or point in the layer, from 1"), &
       scene_array_t("feature_law", "i4", "feature", "1", &
-                    "distribution of its volumes: fixed, normal, uniform, lognormal; 0: the case's"), &
+                    "volume distribution: fixed, normal, uniform, lognormal; 0: as in the case"), &
       scene_array_t("feature_value", "f8", "feature feature_field", "1", &
                     "mean, std, min, max of volumes, density, drop height, velocity east, north, up"), &
       scene_array_t("source_volume", "f8", "source", "m3", "volume of the boulders of the source"), &
-      scene_array_t("source_inertia", "f8", "source", "1", "moment of inertia over mass and squared radius"), &
+      scene_array_t("source_inertia", "f8", "source", "1", "moment of inertia / (mass x radius squared)"), &
       scene_array_t("source_shape", "i1", "source", "1", &
-                    "block shape of its boulders: compact, elongated, platy; 0: the case's"), &
+                    "block shape of its boulders: compact, elongated, platy; 0: as in the case"), &
       scene_array_t("source_density", "f8", "source", "kg/m3", "density of the boulders of the source"), &
       scene_array_t("ground_length", "i4", "ground", "1", &
-                    "bytes of the text of each ground; 0: the case's impact sets"), &
-      scene_array_t("ground_table", "i4", "ground", "1", "table of impacts of the ground, counted from 1; 0: none"), &
+                    "bytes of the text of each ground; 0: impact sets of the case"), &
+      scene_array_t("ground_table", "i4", "ground", "1", "impact table of the ground, counted from 1; 0: none"), &
       scene_array_t("table_shape", "i4", "table table_count", "1", &
-                    "columns; rows; bins of the keys of flights, and of rolls; records"), &
+                    "numbers of columns, rows, key bins for flights, key bins for rolls, records"), &
       scene_array_t("table_scale", "f8", "table table_number", "1", &
                     "I/(m R_b^2) of the blocks; rest_angle, strength, strength_sigma, strength_radius, "// &
                     "relief, relief_radius, hurst of the ground"), &
       scene_array_t("table_size", "f8", "table_column", "1", &
-                    "R_b/R_m, or rho_b g R_b over the strength of ground that yields"), &
+                    "R_b/R_m, or rho_b g R_b / strength for yielding ground"), &
       scene_array_t("table_relief", "f8", "table_row", "degree", "slope of the relief"), &
       scene_array_t("table_edge", "f8", "table_edges", "1", "edges of the bins"), &
       scene_array_t("table_first", "i4", "table_bin_end", "1", "first record of each bin, counted from 1, and end"), &
       scene_array_t("table_map", "f8", "table_bin map_field", "1", "map of the bin, and range of its inputs"), &
       scene_array_t("table_record", "f4", "contact record_field", "1", "contacts by bin"), &
       scene_array_t("shape_ground", "i4", "block_shape base_ground", "1", &
-                    "ground with the table of a block shape in place of a ground, both counted from 1"), &
+                    "ground with the table of a block shape, by base ground; both counted from 1"), &
       scene_array_t("material_ground", "i1", "material", "1", "ground of the material, counted from 1"), &
       scene_array_t("cell_ground", "i1", "y x", "1", "ground of the cell, counted from 1; 0: none"), &
       scene_array_t("tree_x", "f8", "tree", "m", "easting of the stem"), &

@@ -74,7 +74,7 @@ module rockfall_variables
       variable_t("boulder", "travel_time", "real", "s", "time from release to end"), &
       variable_t("boulder", "speed_max", "real", "m s-1", "maximum speed"), &
       variable_t("boulder", "jump_height_max", "real", "m", &
-                 "maximum height of the boulder's point above the surface"), &
+                 "maximum height of the boulder's lowest point above the surface"), &
       variable_t("boulder", "status", "integer", "1", "reason why the boulder ended", stored="i1"), &
       variable_t("boulder", "impacts", "integer", "1", "contacts with the slope", stored="i4"), &
       variable_t("boulder", "source", "integer", "1", "number of the source", "counts from 1", "i4"), &
@@ -84,9 +84,9 @@ module rockfall_variables
       variable_t("count", "rebounds_forced", "integer", "1", &
                  "rebounds limited to be admissible; for a matrix after 32 draws"), &
       variable_t("count", "rebounds_out_of_range", "integer", "1", &
-                 "rebounds with R_b/R_m outside 0.5 to 5.5, or the range of their table of impacts"), &
+                 "rebounds with R_b/R_m outside 0.5 to 5.5, or outside their impact table"), &
       variable_t("count", "rebounds_out_of_speed", "integer", "1", &
-                 "rebounds at speeds outside speed_range of the set, or above all of their table"), &
+                 "rebounds at speeds outside speed_range of the set, or above all in their table"), &
       variable_t("count", "rebounds_out_of_angle", "integer", "1", &
                  "rebounds at incidence angles outside the set's angle_range"), &
       variable_t("ground", "rebounds_by_ground", "integer", "1", "rebounds on the ground"), &
@@ -102,15 +102,16 @@ module rockfall_variables
       variable_t("mass", "mass", "real", "kg", "mass of the boulder"), &
       variable_t("shadow", "shadow_angle", "real", "degree", "angle of the line from the talus apex to the end", &
                  "below the horizontal; 90: the end is not 20 m beyond the apex; missing: no apex found"), &
-      variable_t("tree", "trees_hit", "integer", "1", "hits of trees", "each hit counts", "i4"), &
+      variable_t("tree", "trees_hit", "integer", "1", "tree hits of the boulder", "each hit counts", "i4"), &
       variable_t("breakage", "fines_volume", "real", "m3", "volume of pieces below min_volume"), &
       variable_t("breakage", "energy_breakage", "real", "J", "energy lost in breaking, including fines"), &
       variable_t("breakage", "fragments", "integer", "1", "blocks into which the boulder broke", &
                  "1: it did not break", "i4"), &
-      variable_t("breakage", "breakages", "integer", "1", "times that the boulder or one of its fragments broke", &
+      variable_t("breakage", "breakages", "integer", "1", &
+                 "number of times that the boulder or one of its fragments broke", &
                  stored="i4"), &
       variable_t("breakage", "breakages_capped", "integer", "1", &
-                 "times that max_fragments prevented further fragments", stored="i4"), &
+                 "number of times that max_fragments prevented further fragments", stored="i4"), &
       variable_t("line", "x", "real", "m", "easting of the first crossing"), &
       variable_t("line", "y", "real", "m", "northing of the first crossing"), &
       variable_t("line", "time", "real", "s", "time from release to the first crossing"), &
@@ -121,7 +122,7 @@ module rockfall_variables
       variable_t("line", "omega", "real", "rad s-1", &
                  "angular velocity at the first crossing, forward rolling > 0"), &
       variable_t("line", "jump_height", "real", "m", &
-                 "height of the boulder's point above the surface, 0 at a contact"), &
+                 "height of the boulder's lowest point above the surface, 0 at a contact"), &
       variable_t("line", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical"), &
       variable_t("line", "energy_translational", "real", "J", "translational energy"//at_crossing), &
@@ -136,7 +137,7 @@ module rockfall_variables
       variable_t("crossing", "omega", "real", "rad s-1", &
                  "angular velocity at the first crossing, forward rolling > 0", stored="f4"), &
       variable_t("crossing", "jump_height", "real", "m", &
-                 "height of the boulder's point above the surface, 0 at a contact", stored="f4"), &
+                 "height of the boulder's lowest point above the surface, 0 at a contact", stored="f4"), &
       variable_t("crossing", "passing_height", "real", "m", &
                  "height of the boulder's centre above the surface, vertical", stored="f4"), &
       variable_t("fragment", "volume", "real", "m3", "volume of the fragment of this crossing", &
@@ -149,19 +150,19 @@ module rockfall_variables
       variable_t("barrier", "height", "real", "m", "height of the top edge above the ground"), &
       variable_t("barrier", "capacity", "real", "J", "maximum energy that the barrier absorbs"), &
       variable_t("hit", "outcome", "integer", "1", "effect of the barrier", &
-                 "of several crossings in this order: stopped, broken_through, passed_over", "i1"), &
+                 "of several crossings, the first of stopped, broken_through, passed_over", "i1"), &
       variable_t("map", "passages", "integer", "1", &
                  "boulders that passed the cell, each counted once"), &
       variable_t("map", "reach_probability", "real", "1", &
                  "fraction of all boulders that passed the cell"), &
       variable_t("map", "reach_probability_by_source", "real", "1", &
-                 "passages over the boulders of the sources that feed the cell"), &
+                 "passages / boulders released from the sources that reach the cell"), &
       variable_t("map", "reach_probability_low", "real", "1", &
                  "lower limit of the 95 % interval of reach_probability", given_sources), &
       variable_t("map", "reach_probability_high", "real", "1", &
                  "upper limit of the 95 % interval of reach_probability", given_sources), &
       variable_t("map", "sources", "integer", "1", &
-                 "sources that feed the cell: one of their boulders passed it"), &
+                 "sources from which at least one boulder passed the cell"), &
       variable_t("map", "deposits", "integer", "1", &
                  "boulders that came to rest in the cell or were absorbed there"), &
       variable_t("map", "energy_max", "real", "J", &
@@ -186,7 +187,7 @@ module rockfall_variables
        variable_t("map", "speed_"//levels(k)//"_high", "real", "m s-1", upper//"speed_"//levels(k), order_statistics), &
        k=1, size(levels)), &
       variable_t("map", "jump_height_max_map", "real", "m", &
-                 "maximum height of a boulder's point above the surface"), &
+                 "maximum height of a boulder's lowest point above the surface"), &
       variable_t("map", "jump_height_mean", "real", "m", "mean"//jump_heights), &
       variable_t("map", "jump_height_std", "real", "m", "standard deviation (n - 1)"//jump_heights), &
       (variable_t("map", "jump_height_"//levels(k), "real", "m", trim(of_level(k))//jump_heights, in_classes), &
@@ -211,12 +212,12 @@ module rockfall_variables
                  "flattest line from the release of a boulder that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
                  "shortest time from release until a boulder reaches the cell"), &
-      variable_t("map", "tree_impacts", "integer", "1", "hits of trees by boulders", "each hit counts"), &
+      variable_t("map", "tree_impacts", "integer", "1", "tree hits", "each hit counts"), &
       variable_t("map", "tree_impact_height_max", "real", "m", &
-                 "maximum height of a boulder's point above the surface when it hit a tree"), &
+                 "maximum height of a boulder above the surface when it hit a tree"), &
       variable_t("map", "tree_impact_height_mean", "real", "m", &
-                 "mean height of a boulder's point above the surface when it hit a tree"), &
-      variable_t("map", "tree_energy", "real", "J", "energy of all boulders absorbed by trees"), &
+                 "mean height of the boulders above the surface when they hit a tree"), &
+      variable_t("map", "tree_energy", "real", "J", "energy that trees absorbed, all boulders"), &
       variable_t("histogram", "incidence_angle", "integer", "degree", &
                  "incidence angle from the surface, 90 = vertical", ends), &
       variable_t("histogram", "tangential_share", "integer", "1", &
@@ -252,10 +253,10 @@ module rockfall_variables
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
       variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &
-      variable_t("tally", "bin_counts", "integer", "1", "counts of classes", stored="i4"), &
+      variable_t("tally", "bin_counts", "integer", "1", "counts by class", stored="i4"), &
       variable_t("tally", "shared_cell", "integer", "1", "cell reached from a source that the part divides"), &
-      variable_t("tally", "shared_source", "integer", "1", "number of that source", stored="i4"), &
-      variable_t("tally", "shared_boulders", "integer", "1", "boulders of that source in the part", stored="i4"), &
+      variable_t("tally", "shared_source", "integer", "1", "number of the source of the shared cell", stored="i4"), &
+      variable_t("tally", "shared_boulders", "integer", "1", "boulders of this source in the part", stored="i4"), &
       variable_t("kept", "boulder", "integer", "1", "number of the boulder"), &
       variable_t("sample", "block", "integer", "1", &
                  "non-empty block of bins of place, part and quantity", axes="entry"), &

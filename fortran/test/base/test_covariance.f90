@@ -233,18 +233,18 @@ contains
       call refuses("not symmetric among small entries", c, "not symmetric: entry (9, 8)")
       c = of_rank(n)
       call correlate(c, 7, 2, 1.01_wp)
-      call refuses("a correlation above 1", c, "entry (7, 2) makes a correlation of 1.01")
+      call refuses("a correlation above 1", c, "entry (7, 2) implies a correlation of 1.01")
       c = scaled(of_rank(n), 8)
       call correlate(c, 9, 8, -1.001_wp)
-      call refuses("the same among small entries", c, "entry (9, 8) makes a correlation of -1.001")
+      call refuses("the same among small entries", c, "entry (9, 8) implies a correlation of -1.001")
       c = 0
       c(1, 1) = 1.0e-2_wp
       c(7, 7) = 1.0e-16_wp
       c(8, 7) = 9.0e-9_wp
       c(7, 8) = 9.0e-9_wp
-      call refuses("a covariance without variance", c, "entry (8, 7) = 9e-9 needs a variance (8, 8) above 0")
+      call refuses("a covariance without variance", c, "entry (8, 7) = 9e-9 requires a variance (8, 8) above 0")
       c(8, 8) = 1.0e-6_wp
-      call refuses("more than the variances allow", c, "entry (8, 7) makes a correlation of 900")
+      call refuses("more than the variances allow", c, "entry (8, 7) implies a correlation of 900")
       c = 0
       c(3, 3) = -1.0e-3_wp
       call refuses("a negative variance", c, "variance (3, 3) = -0.001, must be >= 0")
@@ -252,11 +252,11 @@ contains
       c(9, 9) = -1.0e-12_wp
       call refuses("a small negative variance", c, "variance (9, 9) = -1e-12, must be >= 0")
       c = three(-0.5_wp - 1.0e-3_wp)
-      call refuses("three entries against each other", c, "smallest eigenvalue of its correlations is -0.002")
+      call refuses("three entries against each other", c, "smallest eigenvalue of its correlation matrix is -0.002")
       c = scaled(three(-0.5_wp - 1.0e-3_wp), 8)
-      call refuses("the same in other units", c, "smallest eigenvalue of its correlations is -0.002")
+      call refuses("the same in other units", c, "smallest eigenvalue of its correlation matrix is -0.002")
       c = printed(scaled(three(-0.5_wp - printed_tolerance), 8), 6)
-      call refuses("beyond six digits", c, "smallest eigenvalue of its correlations is -0.0002")
+      call refuses("beyond six digits", c, "smallest eigenvalue of its correlation matrix is -0.0002")
       call test_root("within six digits", three(-0.5_wp - 0.4_wp*printed_tolerance))
       c = of_rank(n)
       c(5, 5) = ieee_value(1.0_wp, ieee_quiet_nan)

@@ -331,7 +331,7 @@ contains
       call check("nobody flies 200 m through it", inside == 0)
       associate (mean => total/lines, error => sqrt(squares/lines - (total/lines)**2)/sqrt(real(lines, wp)))
          print "(3(a, f0.3))", "   mean tree-free distance [m] ", mean, ", error ", error, ", formula ", expected
-         call check("its standard error is below 1 %", error < 0.01_wp*expected)
+         call check("standard error of this estimate is below 1 %", error < 0.01_wp*expected)
          call check("mean tree-free distance", abs(mean - expected) < 3*error)
       end associate
    end subroutine test_spacing

@@ -245,7 +245,7 @@ contains
       call refused("&a "//repeat("k", 64)//" = 1 /", &
                    "c.nml: line 1: '"//repeat("k", 57)//"...' is not a valid key")
       call refused("&a k = 1"//lf//"K = 2 /", &
-                   "c.nml: line 2: &a k: given twice in this group (first in line 1)")
+                   "c.nml: line 2: &a k: is given twice in this group (first in line 1)")
       call refused("&a x(1) = 2 /", "c.nml: line 1: 'x(1)': array subscripts, " &
                    //"components (%) and complex numbers are not supported")
       call refused("&a x = 3"//lf//"y(1:2) = 2 /", "c.nml: line 2: 'y(1:2)': array subscripts, " &
@@ -308,7 +308,7 @@ contains
 
       call read_list(values, read, error)
       call said(error, "c.nml: &a x: "//pair//" is two numbers: write "//number &
-                //", or blanks after the commas of a list")
+                //", or put a blank after each comma of a list")
    end subroutine comma
 
    subroutine list(values, n)
@@ -335,9 +335,9 @@ contains
 
    subroutine values_refused()
       call refused("&a k = 'abc /"//lf//"&b j = 'd' /", &
-                   "c.nml: line 1: text without its closing quote: 'abc /")
-      call refused("&a k = ""abc'", "c.nml: line 1: text without its closing quote: ""abc'")
-      call refused("&a k = '", "c.nml: line 1: text without its closing quote: '")
+                   "c.nml: line 1: closing quote is missing: 'abc /")
+      call refused("&a k = ""abc'", "c.nml: line 1: closing quote is missing: ""abc'")
+      call refused("&a k = '", "c.nml: line 1: closing quote is missing: '")
       call refused("&a k = 'a'b /", "c.nml: line 1: expected a blank or comma before b /")
       call refused("&a k = 1'b' /", "c.nml: line 1: expected a blank or comma before 'b' /")
       call refused("&a k = '"//repeat("x", 4097)//"' /", &
@@ -408,7 +408,7 @@ contains
       call get_integer(list%group(2), "n", n, error)
       call said(error, "c.nml: &case n = 3.7: must be an integer")
       call get_integer(list%group(2), "m", n, error)
-      call said(error, "c.nml: &case m = 9223372036854775808: must be an integer of 64 bits")
+      call said(error, "c.nml: &case m = 9223372036854775808: must be a 64-bit integer")
       call get_logical(list%group(2), "yes", yes, error)
       call said(error, "c.nml: &case yes = 1: must be .true. or .false.")
       call get_text(list%group(2), "text", text, error)
@@ -469,7 +469,7 @@ contains
       write (unit, pos=64*1024**2 + 1) "x"
       close (unit)
       call read_text("test_namelist.tmp", text, error)
-      call said(error, "test_namelist.tmp: larger than 64 MB, so not a text file of rockfall")
+      call said(error, "test_namelist.tmp: is larger than 64 MB, so it is not a rockfall text file")
       open (newunit=unit, file="test_namelist.tmp")
       close (unit, status="delete")
       call read_text("test_namelist.tmp", text, error)

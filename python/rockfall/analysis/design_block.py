@@ -180,8 +180,8 @@ def _fit(survey: Survey, threshold: float | None) -> Fit:
         if lowest is None:
             best = max(fit.p_value for fit in tried) if tried else 0.0
             raise RockfallError(
-                f"{survey.name}: a generalised Pareto distribution fits above no threshold (p = "
-                f"{best:.2g}): choose a threshold"
+                f"{survey.name}: no threshold gives an acceptable generalised Pareto fit no "
+                f"threshold (p = {best:.2g}): choose a threshold"
             )
         fit = lowest
     if not -MAX_SHAPE < fit.shape < HEAVIEST:
@@ -366,7 +366,7 @@ def _scenario(
         "volume_exponent": law.exponent,
     }
     if reason := _beyond_keys(scenario):
-        return None, [f"no scenario by a power law: {reason}"]
+        return None, [f"no power-law scenario: {reason}"]
     scenario |= {key: _rounded(value) for key, value in scenario.items() if key != "name"}
     remarks = []
     if law.p_value < REJECTED:
@@ -409,8 +409,8 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
         )
     if rate.dispersion > 1:
         yield (
-            f"dated blocks came in clusters (variance/mean of yearly numbers {rate.dispersion:.2g})"
-            ": intervals are widened"
+            "dated blocks came in clusters (variance/mean of yearly counts "
+            f"{rate.dispersion:.2g}): intervals are widened"
         )
     if np.isnan(survey.dates).any():
         yield "clusters in time are not checked: some blocks have no date"

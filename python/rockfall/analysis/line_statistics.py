@@ -85,7 +85,9 @@ def line_statistics(
     for chosen_quantity in chosen_quantities:
         if chosen_quantity not in known_quantities:
             all_ = ", ".join(known_quantities)
-            raise RockfallError(f"quantities: unknown quantity '{chosen_quantity}', known: {all_}")
+            raise RockfallError(
+                f"quantities: unknown quantity '{chosen_quantity}': must be one of {all_}"
+            )
     samples = LineSamples(result)
     parts = samples.groups(by, classes) if by else [("", None)]
     rows = []

@@ -82,7 +82,7 @@ def _hazard(groups: Groups) -> Broken:
     if any(later <= earlier for earlier, later in pairwise(periods)):
         yield "return_periods", "must increase"
     if len(factor) != 2:
-        yield "frequency_factor", "must be two factors, the lowest and the highest"
+        yield "frequency_factor", "must be two factors, the lowest first"
     elif not factor[0] <= 1 <= factor[1]:
         yield "frequency_factor", "must enclose 1"
     if not groups["scenario"]:
@@ -134,11 +134,11 @@ def _variant(variants: list[Groups], number: int) -> Broken:
     if name[0] in ". " or name[-1] in ". " or {*name} & {*'/\\:*?"<>|,='}:
         yield (
             "name",
-            "is that of a file, too: no dot or blank at its ends, and none of "
+            "is also a file name: must not begin or end with a dot or blank, or contain any of "
             '/ \\ : * ? " < > | , =',
         )
     if _lower(name) == BASE.encode():
-        yield "name", "is that of the case without its variants: choose another name"
+        yield "name", "is reserved for the case without its variants: choose another name"
     for key, group in CHOSEN.items():
         if key in given and group in given.get("without", []):
             yield key, f"is not valid together with without = '{group}'"

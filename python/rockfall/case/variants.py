@@ -39,7 +39,7 @@ def variants(case: Case) -> dict[str, Case]:
         if first != name:
             raise RockfallError(
                 f"{case.name}: &variant name = {literal(name)}: equals variant {literal(first)}: "
-                "change a key, or leave out one of the two"
+                "change a key, or omit one of the two"
             )
         cases[name] = made
     return cases
@@ -57,7 +57,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
         by_name[BASE] = case.replace(variant=[])
     if name not in by_name:
         has = f"variants: {', '.join(by_name)}" if by_name else "the case has no &variant"
-        raise RockfallError(f"{case.name}: --variant {name}: unknown, {has}")
+        raise RockfallError(f"{case.name}: --variant {name}: unknown ({has})")
     return by_name[name]
 
 
@@ -66,9 +66,9 @@ def check_single(case: Case) -> None:
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
-            f"{case.name}: &variant: the variants are {names}: run all by `rockfall variants`, "
-            f"one by --variant NAME (in Python rockfall.variants(case)[NAME]), none by --variant "
-            f"{BASE}"
+            f"{case.name}: &variant: has variants {names}: run all with `rockfall variants`, one "
+            "with --variant NAME (in Python rockfall.variants(case)[NAME]), or none with "
+            f"--variant {BASE}"
         )
 
 
@@ -118,8 +118,8 @@ def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[st
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:
         if name not in called:
-            those = f"known: {', '.join(called)}" if called else f"no &{group} has a name"
-            raise RockfallError(f"{where}: unknown &{group} '{name}', {those}")
+            those = f"names: {', '.join(called)}" if called else f"no &{group} has a name"
+            raise RockfallError(f"{where}: unknown &{group} '{name}' ({those})")
     return [item for name, item in own if name in names]
 
 

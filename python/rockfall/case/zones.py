@@ -28,7 +28,7 @@ def polygon_zones(
     path = case.path(surface["zones"])
     if surface["zones"] == FROM_ARRAY or path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(
-            f"{case.name}: &surface table is missing: it gives the ground of the zones"
+            f"{case.name}: &surface table is missing: it must give the grounds of the zones"
         )
     columns = read_attributes(path, "polygons", surface.get("zones_layer"), "zones_layer")
     ids, zones, own = zones_of_polygons(columns, str(path), surface["zone_field"], remarks)

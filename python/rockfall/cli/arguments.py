@@ -146,7 +146,7 @@ def _add_draft(commands: _Commands) -> None:
     new.add_argument("layers", metavar="LAYER", type=Path, nargs="*", help=text)
     _option(new, "-o --output CASE.nml", Path, required=True)
     text = (
-        "ground of this zone, or of all zones without one: talus, rocky-slope, rock, meadow, "
+        "ground of this zone, or of all zones without a ground: talus, rocky-slope, rock, meadow, "
         "vegetated-soil, compact, soft-soil or another (repeatable)"
     )
     _option(new, "--ground [ZONE=]GROUND", str, text, action="append")
@@ -154,7 +154,7 @@ def _add_draft(commands: _Commands) -> None:
     _option(new, "--energy-line-angle DEGREE", float, text)
     text = "lowest shadow angle, from the apex of the talus; runs are compared with it"
     _option(new, "--shadow-angle DEGREE", float, text)
-    text = "make a DEM from surveyed points, or edit a DEM; edits are applied in the given order"
+    text = "create a DEM from surveyed points, or edit a DEM; edits are applied in the given order"
     dem = _add(commands, "draft", "dem", text)
     text = "points.csv with x, y, z, one or more point clouds (.las, .laz, .xyz), or a DEM"
     dem.add_argument("input", metavar="FILE", type=Path, nargs="+", help=text)
@@ -221,18 +221,18 @@ def _add_runs(commands: _Commands) -> None:
     _option(run, "--dask WHERE", str, "address of a Dask cluster, or local:N")
     _add_resume(run, "OUT.nc.checkpoint")
     _add_overrides(run)
-    text = "make a case for rockfall-batch, which needs no Python"
+    text = "prepare a case for rockfall-batch, which needs no Python"
     prepare = _add(commands, "parts", "prepare", text, "CASE")
     prepare.add_argument("folder", metavar="DIR", type=Path, help="output folder (created)")
-    text = "make a case from a Rockyfor3D folder, whose files remain in place"
+    text = "create a case from a Rockyfor3D folder, whose files remain in place"
     rocky = _add(commands, "draft", "import-rockyfor3d", text, "DIR")
     _option(rocky, "-o --output CASEDIR", Path, required=True)
     _option(rocky, "--crs CODE", str, "CRS of its rasters, such as EPSG:2056")
-    text = "make a case from the layers of PlatRock: DEM, rocks, soils, forest, checkpoints"
+    text = "create a case from the layers of PlatRock: DEM, rocks, soils, forest, checkpoints"
     platrock = _add(commands, "draft", "import-platrock", text, "DIR")
     _option(platrock, "-o --output CASEDIR", Path, required=True)
     _option(platrock, "--crs CODE", str, "CRS of all its files, such as EPSG:2154")
-    text = "make a case from the inputs of an AvaFrame folder: DEM, REL, INFRA"
+    text = "create a case from the inputs of an AvaFrame folder: DEM, REL, INFRA"
     avaframe = _add(commands, "draft", "import-avaframe", text, "DIR")
     _option(avaframe, "-o --output CASEDIR", Path, required=True)
     _option(avaframe, "--crs CODE", str, "CRS of a DEM without one, such as EPSG:31287")
@@ -249,14 +249,17 @@ def _add_runs(commands: _Commands) -> None:
     slurm.add_argument(
         "--time", default="24:00:00", help="time limit of each job; default: 24:00:00"
     )
-    text = "merge the parts of a run into the result of an undivided run, bit for bit"
+    text = "merge the parts of a run into one result, bit-identical to an undivided run"
     merge = _add(commands, "parts", "merge", text)
     merge.add_argument("parts", metavar="PART.nc", type=Path, nargs="+")
     _option(merge, "-o --output OUT.nc", Path, required=True)
 
 
 def _add_memory(command: argparse.ArgumentParser) -> None:
-    text = "memory for the run; terrain above half of it is read in windows; default: all memory"
+    text = (
+        "memory for the run; terrain that needs more than half is read in windows; default: "
+        "all memory"
+    )
     _option(command, "--memory SIZE", str, text)
 
 
@@ -281,7 +284,7 @@ def _add_studies(commands: _Commands) -> None:
     _option(vary, "-o --output OUT", Path, "result OUT.nc, or table OUT.csv")
     _option(vary, "--runs M", int, "number of draws of the uncertain inputs")
     _add_overrides(vary)
-    text = "fit the uncertain inputs to observations: a posterior"
+    text = "fit the uncertain inputs to observations (posterior distribution)"
     back = _add(commands, "studies", "back", text, "CASE")
     text = "observations; default: files of &observed in the case"
     back.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="*", help=text)
@@ -294,9 +297,9 @@ def _add_studies(commands: _Commands) -> None:
     _option(zone, "-o --output DIR", Path, "default: CASE_hazard")
     _add_imprint(zone, "on the sheet")
     _add_objects(zone)
-    text = "write each scenario as a case, CASE_scenarioN.nml, and run nothing"
+    text = "only write each scenario as a case, CASE_scenarioN.nml"
     _switch(zone, "--write-cases", text)
-    text = "results of these cases, one for each scenario, instead of running them"
+    text = "use results of these cases, one for each scenario, instead of running them"
     _option(zone, "--results OUT.nc", Path, text, nargs="+", default=[])
     _add_memory(zone)
     _add_resume(zone, "DIR.scenarioN.checkpoint")
@@ -329,14 +332,14 @@ def _add_studies(commands: _Commands) -> None:
     _option(every, "-o --output DIR", Path, "default: CASE_models")
     text = "ground to use instead of the grounds for rocks (repeatable)"
     _option(every, "--ground NAME", str, text, action="append", default=[])
-    text = "additional table of impacts (repeatable)"
+    text = "additional impact table (repeatable)"
     _option(every, "--table NAME", str, text, action="append", default=[])
     _add_overrides(every)
     text = "compare every rebound model with observations at the site"
     site = _add(commands, "studies", "validate", text, "CASE")
     site.add_argument("observed", metavar="OBSERVED.csv", type=Path, nargs="+")
-    _option(site, "-o --output TABLE.csv", Path, "all numbers as CSV")
-    text = "table of impacts (repeatable); default: all shipped tables"
+    _option(site, "-o --output TABLE.csv", Path, "all values as CSV")
+    text = "impact table (repeatable); default: all shipped tables"
     _option(site, "--table NAME", str, text, action="append", default=[])
     text = "number of runs of each model, with consecutive seeds; default: %(default)s"
     _option(site, "--seeds N", int, text, default=5)
@@ -345,7 +348,7 @@ def _add_studies(commands: _Commands) -> None:
     converge = _add(commands, "studies", "convergence", text, "CASE")
     _option(converge, "-o --output DIR", Path, "default: CASE_convergence")
     _option(converge, "--boulders N", int, "numbers of boulders from each source", nargs="+")
-    text = "boulders from each source for the errors; default: 1000000 from all sources"
+    text = "boulders from each source in the reference run; default: 1000000 from all sources"
     _option(converge, "--reference N", int, text)
 
 
@@ -355,7 +358,7 @@ def _add_dossier(commands: _Commands) -> None:
     _option(dossier, "-o --output DIR", Path, "default: CASE_dossier")
     _add_imprint(dossier, "on page 1")
     _add_objects(dossier)
-    text = "for loads, and for boulders that may pass the barrier: 10, 30, 100 (default), 300, 1000"
+    text = "of the loads, and of boulders that pass the barrier: 10, 30, 100 (default), 300, 1000"
     _option(dossier, "--return-period YEARS", float, text, default=100.0)
     _option(dossier, "--costs CSV", Path, COSTS)
     _switch(dossier, "--one-model", "do not run a second rebound model for the first variant")
@@ -500,7 +503,9 @@ def _add_design(commands: _Commands) -> None:
     _option(sheet, "--width M", float, "width of windows along the line; default: 10")
     _option(sheet, "--min-boulders N", int, "minimum number of boulders in a window; default: 50")
     block = sheet.add_argument_group("block of a return period")
-    text = "block exceeded once in this period, by the survey --blocks; for a hazard: at most one "
+    text = (
+        "block exceeded once in this period, from the survey --blocks; for a hazard: at most one "
+    )
     text += "boulder may pass a barrier in this period (default: 100)"
     _option(block, "--return-period YEARS", float, text)
     _option(block, "--years YEARS", float, "length of the complete record of falls")
@@ -531,9 +536,9 @@ def _add_site(commands: _Commands) -> None:
     text = "maximum fraction of boulders that bypass an alignment; default: 0.01"
     _option(site, "--max-bypass FRACTION", float, text)
     _option(site, "--space M", float, "braking distance available between barrier and line")
-    text = "boulders a year that may still reach the line, over all &scenario groups"
+    text = "boulders per year that may still reach the line, over all &scenario groups"
     _option(site, "--acceptable PER_YEAR", float, text)
-    text = "memory for the run; if half of it is too small, several runs are made; default: all"
+    text = "memory for the run; if half of it is too small, the run is split; default: all"
     _option(site, "--memory SIZE", str, text)
     _add_conditions(site)
     _add_overrides(site)
@@ -588,7 +593,7 @@ def _add_ground(commands: _Commands) -> None:
     )
     text = "block shape: sphere, compact (default), elongated or platy"
     _option(ground, "--shape SHAPE", str, text, default="compact")
-    _switch(ground, "--proportional", "strength in proportion to R_b; default: equal for all")
+    _switch(ground, "--proportional", "strength in proportion to R_b; default: equal for all sizes")
     _option(
         ground, "--rest-angle DEGREE", float, "default: rest angle of the nearest shipped ground"
     )

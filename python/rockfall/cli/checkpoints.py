@@ -64,6 +64,6 @@ def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
     if not kept:
         raise KeyboardInterrupt
     return say(
-        f"interrupted: {', '.join(kept)}: boulders done are saved, --resume continues",
+        f"interrupted: completed boulders are in {', '.join(kept)}: continue with --resume",
         exit_status(),
     )

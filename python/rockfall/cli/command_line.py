@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RockfallError as error:
         return [say(fault, error.code) for fault in error.faults][-1]
     except KeyboardInterrupt:
-        return say("interrupted; no file is half-written", exit_status())
+        return say("interrupted: no incomplete file was written", exit_status())
     except ImportError as error:
         return say(_NO_MEMORY, REFUSED) if "failed to map" in str(error) else _fault(error)
     except MemoryError:
@@ -72,7 +72,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
     names = [part for value in values for part in (value if isinstance(value, list) else [value])]
     for name in (*(name for name in names if isinstance(name, Path)), Path.cwd()):
         if os.fsencode(name).decode("utf-8", "replace") != str(name):
-            raise RockfallError(f"{name}: is not a name in UTF-8")
+            raise RockfallError(f"{name}: is not a UTF-8 file name")
 
 
 def _leave_out(*packages: str) -> None:

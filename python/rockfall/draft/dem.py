@@ -104,7 +104,7 @@ def dem_of_points(
     elif len(paths) > 1:
         raise RockfallError(f"{path}: several files: must all be .las, .laz or .xyz")
     elif classes is not None or thin is not None:
-        raise RockfallError(f"{path}: --classes and --thin are for .las, .laz and .xyz")
+        raise RockfallError(f"{path}: --classes and --thin are only valid for .las, .laz and .xyz")
     else:
         points = _read_points(path)
     remarks: list[str] = []
@@ -164,7 +164,7 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
     if not missing.any():
         return points
     if missing.all():
-        raise RockfallError(f"{path}: all elevations are {points[0, 2]:g}: nodata")
+        raise RockfallError(f"{path}: all elevations are nodata ({points[0, 2]:g})")
     value, n = float(points[missing][0, 2]), int(missing.sum())
     remarks.append(remark(path, "input.points_missing", n=n, value=value))
     return points[~missing]
@@ -182,7 +182,7 @@ def _check_places(path: str | Path, points: np.ndarray) -> None:
     places = len(np.unique(points[:, 0] + 1j * points[:, 1]))
     if places < len(points) / 2 and len(np.unique(points[:, 2])) > places:
         raise RockfallError(
-            f"{path}: {len(points):,} points at {places:,} places: are x and y rounded?"
+            f"{path}: {len(points):,} points at {places:,} different places: are x and y rounded?"
         )
 
 
@@ -250,7 +250,9 @@ def _read_points(path: str | Path) -> np.ndarray:
     where, columns, rows = read_table(path)
     for axis in "xyz":
         if columns.count(axis) != 1:
-            raise RockfallError(f"{where}: must have one column {axis}, has: {', '.join(columns)}")
+            raise RockfallError(
+                f"{where}: must have exactly one column {axis} (columns: {', '.join(columns)})"
+            )
     limits = {"x": MAX_REAL, "y": MAX_REAL, "z": MAX_ELEVATION}
     return np.array([[row.number(axis, -far, far) for axis, far in limits.items()] for row in rows])
 
@@ -332,16 +334,14 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
         if depth < 0:
             raise RockfallError(f"{path}: feature {k + 1}: depth = {depth:g}: must be > 0 [m]")
         if "Point" in shape.geom_type:
-            raise RockfallError(
-                f"{path}: feature {k + 1}: is a point, lines or polygons are needed"
-            )
+            raise RockfallError(f"{path}: feature {k + 1}: is a point: must be a line or polygon")
         if "Polygon" not in shape.geom_type:
             if not width > 0:
                 raise RockfallError(f"{path}: feature {k + 1}: a line must have a width > 0 [m]")
             shape = shape.buffer(width / 2, cap_style="flat")
         z = lowered(z, dem.grid, shape, depth, level)
     if np.array_equal(z, dem.z, equal_nan=True):
-        raise RockfallError(f"{path}: lowers no cell of the terrain")
+        raise RockfallError(f"{path}: does not lower any cell of the terrain")
     if (depth := float(np.nanmax(dem.z - z))) > DEEP:
         remarks.append(remark(path, "input.deep_cut", depth=depth))
     return z

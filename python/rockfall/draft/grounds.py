@@ -148,7 +148,9 @@ class Grounds:
         """Answer to a question, posed only once; raises a RockfallError without a terminal."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
-                raise RockfallError(f"{where}: no ground: give --ground {option}, of {CHOICES}")
+                raise RockfallError(
+                    f"{where}: ground is missing: give --ground {option}, of {CHOICES}"
+                )
             check_ground(ground, what)
             self.answers[what] = ground
         return self.answers[what]

@@ -123,7 +123,7 @@ def _check_steep(new: New, doubtful: list[Layer]) -> None:
     for layer in doubtful:
         if layer.is_called(SOURCES):
             raise RockfallError(
-                f"{layer}: has the name of sources, which must be all points or all polygons"
+                f"{layer}: is named as a source layer: sources must be all points or all polygons"
             )
     for layer in doubtful:
         if layer.alone:
@@ -157,8 +157,8 @@ def _check_known(new: New, scene: Scene) -> None:
     for k in lost[:1].tolist():
         raise RockfallError(
             f"{new.used[SOURCES][0]}: {lost.size:,} of {scene.x.size:,} points lie outside the DEM "
-            f"or without an elevation, such as {scene.x[k]:.10g}, {scene.y[k]:.10g}: move them, or "
-            "fill the DEM"
+            f"or on cells without an elevation, such as {scene.x[k]:.10g}, {scene.y[k]:.10g}: move "
+            "them, or fill the DEM"
         )
 
 

@@ -26,7 +26,7 @@ def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
     if cell > extent.max() / 2:
         raise RockfallError(
             f"--cell {cell:g}: the points cover {extent[0]:,.4g} x {extent[1]:,.4g} m: must be at "
-            "most half of that"
+            "most half of this extent"
         )
     if cell < spacing / FINEST:
         raise RockfallError(

@@ -138,9 +138,9 @@ def check_formats(formats: Sequence[str], allowed: Sequence[str]) -> list[str]:
         if name in GONE:
             raise RockfallError(f"--formats {name}: {GONE[name]}")
         if name not in allowed:
-            raise RockfallError(f"--formats {name}: must be {', '.join(allowed)}")
+            raise RockfallError(f"--formats {name}: must be one of {', '.join(allowed)}")
     if not formats:
-        raise RockfallError(f"--formats: must be some of {', '.join(allowed)}")
+        raise RockfallError(f"--formats: must be one or more of {', '.join(allowed)}")
     return [name for name in allowed if name in formats]
 
 

@@ -36,7 +36,7 @@ class Geographic(NamedTuple):
             return xyz
         places = np.column_stack([*self.way.transform(xyz[:, 0], xyz[:, 1]), *xyz.T[2:]])
         if not np.isfinite(places[:, :2]).all():
-            raise RockfallError(f"{self.crs} has no longitude and latitude for all places")
+            raise RockfallError(f"{self.crs} does not define longitude and latitude at all places")
         return places
 
 
@@ -46,8 +46,8 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
 
     if wkt is None:
         raise RockfallError(
-            f"{what} needs longitudes and latitudes, and the result has no CRS: "
-            "give the DEM one (rockfall dem DEM -o DEM.tif --crs CODE) and run again"
+            f"{what} requires longitudes and latitudes, but the result has no CRS: give the DEM "
+            "one (rockfall dem DEM -o DEM.tif --crs CODE) and run again"
         )
     crs = CRS.from_wkt(wkt)
     way = degrees_way(crs, _bounds(data))

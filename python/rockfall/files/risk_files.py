@@ -95,7 +95,7 @@ def risk_styles(kinds: Mapping[str, str]) -> dict[str, Style]:
         layer: Style(
             "risk_class",
             [
-                (word, f"{word} a year" if k else "no individual risk", SYMBOLS[kind](colour))
+                (word, f"{word} per year" if k else "no individual risk", SYMBOLS[kind](colour))
                 for k, (word, colour) in enumerate(zip(words, COLOURS, strict=True))
             ],
         )

@@ -158,7 +158,9 @@ class GroundTable:
         check_columns(where, columns, allowed)
         for needed in "name", "model", "source":
             if needed not in columns:
-                raise RockfallError(f"{where}: no column {needed}, has: {', '.join(columns)}")
+                raise RockfallError(
+                    f"{where}: column {needed} is missing (columns: {', '.join(columns)})"
+                )
         self.rows: dict[str, Row] = {}
         self.names: dict[int, str] = {}  # id -> name
         for row in rows:
@@ -361,12 +363,12 @@ def find_ground(case: Case, table: GroundTable, name: str, where: str) -> Ground
     if path is None:
         rows, tables, sets = map(", ".join, (table.rows, table_names(), shipped_sets()))
         raise RockfallError(
-            f"{where} = '{name}': no ground of {table.path.name}, no impact table or set. Grounds: "
-            f"{rows}. Impact tables: {tables}. Impact sets: {sets}"
+            f"{where} = '{name}': is not a ground of {table.path.name}, an impact table or an "
+            f"impact set. Grounds: {rows}. Impact tables: {tables}. Impact sets: {sets}"
         )
     if name in ensemble_names():
         raise RockfallError(
-            f"{where} = '{name}': is an ensemble of tables of impacts, for &ensemble sets"
+            f"{where} = '{name}': is an ensemble of impact tables: use it in &ensemble sets"
         )
     if is_table:
         return table_ground(case, name)
@@ -404,7 +406,9 @@ def _with_pair(
         given, (low, high) = f"{where}ground_{key} = {value:g}", limits[key]
         if rule.plane is None:
             names = ", ".join(dict.fromkeys([*table.yielding, *shipped_rows().yielding]))
-            raise RockfallError(f"{given}: not valid on ground '{named.name}': only on {names}")
+            raise RockfallError(
+                f"{given}: is not valid for ground '{named.name}': only for {names}"
+            )
         if not low <= value <= high:
             raise RockfallError(f"{given}: must be {low:g} to {high:g}")
     own = str(named)
@@ -440,8 +444,8 @@ def usual_ground(case: Case) -> GroundRule:
         return table_ground(case, name)
     names = ", ".join(table_names())
     raise RockfallError(
-        f"{case.name}: &impact table = '{name}': no such table of impacts or file .nc, shipped "
-        f"tables: {names}"
+        f"{case.name}: &impact table = '{name}': no such impact table or .nc file (shipped tables: "
+        f"{names})"
     )
 
 
@@ -511,4 +515,4 @@ def grounds_by_shape(
 def check_number(grounds: Iterable[GroundRule], where: str) -> None:
     """Refuse more grounds than a scene can have."""
     if (number := len(list(grounds))) > MAX_GROUNDS:
-        raise RockfallError(f"{where}: {number} grounds: at most {MAX_GROUNDS}")
+        raise RockfallError(f"{where}: {number} grounds: must be at most {MAX_GROUNDS}")

@@ -36,9 +36,11 @@ def set_path(case: Case, name: str | None = None, group: str = "impact") -> Path
     if path := find_set(case, name):
         return path
     if name in RENAMED:
-        raise RockfallError(f"{case.name}: &{group} sets = '{name}': is now '{RENAMED[name]}'")
+        raise RockfallError(
+            f"{case.name}: &{group} sets = '{name}': was renamed to '{RENAMED[name]}'"
+        )
     names = ", ".join(shipped_sets())
     raise RockfallError(
-        f"{case.name}: &{group} sets = '{name}': no such file; shipped sets: {names}; tables of "
-        "impacts are named by &impact table"
+        f"{case.name}: &{group} sets = '{name}': no such file (shipped sets: {names}). Give impact "
+        "tables in &impact table"
     )

@@ -30,7 +30,7 @@ BY_SOURCE = "source"  # value of block_shape if sources give the shapes
 BLOCK_SHAPES = tuple(
     shape for shape in keys_of("boulder")["block_shape"].allowed.split(", ") if shape != BY_SOURCE
 )
-SIZE = "R_b/R_m, or rho_b g R_b over the strength of ground that yields"
+SIZE = "R_b/R_m, or rho_b g R_b / strength for yielding ground"
 BY_BIN = "map", "low", "high"  # arrays with a value for each bin
 KINDS = "flight", "roll"
 EDGES = tuple(f"{kind}_edge_{key}" for kind in KINDS for key in (1, 2, 3))
@@ -242,7 +242,7 @@ def _write(table: ImpactTable, path: Path) -> None:
     for k, name in enumerate(FIELDS):
         data[name] = ("record", table.record[:, k])
     scales = {"inertia": table.inertia, **table.ground._asdict()}
-    dataset = xr.Dataset(data, attrs={"title": "table of impacts", **scales, **table.attrs})
+    dataset = xr.Dataset(data, attrs={"title": "impact table", **scales, **table.attrs})
     write_compressed(dataset, path, 9)
 
 
@@ -282,13 +282,11 @@ def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactT
     except RockfallError:
         raise
     except (OSError, ValueError, RuntimeError) as error:
-        raise RockfallError(
-            f"{path}: is not a netCDF file of a table of impacts: {error}"
-        ) from error
+        raise RockfallError(f"{path}: is not a netCDF impact table: {error}") from error
     arrays = {"size", "relief", "first", *BY_BIN, *EDGES, *FIELDS}
     numbers = {"inertia", *YieldingGround._fields}
     if not (arrays <= set(data.variables) and numbers <= set(data.attrs)):
-        raise RockfallError(f"{path}: is not a table of impacts of this version: create it again")
+        raise RockfallError(f"{path}: is not an impact table of this version: create it again")
     ground = YieldingGround(*(float(data.attrs[name]) for name in YieldingGround._fields))
     return ImpactTable(
         **{name: data[name].values for name in ("size", "relief", "first", *BY_BIN)},

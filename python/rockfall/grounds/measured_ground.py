@@ -104,7 +104,7 @@ class MeasuredGround:
         for column, value in values.items():
             if math.isnan(value):
                 needed = "scars" if column == "strength" else "a patch"
-                raise RockfallError(f"{name}: a row of a table of grounds needs {needed}")
+                raise RockfallError(f"{name}: a row in a table of grounds requires {needed}")
         numbers = {column: float(f"{value:.3g}") for column, value in values.items()}
         check_yielding(name, self.model, numbers)
         texts = {column: f"{value:g}" for column, value in numbers.items()}
@@ -148,7 +148,7 @@ def measure_ground(
     if radius is None and not read:
         raise RockfallError("a patch needs the radius R_b of the blocks: give --radius")
     if not 0 < shortest < longest < math.inf:
-        raise RockfallError(f"waves from {shortest:g} to {longest:g} R_b: must increase from > 0")
+        raise RockfallError(f"waves from {shortest:g} to {longest:g} R_b: must be > 0 and increase")
     _check("radius", radius, 0.01, 100.0)
     _check("rest_angle", rest_angle, 0.0, 90.0)
     if radius is None:

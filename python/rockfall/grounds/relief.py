@@ -87,13 +87,13 @@ def measure(
     if longest > side / WAVES_OF_PATCH:
         raise RockfallError(
             f"{name}: {side:.4g} m wide: waves of {longest:.4g} m ({band.longest:g} R_b) need "
-            f"{WAVES_OF_PATCH * longest:.4g} m: --longest {side / WAVES_OF_PATCH / radius:.3g} fits"
+            f"{WAVES_OF_PATCH * longest:.4g} m: use --longest {side / WAVES_OF_PATCH / radius:.3g}"
         )
     if shortest < CELLS_OF_MEASURED_WAVE * cell:
         least = CELLS_OF_MEASURED_WAVE * cell
         raise RockfallError(
             f"{name}: cells of {cell:.4g} m: waves of {shortest:.4g} m ({band.shortest:g} R_b) "
-            f"need {shortest / CELLS_OF_MEASURED_WAVE:.4g} m: --shortest {least / radius:.3g} fits"
+            f"need {shortest / CELLS_OF_MEASURED_WAVE:.4g} m: use --shortest {least / radius:.3g}"
         )
     y, x = np.indices(heights.shape)
     terms = np.column_stack([x.ravel(), y.ravel(), np.ones(heights.size)])

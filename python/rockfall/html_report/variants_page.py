@@ -41,7 +41,9 @@ class Given(NamedTuple):
         """Raise an error for inputs that cannot be compared."""
         for name, cost in self.costs.items():
             if name not in results:
-                raise RockfallError(f"cost of {name}: unknown, variants: {', '.join(results)}")
+                raise RockfallError(
+                    f"cost of {name}: no such variant (variants: {', '.join(results)})"
+                )
             if not 0 <= cost < math.inf:
                 raise RockfallError(f"cost of {name} = {cost:g}: must be >= 0")
 

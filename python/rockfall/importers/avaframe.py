@@ -64,7 +64,7 @@ def import_avaframe(
     kinds = {path.suffix.lower() in LAYERS for path in releases}
     if len(kinds) != 1:
         held = "both" if kinds else "none"
-        raise RockfallError(f"{inputs / 'REL'}: must have shapefiles or rasters, has {held}")
+        raise RockfallError(f"{inputs / 'REL'}: must have shapefiles or rasters (found: {held})")
     _check_forest(inputs, no_forest)
     infra = _files(inputs / "INFRA", RASTERS)
     ground = Grounds(ground, {}, ask).of_case(str(dem))

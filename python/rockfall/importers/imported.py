@@ -95,7 +95,7 @@ def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
     several = sorted(paths)
     if len(several) != 1:
         names = ", ".join(path.name for path in several) or "none"
-        raise RockfallError(f"{folder}: must have one {what}, has: {names}")
+        raise RockfallError(f"{folder}: must have exactly one {what} (found: {names})")
     return several[0]
 
 
@@ -116,7 +116,7 @@ def tree_rows(path: Path) -> tuple[list[str], bool]:
         more |= len(cells) > 3
         rows.append(",".join(map(repr, numbers)))
     if len(rows) == 1:
-        raise RockfallError(f"{path}: lists no trees")
+        raise RockfallError(f"{path}: contains no trees")
     return rows, more
 
 

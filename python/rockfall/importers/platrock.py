@@ -93,8 +93,8 @@ class Layer:
         best = max(hits, key=lambda kind: hits[kind])
         if list(hits.values()).count(hits[best]) > 1 and hits[best]:
             raise RockfallError(
-                f"{self.path}: has attributes of {best} and of another layer: "
-                "rocks, soils and forest need files of their own"
+                f"{self.path}: has attributes of {best} and of another layer: rocks, soils and "
+                "forest require separate files"
             )
         return best if hits[best] else ""
 
@@ -126,7 +126,8 @@ class Layer:
         names = [name for name in key.names if name in self.columns]
         if len(names) > 1:
             raise RockfallError(
-                f"{self.path}: has {' and '.join(names)}, which are the same attribute: keep one"
+                f"{self.path}: has {' and '.join(names)}, which are the same attribute: keep one "
+                "of them"
             )
         return [*map(plain, self.columns[names[0]])] if names else [None] * len(self.shapes)
 
@@ -183,8 +184,8 @@ def import_platrock(
         by_kind = _by_kind(made, layers)
         if ROCKS not in by_kind:
             raise RockfallError(
-                f"{folder}: no rocks: needs a GeoJSON of polygons with number, z, rocks_min_vol, "
-                "rocks_max_vol"
+                f"{folder}: rocks are missing: give a GeoJSON of polygons with number, z, "
+                "rocks_min_vol, rocks_max_vol"
             )
         if len(stems) + (FOREST in by_kind) > 1:
             only([*stems, *(by_kind[kind].path for kind in (FOREST,) if kind in by_kind)], folder,
@@ -219,8 +220,8 @@ def _case(folder: Path, number: int) -> Group:
 def _note_half_cell(made: Import) -> None:
     """Note the shift of PlatRock's terrain by half a cell: it takes cell corners for centres."""
     made.changed.append(
-        f"{made.name(made.dem)}: elevations are at cell centres; PlatRock has them at south-west "
-        f"corners, its slope lies {made.grid.cell / 2:g} m further west and south"
+        f"{made.name(made.dem)}: elevations are at cell centres; PlatRock puts them at south-west "
+        f"corners, so its slope lies {made.grid.cell / 2:g} m further west and south"
     )
 
 
@@ -281,7 +282,7 @@ def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]
     )
     made.changed.append(
         f"{made.name(layer.path)}: rocks start above cell centres, not anywhere in the polygons; "
-        "frequency is their number, not a rate"
+        "frequency is the number of rocks, not a rate"
     )
     mean = float(np.average((low + high) / 2, weights=number))
     boulder = Group("boulder", [Entry("volume", "source", "from the polygons")])
@@ -298,7 +299,7 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
     soils = [("outside", OUTSIDE)]
     entries = [
         Entry("ground_table", GROUNDS),
-        Entry("ground", "outside", "of terrain without a soil: defaults of PlatRock"),
+        Entry("ground", "outside", "terrain without a soil: defaults of PlatRock"),
     ]
     if layer is not None:
         values = layer.values(made, SOILS)
@@ -306,7 +307,7 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
         soils += [(f"soil_{k + 1}", {key: values[key][k] for key in values}) for k in range(n)]
         made.write_raster(ZONES, _soil_of_cells(made, layer))
         made.taken.append(
-            f"{made.name(layer.path)}: {n} soils; the first counts where they overlap"
+            f"{made.name(layer.path)}: {n} soils; where they overlap, the first is used"
         )
         entries.append(Entry("ground_map", ZONES, "ids of grounds.csv"))
     made.changed.append(
@@ -385,7 +386,7 @@ def _forest(made: Import, layer: Layer | None, stems: list[Path]) -> Iterator[Gr
         yield Group("forest", [Entry("polygons", STANDS), conifers])
     if stems or layer is not None:
         made.changed.append(
-            "stems take energy by Dorren and Berger (2006), in PlatRock by simulated hits"
+            "stems absorb energy as in Dorren and Berger (2006), in PlatRock by simulated hits"
         )
 
 

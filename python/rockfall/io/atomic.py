@@ -17,7 +17,7 @@ from rockfall.system import lock, replace
 
 LOCK, UNLOCKED = "lock", "unlocked"  # files in a temporary folder
 OLD = "old"  # subfolder for previous versions of replaced files
-IN_USE = "cannot be replaced; is it open in another program?"
+IN_USE = "cannot be replaced (is it open in another program?)."
 
 
 @contextmanager

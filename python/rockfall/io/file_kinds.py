@@ -15,7 +15,7 @@ class Kind(NamedTuple):
 KMZ = Kind("zipped KML", rb"PK\x03\x04.{0,26}doc\.kml")
 XLSX = Kind("a spreadsheet (.xlsx)", rb"PK\x03\x04.{0,26}(\[Content_Types\]|_rels/)")
 ZIP = Kind("a ZIP archive", rb"PK\x03\x04")
-XLS = Kind("a spreadsheet of Excel 97", rb"\xd0\xcf\x11\xe0")
+XLS = Kind("an Excel 97 spreadsheet", rb"\xd0\xcf\x11\xe0")
 GZIP = Kind("compressed (gzip)", rb"\x1f\x8b")
 BZIP2 = Kind("compressed (bzip2)", rb"BZh")
 XZ = Kind("compressed (xz)", rb"\xfd7zXZ")

@@ -17,7 +17,7 @@ TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 def check_regular(path: str | Path) -> None:
     """Refuse a pipe or device as input: it may be endless, or block."""
     if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):
-        raise RockfallError(f"{path}: not a regular file")
+        raise RockfallError(f"{path}: is not a regular file")
 
 
 def start_of(path: str | Path) -> bytes:
@@ -47,7 +47,7 @@ def check_text_file(path: str | Path) -> None:
     """Refuse a file that is not regular, or too large for a text file."""
     check_regular(path)
     if os.path.isfile(path) and os.path.getsize(path) > MAX_TEXT:
-        raise RockfallError(f"{path}: larger than 64 MB, so not a text file of rockfall")
+        raise RockfallError(f"{path}: is larger than 64 MB, so it is not a rockfall text file")
 
 
 def read_text(path: str | Path) -> str:

@@ -9,19 +9,19 @@ from rockfall.errors import RockfallError
 from rockfall.io import file_kinds as kinds
 from rockfall.io.vectors.point_text import first_line, is_row
 
-_CONVERT = "make a GeoTIFF of it: "
+_CONVERT = "convert it to a GeoTIFF: "
 #: Advice by file type; other types may be readable as rasters.
 _CURES = {
     **dict.fromkeys((*kinds.ARCHIVES, kinds.KMZ), "unpack it"),
     **dict.fromkeys(
         (kinds.SURFER, kinds.GRASS, kinds.GEOPACKAGE, kinds.GRIB, kinds.JPEG_2000), _CONVERT
     ),
-    **dict.fromkeys((kinds.PNG, kinds.JPEG, kinds.PDF), "a GeoTIFF with elevations is needed"),
+    **dict.fromkeys((kinds.PNG, kinds.JPEG, kinds.PDF), "give a GeoTIFF with elevations"),
     **dict.fromkeys(
         (kinds.SHAPEFILE, kinds.JSON, kinds.KML, kinds.GPX, kinds.XLSX, kinds.XLS),
-        "a raster is needed",
+        "give a raster",
     ),
-    kinds.CLOUD: "rockfall dem makes a DEM of it",
+    kinds.CLOUD: "create a DEM from it with rockfall dem",
     kinds.UTF_16: "save it as UTF-8",
     kinds.HTML: "the download failed",
 }
@@ -63,7 +63,7 @@ def _kind(file: Path, start: bytes) -> tuple[str, str]:
     if is_row(line) or {"x", "y", "z"} <= set(re.split(r"[\s,;]+", line.lower())):
         made = file.with_name(f"{file.stem}_dem.tif")
         command = shlex.join(["rockfall", "dem", str(file), "-o", str(made)])
-        return "points in rows", f"make a DEM of them: {command}"
+        return "points in rows", f"create a DEM from them: {command}"
     if re.search(rb"^\W*n(cols|rows)\b", start, re.IGNORECASE | re.MULTILINE):
         return "an ESRI ASCII grid with another header", "its first line must be: ncols NUMBER"
     if suffix == ".hgt":

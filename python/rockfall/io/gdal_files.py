@@ -44,9 +44,11 @@ def plain_file(path: str | Path) -> str:
     if not os.path.exists(path):
         raise RockfallError(f"{path}: no such file")
     if name.startswith("/vsi"):
-        raise RockfallError(f"{path}: /vsi names no folder of this machine to GDAL")
+        raise RockfallError(
+            f"{path}: GDAL reads /vsi as a virtual file system: give a path without it"
+        )
     if os.path.isdir(path):
-        raise RockfallError(f"{path}: is a folder; a file name is needed")
+        raise RockfallError(f"{path}: is a folder: give a file name")
     check_regular(path)
     if os.path.getsize(path) == 0:
         raise RockfallError(f"{path}: is empty")
@@ -71,7 +73,7 @@ def check_imagine(path: str) -> None:
     """Refuse an Erdas Imagine file whose values are stored in another file."""
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if content.find(b"ExternalRasterDMS") >= 0:
-            raise RockfallError(f"{path}: its numbers are in another file: make a GeoTIFF of it")
+            raise RockfallError(f"{path}: its values are in another file: convert it to a GeoTIFF")
 
 
 def check_nodata(path: str) -> None:
@@ -132,4 +134,4 @@ def check_vrt(path: str, start: bytes) -> None:
     if b"<VRTDataset" in start.split(b"\0")[0]:
         tiff = Path(path).with_name(f"{Path(path).stem}_vrt.tif")
         command = shlex.join(["gdal_translate", path, str(tiff)])
-        raise RockfallError(f"{path}: is a VRT: make a GeoTIFF of it: {command}")
+        raise RockfallError(f"{path}: is a VRT: convert it to a GeoTIFF: {command}")

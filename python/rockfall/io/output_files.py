@@ -102,7 +102,7 @@ def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> N
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:
         if path.is_dir():
-            raise RockfallError(f"{path}: is a folder; a file name is needed")
+            raise RockfallError(f"{path}: is a folder: give a file name")
         if path.exists() and _identity(path) in read:
             raise RockfallError(f"{path}: is an input; not overwritten")
         check_regular(path)
@@ -125,7 +125,7 @@ def why_unwritten(error: Exception, folder: Path) -> str:
 def check_folder(folder: Path, *, tries: bool = True) -> None:
     """Refuse an output folder that is a file or lacks write permission; it may not exist yet."""
     if folder.exists() and not folder.is_dir():
-        raise RockfallError(f"{folder}: is a file, a folder is needed")
+        raise RockfallError(f"{folder}: is a file: give a folder")
     if tries:
         _check_place(folder, existing(folder))
 

@@ -85,7 +85,7 @@ class Row(NamedTuple):
 
     def choice(self, column: str, allowed: Iterable[str]) -> str:
         if self.cells[column] not in allowed:
-            self.refuse(column, f"must be {', '.join(allowed)}")
+            self.refuse(column, _one_of(allowed))
         return self.cells[column]
 
     def number(self, column: str, min: float = -math.inf, max: float = math.inf) -> float:
@@ -120,7 +120,9 @@ def read_columns(
     where, columns, rows = read_table(path)
     for column in needed:
         if column not in columns:
-            raise RockfallError(f"{where}: no column {column}, has: {', '.join(columns)}")
+            raise RockfallError(
+                f"{where}: column {column} is missing (columns: {', '.join(columns)})"
+            )
     check_columns(where, columns, columns)
     read = list(rows)
     values = {name: np.array([row.cells[name] for row in read], object) for name in columns}
@@ -131,9 +133,15 @@ def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> Non
     """Refuse unknown and duplicate columns."""
     for name in columns:
         if columns.count(name) > 1:
-            raise RockfallError(f"{where}: column {name}: occurs twice")
+            raise RockfallError(f"{where}: column {name} occurs twice")
         if name not in allowed:
-            raise RockfallError(f"{where}: column {name}: must be {', '.join(allowed)}")
+            raise RockfallError(f"{where}: column {name}: {_one_of(allowed)}")
+
+
+def _one_of(allowed: Iterable[str]) -> str:
+    """Rule for a choice."""
+    names = [*allowed]
+    return f"must be {'one of ' if len(names) > 1 else ''}{', '.join(names)}"
 
 
 def _rows(
@@ -143,7 +151,9 @@ def _rows(
     for number, cells in lines:
         where, any_row = f"{path}: line {number}", True
         if len(cells) != len(columns):
-            raise RockfallError(f"{where}: {len(cells)} columns, the header has {len(columns)}")
+            raise RockfallError(
+                f"{where}: has {len(cells)} columns, but the header has {len(columns)}"
+            )
         yield Row(where, dict(zip(columns, cells, strict=True)))
     if not any_row:
         raise RockfallError(f"{path}: no rows below the header")

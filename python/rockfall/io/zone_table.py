@@ -82,9 +82,9 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
     if "zone" not in columns:
-        raise RockfallError(f"{where}: no column zone, has: {', '.join(columns)}")
+        raise RockfallError(f"{where}: column zone is missing (columns: {', '.join(columns)})")
     if set(names[1:]).isdisjoint(columns):
-        raise RockfallError(f"{where}: none of the columns {', '.join(RADII)}")
+        raise RockfallError(f"{where}: must have at least one of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in names], names)
     if remarks is not None:
         note_unused(remarks, path, columns, (*names, *NAMES))
@@ -120,8 +120,8 @@ def zones_of_polygons(
     }
     if not {*MATERIAL} & given.keys():
         raise RockfallError(
-            f"{path}: no attribute {', '.join(RADII)} or ground: give polygons one, or a &surface "
-            "table"
+            f"{path}: attributes are missing: give polygons {', '.join(RADII)} or ground, or give "
+            "a &surface table"
         )
     if remarks is not None:
         note_unused(remarks, path, columns, (*MATERIAL, *NAMES, field))
@@ -182,7 +182,9 @@ def index_blocks(
     messages.
     """
     if len(table_ids) > np.iinfo(np.int16).max:
-        raise RockfallError(f"{table}: {len(table_ids)} zones: at most {np.iinfo(np.int16).max}")
+        raise RockfallError(
+            f"{table}: {len(table_ids)} zones: must be at most {np.iinfo(np.int16).max}"
+        )
     if default_zone is not None and default_zone not in table_ids:
         raise RockfallError(f"&surface default_zone = {default_zone}: has no row in {table}")
     order = np.argsort(table_ids)

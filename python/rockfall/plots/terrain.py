@@ -45,7 +45,7 @@ def terrain_of(
     except RockfallError as error:
         if dem is not None:
             raise
-        warnings.warn(f"{error}; figures have no relief, give the DEM of the run", stacklevel=2)
+        warnings.warn(f"{error}. Figures have no relief: give the DEM of the run", stacklevel=2)
         return None
 
 
@@ -120,5 +120,5 @@ def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
     if not (among and Grid(west, north, cell, part.nx, part.ny).matches(part)):
         raise RockfallError(
             f"{path}: corner {grid.west:.12g}, {grid.north:.12g}, cells of {grid.cell:.10g} m: "
-            f"must have those of the run, from {west:.12g}, {north:.12g} on, of {cell:.10g} m"
+            f"must match the run (corner {west:.12g}, {north:.12g}, cells of {cell:.10g} m)"
         )

@@ -99,7 +99,7 @@ def vertices_of(case: Case, line: str) -> np.ndarray:
         if entry["name"] == line:
             return np.array(entry["x"]) + 1j * np.array(entry["y"])
     names = ", ".join(entry["name"] for entry in case.lines) or "none"
-    raise RockfallError(f"{case.name}: line = '{line}': no such line, lines: {names}")
+    raise RockfallError(f"{case.name}: line = '{line}': no such line (lines: {names})")
 
 
 def alignment(

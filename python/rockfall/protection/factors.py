@@ -89,7 +89,7 @@ def read_factors(conditions: Conditions, path: str | Path | None = None) -> Fact
     """Factors of a standard under these conditions, from a table; all missing without a table."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
-            raise RockfallError(f"{key} = '{given}': must be {', '.join(allowed)}")
+            raise RockfallError(f"{key} = '{given}': must be one of {', '.join(allowed)}")
     names = NEEDED[conditions.standard]
     factors = Factors(conditions, dict.fromkeys(names, math.nan), dict.fromkeys(names, ""))
     rows = {} if path is None else _rows(path, conditions.standard)
@@ -107,7 +107,7 @@ def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, s
     where, columns, rows = read_table(path)
     check_columns(where, columns, COLUMNS)
     if missing := [name for name in COLUMNS if name not in columns]:
-        raise RockfallError(f"{where}: column {missing[0]}: is missing")
+        raise RockfallError(f"{where}: column {missing[0]} is missing")
     factors: dict[str, dict[str, tuple[float, str]]] = {}
     for row in rows:
         if row.text("standard") != standard:
@@ -117,6 +117,6 @@ def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, s
             row.refuse("factor", "occurs twice")
         value = row.number("value", 0.0, 1.0 if name.startswith("quantile") else math.inf)
         if not value or (value == 1 and name.startswith("quantile")):
-            row.refuse("value", "must be > 0, of a quantile also < 1")
+            row.refuse("value", "must be > 0, and < 1 for a quantile")
         factors[name][condition] = value, row.cells["source"]
     return factors

@@ -115,7 +115,7 @@ def read_costs(path: str | Path) -> Costs:
     where, columns, rows = read_table(path)
     check_columns(where, columns, COST_COLUMNS)
     if missing := [name for name in COST_COLUMNS if name not in columns]:
-        raise RockfallError(f"{where}: column {missing[0]}: is missing")
+        raise RockfallError(f"{where}: column {missing[0]} is missing")
     costs: Costs = {}
     for row in rows:
         ead_class = int(row.choice("class", [str(k) for k in range(len(EAD_ENERGY))]))

@@ -50,7 +50,7 @@ def line_index(result: Held, line: str | int) -> int:
         return names.index(line)
     if isinstance(line, int | np.integer) and 0 <= line < len(names):
         return int(line)
-    raise RockfallError(f"line {line}: no such line, lines: {', '.join(names) or 'none'}")
+    raise RockfallError(f"line {line}: no such line (lines: {', '.join(names) or 'none'})")
 
 
 def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list[tuple[int, str]]:
@@ -306,8 +306,8 @@ def at_lines(result: xr.Dataset) -> xr.Dataset:
     lines, boulders = len(line_names(result)), result.sizes["boulder"]
     if (size := 8 * lines * boulders * len(LINE)) > MAX_DENSE:
         raise RockfallError(
-            f"at_lines: {lines:,} lines of {boulders:,} boulders take {size / 1e9:,.1f} GB; "
-            "rockfall.crossings(result, line) takes one line"
+            f"at_lines: {lines:,} lines x {boulders:,} boulders need {size / 1e9:,.1f} GB: read "
+            "one line with rockfall.crossings(result, line)"
         )
     data: dict[str, Any] = {}
 

@@ -90,7 +90,9 @@ def open_result(path: str | Path) -> xr.Dataset:
         raise RockfallError(f"{path}: is not a netCDF result: {error}") from error
     if "part_layout" in data.attrs:
         data.close()
-        raise RockfallError(f"{path}: is a part of a run: make a result by `rockfall merge`")
+        raise RockfallError(
+            f"{path}: is a part of a run: convert it to a result with `rockfall merge`"
+        )
     return data
 
 

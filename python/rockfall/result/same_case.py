@@ -46,7 +46,7 @@ def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
-            raise RockfallError(f"{next_name}: is elsewhere than {name}: no place in common")
+            raise RockfallError(f"{next_name}: does not overlap {name}")
 
 
 def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
@@ -56,7 +56,7 @@ def _check_crs(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
     if not (ours and theirs and same_crs(_crs(ours), _crs(theirs))):
         names = (_crs_name(data) for data in (other, first))
         raise RockfallError(
-            f"{what}: has a different coordinate system: {' in place of '.join(names)}"
+            f"{what}: has a different coordinate system: {' instead of '.join(names)}"
         )
 
 

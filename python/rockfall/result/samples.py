@@ -37,8 +37,8 @@ def check_rows(result: Held, what: str) -> None:
     """Refuse an analysis that needs boulder rows if the run kept none."""
     if "sample_ended" in result and not has_rows(result):
         raise RockfallError(
-            f"{what}: requires rows of boulders, but &output kept = 'none' keeps none; run with a "
-            "number of them, or 'all'"
+            f"{what}: requires rows of boulders, but &output kept = 'none' keeps none: run with "
+            "kept = 'all' or a number"
         )
 
 

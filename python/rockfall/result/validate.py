@@ -38,11 +38,9 @@ FINITE = ("x", "y", "boulder", "crossing", "line_vertex", "trajectory_vertex")
 def check_result(data: xr.Dataset, path: str | Path) -> None:
     """Refuse a result that lacks a required variable, or a part of a group of variables."""
     if "case" not in data.attrs or "boulder" not in data.dims:
-        raise RockfallError(f"{path}: is not a result of rockfall")
+        raise RockfallError(f"{path}: is not a rockfall result")
     if "line_time" in data.variables:
-        raise RockfallError(
-            f"{path}: has the layout of rockfall 1, with all boulders at all lines: run it again"
-        )
+        raise RockfallError(f"{path}: has the layout of rockfall 1: run the case again")
     missing = sorted({*variables.BOULDER, *variables.COUNT, "crs"} - set(data.variables))
     if missing := missing + [name for name in ALWAYS if name not in data.attrs]:
         raise RockfallError(f"{path}: incomplete rockfall result: variable {missing[0]} is missing")
@@ -125,9 +123,9 @@ def _check_variable(
     variable: xr.Variable, name: str, dims: tuple[str, ...], path: str | Path
 ) -> None:
     if variable.dims != dims:
-        raise RockfallError(f"{path}: {name}: is not along {', '.join(dims)}")
+        raise RockfallError(f"{path}: {name}: must have dimensions {', '.join(dims)}")
     if variable.dtype.kind not in "iuf" and name not in TEXTS:
-        raise RockfallError(f"{path}: {name}: holds no numbers")
+        raise RockfallError(f"{path}: {name}: contains no numbers")
     if name in variables.FLAGS:
         values = np.atleast_1d(variable.attrs.get("flag_values", []))
         words = str(variable.attrs.get("flag_meanings", "")).split()
@@ -151,7 +149,7 @@ def check_values(data: xr.Dataset, path: str | Path) -> None:
             if fault := variables.fault_of(name, values):
                 raise RockfallError(f"{path}: {fault}")
         if name.endswith("_bin_bounds") and not _are_edges(values):
-            raise RockfallError(f"{path}: {name}: must be increasing edges of bins")
+            raise RockfallError(f"{path}: {name}: must be increasing bin edges")
 
 
 def check_crossings(data: xr.Dataset, path: str | Path) -> None:

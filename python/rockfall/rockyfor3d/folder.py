@@ -34,7 +34,7 @@ class Folder:
         }
         if missing := self.missing(NEEDED):
             raise RockfallError(
-                f"{self.path}: no {', '.join(missing)}: a folder of Rockyfor3D needs "
+                f"{self.path}: {', '.join(missing)} missing: a Rockyfor3D folder requires "
                 f"{', '.join(f'{name}.asc' for name in NEEDED)}"
             )
         lists = [file for name, file in by_name.items() if "tree" in name and name.endswith(LISTS)]

@@ -105,12 +105,12 @@ def _surface(made: _Import) -> Group:
         unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
         made.model.append(
             "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
-            f"none the impact sets; {unsure}: `rockfall models` compares other rebounds"
+            f"not the impact sets; {unsure}: `rockfall models` compares other rebounds"
         )
     else:
         made.left.append(
-            "soiltype.asc is missing: all rebounds follow the stochastic impact sets, by which "
-            "obstacles of 100 m stop nothing"
+            "soiltype.asc is missing: all rebounds follow the stochastic impact sets, in which "
+            "obstacles of 100 m stop no boulder"
         )
     return Group("surface", entries)
 
@@ -131,7 +131,8 @@ def _release(made: _Import) -> Group:
     density = made.rasters.read("rockdensity")
     if not (density > 0).any():
         raise RockfallError(
-            f"{made.rasters.rasters['rockdensity']}: no source cells: must have cells above zero"
+            f"{made.rasters.rasters['rockdensity']}: no source cells: at least one cell must be "
+            "above zero"
         )
     cells = made.path("rockdensity")
     if (np.rint(density) != density)[~np.isnan(density)].any():  # source rasters contain integers

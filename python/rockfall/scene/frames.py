@@ -163,7 +163,7 @@ def _key(name: str, frame: Any) -> tuple[str, str]:
         return KEYS[name]
     if name != "sources":
         raise RockfallError(
-            f"{name}: unknown layer, known: {', '.join([*GROUPS, *KEYS, 'sources'])}"
+            f"{name}: unknown layer: must be one of {', '.join([*GROUPS, *KEYS, 'sources'])}"
         )
     keys = {(key.group, key.name) for key in key_table()}
     kinds = {shape.geom_type.removeprefix("Multi") for shape in frame.geometry if shape is not None}

@@ -94,17 +94,19 @@ def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
         own, flipped = grid_of(given)
         if not same_crs(own.crs, grid.crs):
             raise RockfallError(
-                f"{key} = (array): is in {crs_name(own.crs)}, the DEM in {crs_name(grid.crs)}"
+                f"{key} = (array): is in {crs_name(own.crs)}, but the DEM is in "
+                f"{crs_name(grid.crs)}"
             )
         if not own.matches(grid):
             raise RockfallError(f"{key} = (array): is not on the cells of the DEM")
         given = given.values[::-1] if flipped else given.values
     given = np.ma.asarray(given)
     if given.dtype.kind not in "biuf":
-        raise RockfallError(f"{key} = (array): contains {given.dtype}, must be numbers")
+        raise RockfallError(f"{key} = (array): must contain numbers, not {given.dtype}")
     if given.shape != grid.shape:
         raise RockfallError(
-            f"{key} = (array): has the shape {given.shape}, must be that of the DEM {grid.shape}"
+            f"{key} = (array): has the shape {given.shape}: must have the shape of the DEM, "
+            f"{grid.shape}"
         )
     return np.ma.masked_where(np.isnan(given), given) if given.dtype.kind == "f" else given
 
@@ -115,7 +117,7 @@ def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.Mask
     wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
     if np.ma.filled(wrong, False).any():
         value = given[np.ma.filled(wrong, False)][0]
-        raise RockfallError(f"{key} = (array): {value}: must be an integer of 32 bits")
+        raise RockfallError(f"{key} = (array): {value}: must be a 32-bit integer")
     return given
 
 

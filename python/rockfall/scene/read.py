@@ -60,7 +60,7 @@ def read_scene(
     `frame_store` to each reading, so that only changed inputs are read.
     """
     if not isinstance(case, Case):
-        raise RockfallError(f"case = {case!r}: must be a Case: rockfall.read_case(path) reads one")
+        raise RockfallError(f"case = {case!r}: must be a Case, as read by rockfall.read_case(path)")
     check_single(case)
     frames = {name: frame for name, frame in rasters.items() if is_frame(frame)}
     if frames:
@@ -75,7 +75,7 @@ def read_scene(
     _check_files(case, arrays)
     if dem is None and case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(
-            f"{case.name}: &terrain dem is missing: a raster file, or run(case, dem=...)"
+            f"{case.name}: &terrain dem is missing: give a raster file, or call run(case, dem=...)"
         )
     if dem is None and memory is not None and not rasters:
         grid, dtype = stages.take("header", case, (), lambda case: dem_header(_dem_path(case)))
@@ -159,7 +159,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
     if by_source:
         raise RockfallError(
             f"{case.name}: &output maps = '{min(by_source)}': needs the whole terrain in memory, "
-            "and it does not fit: leave it out, or raise --memory"
+            "where it does not fit: omit it, or raise --memory"
         )
     if case.dam:
         raise RockfallError(
@@ -170,7 +170,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
         if key.file == "layer" or ("layer" in key.file and Path(file).suffix.lower() in EXTENSIONS):
             raise RockfallError(
                 f"{case.name}: &{key.group} {key.name} = '{file}': polygons need the whole terrain "
-                "in memory, and it does not fit: make a raster of them, or raise --memory"
+                "in memory, where it does not fit: convert them to a raster, or raise --memory"
             )
     inputs.checksums["dem"] = file_checksum(case.path(case.terrain["dem"]))
     inputs.remarks += packing_note(case.path(case.terrain["dem"]))

@@ -211,12 +211,14 @@ def _check_sizes(
         missing = np.isnan(rasters.sizes[k]).any()
         if need and missing and not rasters.grounds:
             method = inputs.case.surface["method"]
-            raise RockfallError(f"{places[k]}: {', '.join(columns)} needed for method {method}")
+            raise RockfallError(f"{places[k]}: method {method} requires {', '.join(columns)}")
         if need and (missing or (need == 2 and not rasters.sizes[k].all())):
             name = rasters.grounds[ground].name if rasters.grounds else inputs.case.impact["sets"]
-            needs = f"'{name}' needs {', '.join(columns)}{' > 0' if need == 2 else ''}"
+            needs = f"'{name}' requires {', '.join(columns)}{' > 0' if need == 2 else ''}"
             if name == usual_name(inputs.case) and not _chooses_ground(inputs.case):
-                raise RockfallError(f"{places[k]}: no ground: give one, the default {needs}")
+                raise RockfallError(
+                    f"{places[k]}: ground is missing: give one (the default {needs})"
+                )
             raise RockfallError(f"{places[k]}: ground {needs}")
     if rasters.grounds:
         rasters.sizes = np.where(np.isnan(rasters.sizes), 0.0, rasters.sizes)

@@ -128,6 +128,6 @@ def _batch(path: str | Path) -> str:
         raise RockfallError("--program batch: rockfall-batch is not on the PATH")
     if not Path(path).with_name("scene.nc").is_file():
         raise RockfallError(
-            f"{path}: scene.nc is missing next to it: create both by `rockfall prepare`"
+            f"{path}: scene.nc is missing next to it: create both with `rockfall prepare`"
         )
     return shlex.quote(str(Path(program).absolute()))

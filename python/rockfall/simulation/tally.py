@@ -231,7 +231,7 @@ def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
     if not 1 <= which <= parts:
         raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")
     if parts > max(1, scene.boulders):
-        raise RockfallError(f"shard = {which}/{parts}: there are {scene.boulders} boulders only")
+        raise RockfallError(f"shard = {which}/{parts}: the run has only {scene.boulders} boulders")
     return range(
         _core.boulders_in_parts(scene.boulders, which - 1, parts),
         _core.boulders_in_parts(scene.boulders, which, parts),

@@ -100,10 +100,10 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
-        raise RockfallError(f"acceptable = {acceptable}: must be > 0 boulders a year")
+        raise RockfallError(f"acceptable = {acceptable}: must be > 0 boulders per year")
     if not case.scenario:
         raise RockfallError(
-            f"{case.name}: acceptable = {acceptable:g} a year: needs &scenario groups, which give "
+            f"{case.name}: acceptable = {acceptable:g} per year: requires &scenario groups with "
             "frequencies"
         )
 

@@ -37,7 +37,7 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
     """
     check_variants(results)
     if not have_passages(results):
-        raise RockfallError("maps of difference need &output maps = 'passages' in all variants")
+        raise RockfallError("difference maps require &output maps = 'passages' in all variants")
     (_, first), *others = results.items()
     maps: dict[str, xr.DataArray] = {}
     for name, other in others:
@@ -58,11 +58,14 @@ def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray
         of_variant = {
             "passing": (
                 (q - p).astype("f4"),
-                {"units": "1", "long_name": f"fraction of boulders that pass: {name} less first"},
+                {
+                    "units": "1",
+                    "long_name": f"fraction of boulders that pass: {name} minus the first variant",
+                },
             ),
             "verdict": (
                 verdict.astype("i1"),
-                {"units": "1", "long_name": f"{name}: passes less -1, more 1, undecided 0"},
+                {"units": "1", "long_name": f"{name}: -1 fewer boulders pass, 1 more, 0 undecided"},
             ),
         } | {key: ((pair[1][key] - pair[0][key]).values, dict(first[key].attrs)) for key in keys}
         for key, (values, attrs) in of_variant.items():

@@ -200,7 +200,7 @@ def _check_memory(scene: Scene, memory: float) -> None:
     if need > memory:
         raise RockfallError(
             f"{scene.case.name}: a hazard of {cells:,} cells, {scenarios} scenarios and "
-            f"{levels - 1} thresholds takes {need / 1e6:,.1f} MB, of {memory / 1e6:,.1f}: cut the "
+            f"{levels - 1} thresholds needs {need / 1e6:,.1f} MB, of {memory / 1e6:,.1f}: cut the "
             "terrain to the slope, or raise --memory"
         )
 
@@ -216,7 +216,7 @@ def run_study(
     """Run the scenarios in turn, each from its checkpoint, or read its result file."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
-        raise RockfallError(f"results: {len(results)} for {many}: one is needed for each, in order")
+        raise RockfallError(f"results: {len(results)} for {many}: give one for each, in this order")
     by_name = {scenario.name: scenario for scenario in study.scenarios}
     saved = dict(zip(by_name, checkpoints, strict=False))
     engine = Study(progress=progress, threads=threads, checkpoints=saved)
@@ -239,8 +239,8 @@ def _read_scenario(study: HazardInputs, scenario: Scenario, path: str | Path) ->
     if not is_same_case(own, scenario.case):
         if is_same_case(own, scenario.case, line=[]):
             raise RockfallError(
-                f"{text}: its &line groups are not those of the objects and segments given here: "
-                "--write-cases writes the cases with them"
+                f"{text}: its &line groups do not match the given objects and segments: write the "
+                "cases with --write-cases"
             )
         raise RockfallError(f"{text}: is the result of another case; see --write-cases")
     if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:

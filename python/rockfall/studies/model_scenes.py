@@ -63,9 +63,7 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
     chosen = [find_ground(case, table, name, "--ground") for name in grounds]
     varied = _varied(own)
     if not _on_grounds(own, varied).any():
-        raise RockfallError(
-            f"{case.name}: all of its ground absorbs boulders, so models make no difference"
-        )
+        raise RockfallError(f"{case.name}: all of its ground absorbs boulders, so all models agree")
     if not _own_share(own):
         yield AS_GIVEN, as_given
         yield from _by_sets(own, varied, notes)
@@ -166,9 +164,7 @@ def _unsized_notes(
     """Remark on grounds without rock sizes; raises an error if no ground has rock sizes."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
-        raise RockfallError(
-            f"{case.name}: {option} {needing[0]}: needs sizes of rocks, which &surface lacks"
-        )
+        raise RockfallError(f"{case.name}: {option} {needing[0]}: requires rock sizes in &surface")
     if unsized > 0 and needing:
         yield say("models.unsized_smooth", fraction=percent(unsized), models=", ".join(needing))
 

@@ -243,7 +243,7 @@ def _rule(text: str, lines: list[str]) -> Rule:
     prefix = f"until '{text}'"
     match = re.fullmatch(r"([\w.]+)\s*@\s*(.+?)\s*<\s*([^<]*?)\s*%", text)
     if not match:
-        raise RockfallError(f"{prefix}: must be {FORM}, several with commas between")
+        raise RockfallError(f"{prefix}: must be {FORM}, or several separated by commas")
     what, line, percent = match.groups()
     quantity, _, statistic = what.partition(".")
     if what in ("fraction", "share"):  # share is the old name
@@ -251,14 +251,17 @@ def _rule(text: str, lines: list[str]) -> Rule:
     elif quantity not in QUANTITIES:
         names = ", ".join(QUANTITIES)
         raise RockfallError(
-            f"{prefix}: unknown quantity '{quantity}', known: {names}, or fraction alone"
+            f"{prefix}: unknown quantity '{quantity}': must be one of {names}, or fraction "
+            "without a statistic"
         )
     elif statistic not in STATISTICS:
         names = ", ".join(STATISTICS)
-        raise RockfallError(f"{prefix}: no interval for statistic '{statistic}', known: {names}")
+        raise RockfallError(
+            f"{prefix}: statistic '{statistic}' has no interval: must be one of {names}"
+        )
     if line not in lines:
         names = ", ".join(lines) or "none"
-        raise RockfallError(f"{prefix}: unknown line '{line}', lines of the case: {names}")
+        raise RockfallError(f"{prefix}: unknown line '{line}' (lines: {names})")
     if not re.fullmatch(r"\d+\.?\d*|\.\d+", percent) or not 0 < float(percent) < 100:
         raise RockfallError(f"{prefix}: {percent} %: must be a number above 0 and below 100")
     return Rule(text, lines.index(line), quantity, statistic, float(percent) / 100)

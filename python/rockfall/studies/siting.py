@@ -347,9 +347,12 @@ def _notes(
 ) -> Iterator[str]:
     """Remarks on the table."""
     if not come:
-        yield f"no boulder comes to {line}: what goes around an alignment is unknown"
+        yield f"no boulder reaches {line}: the fraction that bypasses an alignment is unknown"
     if case.barrier:
-        yield "the run includes the barriers of the case: alignments below them receive what passes"
+        yield (
+            "the run includes the barriers of the case: alignments below them only receive "
+            "boulders that pass them"
+        )
     own = next((alignment for alignment in alignments if alignment.name == line), None)
     if own is not None and all(alignment.elevation <= own.elevation for alignment in alignments):
         yield f"no alignment is higher than {line}: give the uphill direction"

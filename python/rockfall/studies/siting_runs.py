@@ -107,8 +107,8 @@ def in_batches(
     most = int(ROOM * memory / each) - others
     if most < 1:
         raise RockfallError(
-            f"site: {scene.boulders:,} boulders at {others + 1} lines take "
-            f"{each * (others + 1) / 1e9:.2g} GB: more than half of the memory: give fewer boulders"
+            f"site: {scene.boulders:,} boulders at {others + 1} lines need "
+            f"{each * (others + 1) / 1e9:.2g} GB, more than half of the memory: give fewer boulders"
         )
     number = -(-len(alignments) // most)
     parts = np.array_split(np.arange(len(alignments)), number)
@@ -132,7 +132,7 @@ def memory_note(
     """Note that a case runs several times, with the memory that a single run would need."""
     need, scenarios = _bytes(scene) * len(alignments) / 1e9, len(scene.case.scenario) or 1
     return (
-        f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments take {need:.2g} "
+        f"{scenarios * scene.boulders:,} boulders at {len(alignments)} alignments need {need:.2g} "
         f"GB, more than half of the memory: {scenarios * len(batches)} runs, and only the best "
         "alignment is kept"
     )

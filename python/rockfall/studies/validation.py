@@ -91,7 +91,7 @@ def validate(
     a table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
-        raise RockfallError(f"--seeds {seeds}: at least {FEWEST} are needed for an error")
+        raise RockfallError(f"--seeds {seeds}: must be at least {FEWEST} to estimate errors")
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []
     laws = dict(variants(case, (), notes))

@@ -104,7 +104,7 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
     cases = variants(case)
     if len(cases) < 2:
         raise RockfallError(
-            f"{case.name}: &variant: {len(cases)} of them; a comparison needs two or more"
+            f"{case.name}: &variant: has {len(cases)} variants: a comparison requires two or more"
         )
     check_all_kept(case, "a comparison of variants needs")
     remarks: list[str] = []
@@ -117,8 +117,8 @@ def check_variant_scenes(case: Case, **how: Any) -> list[str]:
         first = first or (name, starts)
         if differing := [key for key, value in starts.items() if not _same(value, first[1][key])]:
             raise RockfallError(
-                f"{case.name}: &variant name = {literal(name)}: its {differing[0]} are not those "
-                f"of {literal(first[0])}, the first variant, boulder by boulder"
+                f"{case.name}: &variant name = {literal(name)}: its {differing[0]} differ from "
+                f"those of {literal(first[0])}, the first variant"
             )
         for line in implausible(scene):
             remarks.append(f"variant {name}: {line.removeprefix(f'{case.name}: ')}")
@@ -220,7 +220,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
         else:
             continue
         raise RockfallError(
-            f"{other_name}: is no variant of {name}: its {what} differs; run variants with the "
+            f"{other_name}: is not a variant of {name}: its {what} differs: run variants with the "
             f"same {needed}"
         )
 

@@ -16,8 +16,8 @@ def back_text(analysis: Back) -> str:
     """Text with the posterior of parameters, contributions of data sets, reasons for caution."""
     members = count(len(analysis.members), "member")
     parts = [
-        f"{analysis.case.case['title'] or 'rockfall'}: {members} of "
-        f"{analysis.boulders:,} boulders, worth {analysis.effective:.0f} of the posterior",
+        f"{analysis.case.case['title'] or 'rockfall'}: {members} of {analysis.boulders:,} "
+        f"boulders, effective sample size {analysis.effective:.0f}",
         as_text(parameter_table(analysis)),
         as_text(evidence_table(analysis)),
         *([as_text(alone(analysis))] if len(analysis.data) > 1 else []),
@@ -50,7 +50,7 @@ def evidence_table(analysis: Back) -> Table:
         off = "-" if np.isnan(p) else f"{100 * p:.1f} %"
         rows.append((row["data"], int(row["n"]), row["counts"], off, lost, agreement or ""))
     heads = ("observed", "n", Column("counts", decimals=2),
-             "samples as far off or farther", "lost to the others", "")  # fmt: skip
+             "samples that deviate as much", "lost with the others", "")  # fmt: skip
     return Table.of("", heads, rows)
 
 

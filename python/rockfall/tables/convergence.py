@@ -28,7 +28,7 @@ def convergence_text(convergence: Convergence) -> str:
         as_text(study_table(convergence.study)),
     ]
     parts += ["", *_study_says(convergence.study)]
-    seconds = f"{1e6 * convergence.seconds:.0f} microseconds of CPU a boulder"
+    seconds = f"{1e6 * convergence.seconds:.0f} microseconds of CPU per boulder"
     parts += [f"\nMonte Carlo error against {convergence.reference:,} boulders, {seconds}:\n"]
     parts += [as_text(cost_table(convergence.cost)), "", *_cost_says(convergence)]
     parts += [f"\nNumerical error, {convergence.paired:,} boulders on each terrain:\n"]
@@ -68,14 +68,17 @@ def _study_says(study: pd.DataFrame) -> Iterator[str]:
             break
         settled = before
     if settled < sizes[-1]:
-        yield f"From {settled:,} boulders on no number changes by {SMALL:.0%} or more at a step."
-    yield "Maxima are left out, they grow with n. The paper has changes below 5 % from 1,000 on."
+        yield f"From {settled:,} boulders on, no value changes by {SMALL:.0%} or more per step."
+    yield (
+        "Maxima are omitted, as they grow with n. The paper reports changes below 5 % from "
+        "1,000 on."
+    )
     last = table[table["boulders"] == sizes[-1]].set_index(KEYS)
     half = ((last["high"] - last["low"]) / 2 / last["value"].abs())[last["value"] != 0].dropna()
     if len(half):
         yield (
-            f"A small change is not a small error: the widest of the intervals at {sizes[-1]:,} is "
-            f"that of {_rule(half.idxmax())}, +- {half.max():.1%}."
+            f"A small change is not a small error: the widest interval at {sizes[-1]:,} boulders "
+            f"is that of {_rule(half.idxmax())}, +- {half.max():.1%}."
         )
 
 
@@ -108,10 +111,10 @@ def _cost_says(convergence: Convergence) -> Iterator[str]:
         yield f"{_rule(key)} to 1 % costs {cpu} s of CPU, one more digit {more} s."
     yield (
         "Errors are root mean squares. Half a 95 % interval, as in --until and reports, is twice "
-        "as wide: boulders for +- 2 % are for it."
+        "as wide (boulders for +- 2 %)."
     )
     if convergence.sources > 1:
-        yield "The sources are as given: what they differ by is not in these errors."
+        yield "These errors do not include differences between sources."
 
 
 def _changed(value: float, error: float, digits: str) -> str:
@@ -142,11 +145,11 @@ def _numerical_says(convergence: Convergence) -> Iterator[str]:
         head = f"{variant} ({TERRAINS[variant]})"
         sure = changed[changed["change"].abs() > 3 * changed["change_error"]]
         if not len(sure):
-            yield f"{head}: no change beyond three standard errors of it."
+            yield f"{head}: no change exceeds three standard errors."
             continue
         largest = sure.loc[sure["change"].abs().idxmax()]
         yield (
-            f"{head}: {len(sure)} of {len(changed)} numbers change by more than three standard "
+            f"{head}: {len(sure)} of {len(changed)} values change by more than three standard "
             f"errors;\n  the largest change: {_rule(largest[KEYS])}, {largest['change']:+.2%}."
         )
     for variant, why in convergence.refused.items():

@@ -20,9 +20,9 @@ CHECKED = (  # messages
     "design.passing", "design.holds",
 )  # fmt: skip
 ABOUT = """\
-Of the boulders that come to each line, in brackets 95 % confidence intervals. Heights are above the
-ground, vertical (as that of &barrier) and normal to the slope. A sheet is no design: see
-docs/design.md for what it leaves out."""
+Boulders that reach each line; brackets: 95 % confidence intervals. Heights are above the ground,
+vertical (as for &barrier) and normal to the slope. A sheet is not a complete design: see
+docs/design.md for what it omits."""
 
 
 def design_text(design: Design) -> str:
@@ -40,7 +40,7 @@ def _lines(design: Design) -> Iterator[str]:
     for asked in design.demand.to_dict("records"):
         most = number(100 * asked["fraction_high"], up=True)
         none = "" if asked["n"] else f", but the interval of the fraction is 0 to {most} %"
-        yield f"\n{asked['line']}: {asked['n']:,} boulders come{none}"
+        yield f"\n{asked['line']}: {asked['n']:,} boulders arrive{none}"
         if asked["n"]:
             yield from (
                 as_text(load_table(design, asked)),

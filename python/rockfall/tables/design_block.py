@@ -7,16 +7,16 @@ from rockfall.quantities import count, number
 from rockfall.table import Column, Estimate, Table, as_text
 
 COMMENTS = {
-    "activity": "blocks larger than 1 m3 a year",
+    "activity": "blocks larger than 1 m3 per year",
     "volume_min": "m3, the threshold of the survey",
     "volume_exponent": "of the number of larger blocks",
 }
 ABOUT = """\
-Of blocks that come to the place of the survey, in brackets 95 % confidence intervals. The block of
-a return period is the one that larger ones exceed once in that time: see docs/design_block.md."""
+Blocks that reach the survey site; brackets: 95 % confidence intervals. The block of a return period
+is exceeded once in this period: see docs/design_block.md."""
 PLACE = """\
-It takes the blocks of the survey for those that come loose. Where some stop above the place of the
-survey, or are gone from it, more come loose: raise the activity."""
+It assumes that all released blocks were surveyed. If some stopped above the survey site or were
+removed from it, more are released: raise the activity."""
 
 
 def design_block_text(block: DesignBlock) -> str:
@@ -39,8 +39,8 @@ def survey_table(block: DesignBlock) -> Table:
         [f"{survey.name}: {count(survey.volumes.size, 'block')}"],
         ["threshold [m3]", fit.threshold],
         ["larger blocks", int(fit.exceedances)],
-        [f"of the dated ones, in {survey.years:g} years", int(rate.dated)],
-        ["larger blocks a year", Estimate(rate.value, rate.low, rate.high, digits=3)],
+        [f"dated larger blocks, in {survey.years:g} years", int(rate.dated)],
+        ["larger blocks per year", Estimate(rate.value, rate.low, rate.high, digits=3)],
         ["generalised Pareto, shape", f"{shape}\n{_fits(fit.p_value)}"],
         ["generalised Pareto, scale [m3]", fit.scale],
         ["power law, exponent", f"{exponent}\n{_fits(law.p_value)}"],

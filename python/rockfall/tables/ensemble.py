@@ -34,12 +34,12 @@ def ensemble_summary(data: xr.Dataset) -> str:
     parts += [f"  {table.caption}\n{as_text(table, '    ')}" for table in tables]
     if "drawn_source_redrawn" in data and data["drawn_source_redrawn"].any():
         redrawn = int(data["drawn_source_redrawn"].sum())
-        parts.append(f"  shifts drawn again, as a source left the terrain: {redrawn:,}")
+        parts.append(f"  shifts drawn again because a source left the terrain: {redrawn:,}")
     parts += [f"  {line}" for line in (*cases_outside(data), *orders_reversed(data))]
     if are_undecided(tables):
         parts.append(f"  {more_needed(data)}")
     if remarks := [*remark_lines(data)]:
-        parts += ["  remarks on the model, of the unchanged case:", *remarks]
+        parts += ["  model remarks for the unchanged case:", *remarks]
     return "\n".join(parts)
 
 
@@ -97,7 +97,7 @@ def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) 
     words = ("the_case_as_it_is", "monte_carlo_interval", "uncertain_inputs_of_the_draws",
              "standard_deviations_monte_carlo", "epistemic")  # fmt: skip
     heads = ["", *(say(f"ensemble.{name}") for name in words)]
-    heads += ["mean of the draws", "too few pass, in runs"] if detailed else []
+    heads += ["mean of the draws", "runs with too few passing"] if detailed else []
     return Table.of(say("ensemble.both_uncertainties", line=line), heads, rows)
 
 

@@ -178,7 +178,7 @@ def profile_table(profile: pd.DataFrame) -> Table:
          *(estimate(row, f"{key}_{name}", key, digits=3) for key, name in ALONG))
         for row in profile.to_dict("records")
     ]  # fmt: skip
-    heads = Column("from", "m"), Column("to", "m"), Column("pass"), Column("passing a metre", "%")
+    heads = Column("from", "m"), Column("to", "m"), Column("pass"), Column("passing per metre", "%")
     return Table.of("", [*heads, *_columns(ALONG)], shown)
 
 

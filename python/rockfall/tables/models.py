@@ -37,7 +37,7 @@ def models_text(models: Models) -> str:
     """Text with a table for each line and for the run-out: a row for each model, intervals in
     brackets. Paired differences from the first model follow.
     """
-    parts = [f"{models.title}: {models.boulders:,} boulders by each model, 95 % intervals"]
+    parts = [f"{models.title}: {models.boulders:,} boulders per model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
         parts += [f"  {table.caption}", as_text(table, "    ")]
     return "\n".join([*parts, *(f"  {note}" for note in models.notes)])
@@ -52,7 +52,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
     )
     if other := [name for name, place in ours.items() if theirs.get(name) != place]:
         raise RockfallError(
-            f"{what}: has no line '{other[0]}', or elsewhere: run `rockfall models` again"
+            f"{what}: line '{other[0]}' is missing or elsewhere: run `rockfall models` again"
         )
 
 

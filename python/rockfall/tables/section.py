@@ -31,10 +31,10 @@ BY_CELL = (
     "corridor_speed_max",
 )  # fmt: skip
 ABOUT = """\
-In brackets 95 % confidence intervals of the Monte Carlo error. E: total kinetic energy, h: height
-of the centre above the ground, vertical, v: speed; mean, 95 % quantile, maximum. A recorded boulder
-counts where it first crosses a station, all boulders by their maxima in the cell of the maps below
-it; a maximum of the corridor is that of all cells which the station crosses."""
+Brackets: 95 % confidence intervals of the Monte Carlo error. E: total kinetic energy, h: vertical
+height of the centre above the ground, v: speed; mean, 95 % quantile, maximum. A recorded boulder
+counts where it first crosses a station. Map values are maxima of all boulders in the cell below the
+station; corridor maxima cover all cells that the station crosses."""
 
 
 def section_data(frame: pd.DataFrame) -> Table:
@@ -77,7 +77,7 @@ def section_text(section: Section) -> str:
     if section.has_maps:
         parts += [
             "",
-            "All boulders, by the maps",
+            "All boulders, from the maps",
             as_text(station_table(section, "cell_n", BY_CELL)),
         ]
     return "\n".join(parts)
@@ -98,23 +98,22 @@ def section_notes(section: Section) -> Iterator[str]:
         )
     elif section.not_kept:
         yield (
-            f"the trajectories of {section.not_kept:,} of {boulders} are recorded, and none of "
-            f"these boulders are kept, so that none count here: {KEEP}"
+            f"the trajectories of {section.not_kept:,} of {boulders} are recorded, but none of "
+            f"these boulders are kept, so none count here: {KEEP}"
         )
     else:
         yield "no trajectories of boulders that moved are recorded: &output trajectories"
     if not section.has_maps:
         yield (
-            "no maps of speeds, energies or heights: no number along the section is of all "
-            "boulders; &output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' "
-            "and so on"
+            "no maps of speeds, energies or heights, so no section values for all boulders: set "
+            "&output maps = 'passages', 'energy_q95', 'energy_max', 'passing_height_q95' and so on"
         )
     if section.lines.loc[section.lines["kind"] != DAM, "n"].isna().any():
         yield "numbers at lines and barriers need the rows of all boulders: &output kept = 'all'"
     if section.lacks_heights:
         yield (
-            "heights of recorded trajectories are blank where the terrain of the run is not known, "
-            "or read with fewer cells (--dem)"
+            "heights of recorded trajectories are blank where the terrain of the run is unknown or "
+            "was read with fewer cells (--dem)"
         )
     elif section.table["elevation"].isna().any():
         yield "the terrain is not known along all of the section"

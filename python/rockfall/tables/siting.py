@@ -11,9 +11,9 @@ from rockfall.table import Column, Estimate, Table, as_text, in_line
 from rockfall.tables.design import class_name, factor_lines, needed, shown
 
 ABOUT = """\
-Of the boulders that cross each alignment, in brackets 95 % confidence intervals of the Monte Carlo
-error. Heights are above the ground, vertical. `round` are those that come to the line without
-crossing the alignment, `left` those that still come with the barrier that is needed there."""
+Boulders that cross each alignment; brackets: 95 % confidence intervals of the Monte Carlo error.
+Heights are vertical, above the ground. `round`: boulders that reach the line without crossing the
+alignment. `left`: boulders that still reach it with the required barrier there."""
 WAYS = {
     "passed_over": "pass over it", "broken_through": "break through it", ROUND: "bypass its ends",
 }  # fmt: skip
@@ -22,12 +22,14 @@ WAYS = {
 def siting_text(siting: Siting) -> str:
     """Text with the table of alignments, the choice, and the basis of the numbers."""
     first = (
-        f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders come; {_limits(siting)}"
+        f"{siting.line}: {siting.come:,} of {siting.boulders:,} boulders arrive; {_limits(siting)}"
     )
     parts = [ABOUT, *(f"Warning: {note}" for note in siting.notes), "", first]
     if siting.scenarios:
         names = ", ".join(siting.scenarios)
-        parts.append(f"All numbers are of the boulders of the scenarios, by frequency: {names}")
+        parts.append(
+            f"All values are for the boulders of the scenarios, weighted by frequency: {names}"
+        )
     parts += [
         as_text(siting_table(siting)),
         "",
@@ -79,7 +81,7 @@ def _choice(siting: Siting) -> Iterator[str]:
         "" if best["fits"] == YES else f", not certain to be within the limits ({best['fails']})"
     )
     yield (
-        f"Best: {best['alignment']}, of the lowest cost{state}: class {class_name(best)}, "
+        f"Best: {best['alignment']}, with the lowest cost{state}: class {class_name(best)}, "
         f"{in_line(needed(best, 'height_needed'))} m"
     )
     if NOT_DISTINGUISHED in chosen:
@@ -99,19 +101,22 @@ def advice_lines(siting: Siting) -> Iterator[str]:
     )
     if siting.limits.space is None:
         yield "Its braking distance is not checked: give --space"
-    factor, unit = (1.0, "a year") if advice.yearly else (100.0, "% of the boulders")
+    factor, unit = (1.0, "per year") if advice.yearly else (100.0, "% of the boulders")
     today, left = (
         in_line(Estimate(factor * value, factor * low, factor * high, digits=2))
         for value, low, high in (advice.today, advice.left)
     )
-    yield f"Runs by the same boulders: {today} {unit} come to {line} without it, {left} with it"
+    yield (
+        f"Runs with the same boulders: {today} {unit} reach {line} without the barrier, "
+        f"{left} with it"
+    )
     if not advice.has_effect:
-        yield "No effect is shown: the difference is within the error of the simulation"
+        yield "No significant effect: the difference is within the error of the simulation"
     if advice.ways:
         shares = (f"{100 * part:.0f} % {WAYS[way]}" for way, part in advice.ways.items())
         yield f"Remaining boulders: {', '.join(shares)}"
     if advice.is_enough is not None:
-        yield f"At most {advice.acceptable:g} a year acceptable: {_acceptance(advice)}"
+        yield f"At most {advice.acceptable:g} per year are acceptable: {_acceptance(advice)}"
 
 
 def _acceptance(advice: Advice) -> str:

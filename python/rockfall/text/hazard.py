@@ -129,7 +129,7 @@ def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
 
 
 def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
-    """Boulders a year that reach a place, and the source areas from which most of them come, with
+    """Boulders per year that reach a place, and the source areas from which most of them come, with
     the upper limit of the 95 % quantile of energy; `side` is the side of the areas [m]."""
     *names, quantile, high = map(str, areas.columns)
     columns = [*(Column(axis, "m", 0) for axis in "xy"), *map(Column, [*names[2:], quantile])]
@@ -138,7 +138,7 @@ def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
         for row in areas[:AREAS].to_dict("records")
     ]
     arrive, sources = number(areas["frequency"].sum()), count(areas["cells"].sum(), "source cell")
-    text = f"{place}: {arrive} boulders a year, from squares of {side:g} m with {sources}"
+    text = f"{place}: {arrive} boulders per year, from squares of {side:g} m with {sources}"
     more = len(areas) - AREAS
     rest = f"\n  and {count(more, 'more square')}, in areas.csv" if more > 0 else ""
     return f"{text}\n{as_text(Table('', columns, rows))}{rest}"

@@ -30,14 +30,13 @@ from rockfall.tables.lines import (
 from rockfall.text.summary import MOST_LINES, more_lines
 
 ABOUT = """\
-Below each number its 95 % confidence interval; (–) where too few boulders pass for one that holds.
-The std of the position along the line is the lateral spread. The maximum grows with the number of
-boulders. 1 in N: the level that one in N of the boulders that pass exceeds, from the sample where
-25 or more boulders exceed it, else from a generalised Pareto tail of the boulders above the
-threshold."""
-BY_GROUP = "In brackets 95 % confidence intervals; fractions are of the boulders of the group."
+Below each value: its 95 % confidence interval; (–): too few boulders pass for a valid interval. The
+std of the position along the line is the lateral spread. The maximum grows with the number of
+boulders. 1 in N: level that one in N passing boulders exceeds, from the sample if 25 or more
+boulders exceed it, else from a generalised Pareto tail of the boulders above the threshold."""
+BY_GROUP = "Brackets: 95 % confidence intervals. Fractions refer to the boulders of the group."
 ALONG = """\
-In brackets 95 % confidence intervals. Fractions are of all boulders; each counts where it first
+Brackets: 95 % confidence intervals. Fractions refer to all boulders; each counts where it first
 crosses the line."""
 
 

@@ -160,7 +160,7 @@ def _boulders(scene: Scene) -> str:
         fewest, most = _released(scene)
         each = f"{fewest:,}" if fewest == most else f"{fewest:,} to {most:,}"
         by = "" if scene.weight is None else ", by " + weighing(scene)
-        return f"{scene.boulders:,} of all sources together, {each} from each{by}; {sources}"
+        return f"{scene.boulders:,} from all sources together, {each} from each{by}; {sources}"
     place = "each source" if scene.area is None else "a flat cell, more by area"
     return f"{scene.boulders:,}, {scene.case.case['boulders']:,} from {place}; {sources}"
 
@@ -212,7 +212,7 @@ def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Text on impact sets: names, fitted ranges, and rebounds outside these ranges, or a note."""
     name = scene.case.impact["sets"]
     if name not in sets_followed(values, name):
-        yield "impact sets", f"{name}, which no rebound of a pilot run followed"
+        yield "impact sets", f"{name}, not used by any rebound of a pilot run"
         return
     speeds, angles = scene.coefficients.speed_range, scene.coefficients.angle_range
     ranges = []
@@ -225,7 +225,7 @@ def _sets(scene: Scene, values: dict[str, Any]) -> Iterator[tuple[str, str]]:
     outside = fractions_outside(values)
     yield (
         "rebounds",
-        f"outside what the set was fitted on: {outside['range']:.1%} by R_b/R_m, "
+        f"outside the fitted range of the set: {outside['range']:.1%} by R_b/R_m, "
         f"{outside['speed']:.1%} by speed, {outside['angle']:.1%} by angle, in a pilot run",
     )
 

@@ -35,7 +35,7 @@ MOST_STANDS = 12
 MOST_LINES = 20  # maximum number of lines on a terminal
 #: Note on a terrain without a CRS.
 NO_CRS = (
-    "the DEM has no CRS: layers are taken to have its coordinates, results have none: "
+    "the DEM has no CRS: layers are read in its coordinates, results have none: set it with "
     "rockfall dem DEM --crs EPSG:2056 -o NEW"
 )
 AT_LINES = "speed", "passing_height"

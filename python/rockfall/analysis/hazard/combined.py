@@ -189,7 +189,7 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
         values |= _lines(inputs, runs)
         names = np.array(runs[0].lines, dtype=object)
         data["line"] = ("line", names, {"long_name": "name of the evaluation line or barrier"})
-        attrs = {"long_name": "class of barriers of EAD 340059"}
+        attrs = {"long_name": "barrier class of EAD 340059"}
         data["ead_class"] = ("ead_class", np.arange(CLASS_ENERGY.size), attrs)
     if runs[0].lines or len(inputs.objects) or len(inputs.segments):
         data |= _levels()
@@ -221,12 +221,12 @@ def _grounds(runs: Runs) -> dict[str, np.ndarray]:
 def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str, tuple]:
     """Coordinates and grid mapping."""
     names = np.array([scenario.name for scenario in inputs.scenarios], dtype=object)
-    attrs = {"units": "year", "long_name": "longest return period of a class of frequency"}
+    attrs = {"units": "year", "long_name": "longest return period of a frequency class"}
     return {
         **{axis: (axis, values, run.variable_attrs[axis]) for axis, values in run.places.items()},
         "crs": ((), np.int32(0), run.variable_attrs["crs"]),
         "return_period": ("return_period", matrix.periods, attrs),
-        "scenario": ("scenario", names, {"long_name": "class of boulders"}),
+        "scenario": ("scenario", names, {"long_name": "boulder class"}),
     }
 
 

@@ -132,8 +132,8 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
     kind, k = find_place(hazard, place)
     if np.isnan(hazard[f"{kind}_{quantity}_by_period"].values[k]).any():
         raise RockfallError(
-            f"{place}: a point without a width has counts only above &hazard thresholds: "
-            "give it a width"
+            f"{place}: at a point without a width, boulders are only counted above &hazard "
+            "thresholds: give it a width"
         )
     above = hazard[f"{kind}_{quantity}_counts"].values[:, k]
     counts = np.column_stack([hazard[f"{kind}_passages"].values[:, k], above])
@@ -158,4 +158,4 @@ def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) ->
         return named[0]
     names = [str(name) for kind in kinds for name in hazard[kind].values]
     reason = "several places have this name" if named else f"no {' or '.join(among)}"
-    raise RockfallError(f"{place}: {reason}; there are {', '.join(names[:20]) or 'none'}")
+    raise RockfallError(f"{place}: {reason} (names: {', '.join(names[:20]) or 'none'})")

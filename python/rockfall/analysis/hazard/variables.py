@@ -94,9 +94,9 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
     what = "strongest intensity that occurs at least once per return period"
     yield f"{prefix}intensity", Variable(("return_period", *dims), PART, what, "intensity")
     for end, suffix in CLASS_ENDS.items():
-        what = f"{suffix}class of hazard" + (" within the 95 % interval" if suffix else "")
+        what = f"{suffix}hazard class" + (" within the 95 % interval" if suffix else "")
         yield f"{prefix}hazard_class{end}", Variable(dims, PART, what, "hazard")
-    what = "1: the 95 % interval excludes all other classes of hazard"
+    what = "1: the 95 % interval excludes all other hazard classes"
     yield f"{prefix}hazard_class_certain", Variable(dims, PART, what, "certain")
 
 
@@ -139,7 +139,7 @@ def _table() -> Iterator[tuple[str, Variable]]:
         Variable(("scenario",), YEARLY, "annual frequency of boulders released, all sources"),
     )
     yield "boulders", Variable(("scenario",), PART, "simulated boulders")
-    what = "boulders that count as one independent boulder in the intervals, of a sampled source"
+    what = "for sampled sources: boulders that count as one independent boulder in the intervals"
     yield "boulders_per_cluster", Variable(("scenario",), PART, what)
     what = "warnings on the model in the scenario, one per line"
     yield "scenario_warnings", Variable(("scenario",), "", what)
@@ -253,7 +253,7 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
     what = "annual individual risk of death of the most exposed person"
     yield from _with_ends("object_individual_risk", dims, what)
     for end, extreme in CLASS_ENDS.items():
-        label = f"{extreme}class of individual risk" + (" within the 95 % interval" * bool(extreme))
+        label = f"{extreme}individual risk class" + (" within the 95 % interval" * bool(extreme))
         yield f"object_risk_class{end}", Variable(dims, PART, label, "risk")
     deaths = "annual collective risk: expected deaths"
     yield from _with_ends("object_collective_risk", dims, deaths)

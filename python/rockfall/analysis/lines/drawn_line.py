@@ -21,10 +21,12 @@ def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) ->
         features, _ = read_lines(drawn, layer, grid, remarks)
         parts = [part for feature in features for part in feature]
         if len(parts) > 1:
-            raise RockfallError(f"{drawn}: has {len(parts):,} lines: a section needs one")
+            raise RockfallError(
+                f"{drawn}: has {len(parts):,} lines: a section requires exactly one"
+            )
         return _vertices(parts[0])
     if layer is not None:
-        raise RockfallError(f"section: layer = '{layer}': needs a file with a line")
+        raise RockfallError(f"section: layer = '{layer}': requires a file with a line")
     try:
         pairs = np.asarray(drawn, float)
     except (TypeError, ValueError):

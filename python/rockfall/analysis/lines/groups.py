@@ -35,7 +35,9 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
     check_by(by, classes)
     if by == "shape":
         if not (shapes := boulders_by_shape(result)):
-            raise RockfallError("by = 'shape': the boulders of the result have one block shape")
+            raise RockfallError(
+                "by = 'shape': all boulders of the result have the same block shape"
+            )
         return [*shapes.items()]
     groups = _by_source(result) if by == "source" else _by_volume(result["volume"].values, classes)
     return [(name, chosen) for name, chosen in groups if chosen.any()]

@@ -70,7 +70,7 @@ def line_number(result: xr.Dataset, line: str) -> int:
     if not names or not result.sizes.get("boulder"):
         raise RockfallError("the result has no evaluation lines, or no boulders")
     if line not in names:
-        raise RockfallError(f"along = '{line}': no such line, lines: {', '.join(names)}")
+        raise RockfallError(f"along = '{line}': no such line (lines: {', '.join(names)})")
     return names.index(line)
 
 
@@ -86,7 +86,8 @@ def windows(
     number = max(1, int(np.ceil(length / width * (1 - ROUNDING))))
     if number > MAX_WINDOWS:
         raise RockfallError(
-            f"width = {width}: gives {number:,} windows along the line, at most {MAX_WINDOWS:,}"
+            f"width = {width}: gives {number:,} windows along the line: must be at most "
+            f"{MAX_WINDOWS:,}"
         )
     position = line_values(result, "position", line)
     window = np.where(np.isnan(position), -1, np.minimum(position // width, number - 1))

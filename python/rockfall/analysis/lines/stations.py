@@ -50,7 +50,7 @@ def stations_of(line: SectionLine) -> Stations:
             raise RockfallError(f"{name} = {value}: must be > 0 m")
     if (number := at[-1] / every) > MAX_STATIONS:
         raise RockfallError(
-            f"every = {every}: gives {number:,.0f} stations, at most {MAX_STATIONS:,}"
+            f"every = {every}: gives {number:,.0f} stations: must be at most {MAX_STATIONS:,}"
         )
     distance = np.append(np.arange(0.0, at[-1] * (1 - 1e-9), every), at[-1])
     side = np.clip(np.searchsorted(at, distance, side="right") - 1, 0, vertices.size - 2)

@@ -26,13 +26,13 @@ RANGES = {  # lowest and highest values of the other attributes
 }
 
 USUAL = {  # plausible range in a layer, and the probable unit outside it
-    "width": (0.0, 50.0, "is it in cm?"),  # [m]
-    "speed": (25.0, 300.0, "is it in m/s?"),  # [km/h]
-    "vehicle_length": (1.5, 420.0, "is it in cm?"),  # [m] from a bicycle to a train
-    "aadt": (10.0, 1e5, "vehicles a day: are they per hour, per year, or in thousands?"),
-    "trips": (0.0, 50.0, "passages of a person a day: are they per year?"),
-    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: are they per day?"),
-    "persons": (0.0, 1e4, "persons in one object: are they for all objects?"),
+    "width": (0.0, 50.0, "is the value in cm?"),  # [m]
+    "speed": (25.0, 300.0, "is the value in m/s?"),  # [km/h]
+    "vehicle_length": (1.5, 420.0, "is the value in cm?"),  # [m] from a bicycle to a train
+    "aadt": (10.0, 1e5, "vehicles per day: is the value per hour, per year, or in thousands?"),
+    "trips": (0.0, 50.0, "passages of a person per day: is the value per year?"),
+    "persons_per_vehicle": (0.5, 500.0, "persons in a vehicle: is the value per day?"),
+    "persons": (0.0, 1e4, "persons in one object: is the value for all objects?"),
 }
 
 NEEDED = {  # attributes that only have an effect if the layer also has one of these

@@ -274,7 +274,7 @@ def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[
         if text and text not in curves:
             raise RockfallError(
                 f"{layer.path}: feature {number}: {name} = {text}: must be one of: "
-                f"{', '.join(curves)}: --vulnerability adds curves of a table"
+                f"{', '.join(curves)}, or a curve of the --vulnerability table"
             )
         named.append(curves[text] if text else None)
     return named

@@ -129,7 +129,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
     shapes, columns = read_features(file.path, grid, remarks, file.layer, "--objects-layer")
     for number in [k for k, shape in enumerate(shapes, 1) if shape.geom_type == "MultiPoint"][:1]:
         raise RockfallError(
-            f"{file.path}: feature {number}: has several points: split it into objects of one point"
+            f"{file.path}: feature {number}: has several points: split it into one object per point"
         )
     columns = {name.lower(): values for name, values in columns.items()}
     given = [plain(name) for name in columns.get("name", [None] * len(shapes))]
@@ -215,7 +215,7 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
-            f"{', '.join(paths)}: {lines:,} lines and outlines with {boulders:,} boulders take "
+            f"{', '.join(paths)}: {lines:,} lines and outlines with {boulders:,} boulders need "
             f"{need / 1e9:.1f} GB, more than half of the memory: give fewer objects or boulders"
         )
 

@@ -133,7 +133,7 @@ def read_segments(file: File, length: float | None, scene: Scene, remarks: list[
     number = sum(edges_along(stretch.axis.length, length).size - 1 for stretch in stretches)
     if number > MAX_SEGMENTS:
         raise RockfallError(
-            f"{layer.path}: gives {number:,} segments: must be at most {MAX_SEGMENTS:,}, give a "
+            f"{layer.path}: gives {number:,} segments: must be at most {MAX_SEGMENTS:,}: give a "
             "longer --segment-length"
         )
     roads = _roads(stretches, file.label)

@@ -58,8 +58,8 @@ def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) ->
         is_dated = ~np.isnan(deposited.dates)
         if not is_dated.any():
             raise RockfallError(
-                f"{deposited.name}: no dated blocks: the frequency needs rows with a year, or a "
-                "table of dated blocks (events)"
+                f"{deposited.name}: dated blocks are missing: give rows with a year, or a table of "
+                "dated blocks (events)"
             )
         fallen = _Blocks(deposited.name, deposited.volumes[is_dated], deposited.dates[is_dated])
         undated = deposited.volumes[~is_dated]
@@ -118,7 +118,7 @@ def survey_remarks(survey: Survey) -> Iterator[str]:
             "observation period in months, or is the record incomplete?"
         )
     elif years > LONG:
-        yield f"an observation period of {years:g} years: is it in months?"
+        yield f"an observation period of {years:g} years: is the value in months?"
 
 
 def _read(given: Volumes, name: str) -> _Blocks:
@@ -142,7 +142,7 @@ def _read_file(path: str | Path) -> _Blocks:
     has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)
     if not has_volume and not has_axes:
         raise RockfallError(
-            f"{where}: no column volume, and not a, b, c either, has: {', '.join(columns)}"
+            f"{where}: columns volume or a, b, c are missing (columns: {', '.join(columns)})"
         )
     if has_volume and has_axes:
         raise RockfallError(f"{where}: columns volume and a, b, c cannot be combined")

@@ -174,8 +174,8 @@ def _check_lines(seen: Observed, names: list[str]) -> None:
     """Refuse observations at lines that the run lacks."""
     for line, where in seen.lines.items():
         if line not in names:
-            has = ", ".join(names) or "no lines"
-            raise RockfallError(f"{where}: line {line}: is not in the result, which has {has}")
+            has = ", ".join(names) or "none"
+            raise RockfallError(f"{where}: line {line}: is not in the result (lines: {has})")
 
 
 def disagreement(comparison: Comparison) -> Text:

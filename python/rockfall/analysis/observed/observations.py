@@ -249,7 +249,7 @@ def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterat
     """Kind and rows of a file."""
     if is_point_layer(path):
         if grid is None:
-            raise RockfallError(f"{path}: layers are read by compare, back and validate only")
+            raise RockfallError(f"{path}: layers can only be read by compare, back and validate")
         where, columns, rows = read_point_rows(path, grid, notes)
     else:
         where, columns, rows = read_table(path)
@@ -285,5 +285,5 @@ def _refuse_rise(records: list[dict]) -> None:
         if far["fraction"] > near["fraction"]:
             raise RockfallError(
                 f"{far['where']}: fraction {far['fraction']:g} at distance {far['distance']:g}: "
-                f"must be <= {near['fraction']:g}, that of distance {near['distance']:g}"
+                f"must be <= {near['fraction']:g}, the fraction at distance {near['distance']:g}"
             )

@@ -127,7 +127,7 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
         if others:
             raise RockfallError(f"{path}: is a raster: only one raster can be edited")
         if not arguments.steps and crs is None:
-            raise RockfallError(f"{path}: no edit: see rockfall dem --help")
+            raise RockfallError(f"{path}: give at least one edit: see rockfall dem --help")
         return read_source(path, crs, remarks)
     dem, survey = dem_of_points(*arguments.input, **given)
     remarks += survey.remarks
@@ -141,7 +141,7 @@ def _points(survey: Survey) -> Iterator[str]:
     few = len(survey.errors) < survey.points
     total = f" of {len(survey.errors):,}" if few else ""
     if np.isnan(survey.errors).all():
-        yield "standard error: unknown, no two points are close enough"
+        yield "standard error: unknown, because no two points are close enough"
         return
     yield (
         f"standard error, each point{total} left out: {survey.standard_error:.3g} m "

@@ -80,7 +80,7 @@ def _table(ground: MeasuredGround) -> Table:
         rows.append(("strength [MPa]", f"{ground.strength / 1e6:.3g}", limits))
         rows.append(("  scars", f"{len(ground.strengths)}", ""))
         scatter = f"{ground.attitude_sigma:.2f}"
-        rows.append(("  scatter by attitude of the block [ln]", scatter, ""))
+        rows.append(("  scatter by block orientation [ln]", scatter, ""))
     if not math.isnan(ground.strength_sigma):
         error = f"{ground.strength_sigma_error:.2f}"
         rows.append(("strength_sigma", f"{ground.strength_sigma:.2f}", error))
@@ -104,11 +104,13 @@ def _add_row(path: Path, row: dict[str, str]) -> None:
     else:
         names = GroundTable(path).rows
         if row["name"] in names:
-            raise RockfallError(f"{path}: has a ground {row['name']}: give another --name")
+            raise RockfallError(f"{path}: already has a ground {row['name']}: give another --name")
         _, header = next(table_rows(path))
         columns = [name.lower() for name in header]
         if missing := [name for name in row if name not in columns]:
-            raise RockfallError(f"{path}: no column {', '.join(missing)}: add it to the header")
+            raise RockfallError(
+                f"{path}: column {', '.join(missing)} is missing: add it to the header"
+            )
         before = read_text(path)
         if ";" in before.splitlines()[0]:
             raise RockfallError(f"{path}: is separated by semicolons: use commas")

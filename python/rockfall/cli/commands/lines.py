@@ -48,7 +48,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
         for option, value in (("--by", by), ("--along", along)):
             if value is not None:
                 raise RockfallError(
-                    f"{option}: is only valid for results OUT.nc, a hazard has no single boulders"
+                    f"{option}: is only valid for results OUT.nc: a hazard has no single boulders"
                 )
         _print_hazard(path, table)
         return DONE
@@ -70,7 +70,7 @@ def _edges(given: str | None) -> list[float] | None:
     try:
         return [float(edge) for edge in given.split(",")]
     except ValueError as error:
-        what = "must be volumes [m3] between commas, as 0.1,0.5,1"
+        what = "must be volumes [m3] separated by commas, such as 0.1,0.5,1"
         raise RockfallError(f"--classes {given}: {what}") from error
 
 

@@ -58,7 +58,9 @@ def design_command(arguments: argparse.Namespace) -> int:
     if hazards := [path for path in arguments.results if is_hazard(path)]:
         if others := [path for path in arguments.results if path not in hazards]:
             reason = "has no frequencies, unlike the hazard"
-            raise RockfallError(f"{others[0]}: {reason} {hazards[0]}: design each by itself")
+            raise RockfallError(
+                f"{others[0]}: {reason} {hazards[0]}: run design for each separately"
+            )
         return _design_hazards(arguments, [*keys, *design_block.OPTIONS])
     _check_mode(arguments, keys)
     if arguments.return_period is not None:

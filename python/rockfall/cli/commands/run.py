@@ -187,5 +187,5 @@ def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
         holds = (
             f"{path} contains the first {done:,} of {requested:,} boulders and is a valid result"
         )
-    holds += ", --resume continues" if checkpoint and checkpoint.saved else ""
+    holds += ": continue with --resume" if checkpoint and checkpoint.saved else ""
     return say(f"interrupted: {holds}", exit_status())

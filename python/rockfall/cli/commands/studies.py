@@ -54,7 +54,10 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
     except StudyInterrupted as stop:
         write_ensemble(stop.result, path)
         runs = case.ensemble["runs"]
-        holds = f"{path} contains the first {stop.runs} of {runs} draws, as with --runs {stop.runs}"
+        holds = (
+            f"{path} contains the first {stop.runs} of {runs} draws, like a run with --runs "
+            f"{stop.runs}"
+        )
         return say(f"interrupted: {holds}", exit_status())
     write_ensemble(ensemble, path)
     if not arguments.quiet:

@@ -112,7 +112,10 @@ def _write(
         alike = on_same_cells(results)
         maps = difference_maps(alike)
         if others := [name for name in results if name not in alike]:
-            warn(f"no maps of difference for {', '.join(others)}: other cells than the first")
+            warn(
+                f"no difference maps for {', '.join(others)}: their cells differ from the first "
+                "variant"
+            )
     costs = {variant["name"]: variant["cost"] for variant in case.variant if "cost" in variant}
     title = case.case["title"] or arguments.case.stem
     imprint = {key: getattr(arguments, key) for key in IMPRINT}

@@ -222,13 +222,15 @@ def check_metres(
     stated = [*stated]
     if pair := contradiction(stated):
         units = " and in ".join(f"{unit.name} ({where})" for unit, where in pair)
-        raise RockfallError(f"{path}: elevations are in {units}: correct one")
+        raise RockfallError(f"{path}: elevations are in {units}: correct one of the units")
     wrong = next((heights for heights in stated if not heights.unit.is_metre), None)
     if plan.is_metre and wrong is None:
         return
     if plan.is_metre:
         assert wrong is not None
-        problem = f"{path}: elevations are in {wrong.unit.name} ({wrong.where}), metres are needed"
+        problem = (
+            f"{path}: elevations are in {wrong.unit.name} ({wrong.where}), but must be in metres"
+        )
         if cure is not None and math.isfinite(wrong.unit.factor):
             problem += f": convert with: {cure(None, wrong.unit.factor)}"
         raise RockfallError(problem)
@@ -242,20 +244,22 @@ def _plan_refusal(
     another unit (None: metres, or not stated), with the commands that convert both."""
     assert grid.crs is not None
     both = f", elevations in {heights.name}" if heights else ""
-    problem = f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), metres are needed"
+    problem = (
+        f"{path}: cells are in {plan.name}{both} ({crs_name(grid.crs)}), but must be in metres"
+    )
     utm = _utm(grid)
     if utm is None or (heights and math.isnan(heights.factor)):
         return RockfallError(problem)
     if cure is None:
-        return RockfallError(f"{problem}; reproject to {utm}")
+        return RockfallError(f"{problem}: reproject to {utm}")
     if heights:
         return RockfallError(f"{problem}: convert with: {cure(utm, heights.factor)}")
     alone = cure(utm, 1.0)
     if is_stated or not math.isfinite(plan.factor):
-        return RockfallError(f"{problem}; reproject with: {alone}")
+        return RockfallError(f"{problem}: reproject with: {alone}")
     return RockfallError(
-        f"{problem}; with elevations in {plan.name} too: {cure(utm, plan.factor)}; "
-        f"with elevations in metres: {alone}"
+        f"{problem}. If elevations are also in {plan.name}, run: {cure(utm, plan.factor)}. If they "
+        f"are in metres, run: {alone}"
     )
 
 
@@ -272,7 +276,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
         )
     if any(axis.direction == "down" for axis in system.axis_info):
         raise RockfallError(
-            f"{path}: has depths ({_title(system)}): elevations, positive upwards, are needed"
+            f"{path}: has depths ({_title(system)}): must have elevations, positive upwards"
         )
 
 

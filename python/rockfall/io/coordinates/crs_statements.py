@@ -34,7 +34,7 @@ def check_statements(where: str, attrs: Mapping[str, Any]) -> None:
         for unit in vertical_units(text):
             if not unit.is_metre:
                 raise RockfallError(
-                    f"{where}: elevations are in {unit.name} ({name}), metres are needed"
+                    f"{where}: elevations are in {unit.name} ({name}), but must be in metres"
                 )
         if not same_crs(own, system):
             raise RockfallError(

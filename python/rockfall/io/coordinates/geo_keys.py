@@ -58,7 +58,7 @@ def check_plan(path: str, keys: Sequence[Key]) -> None:
     if own and stated and abs(own.factor - stated.factor) > 1e-9:
         raise RockfallError(
             f"{path}: EPSG:{system} is in {own.name}, GeoKey {_PLAN_UNIT} gives {stated.name}: "
-            "correct one"
+            "correct one of them"
         )
 
 

@@ -137,4 +137,6 @@ def refuse_units(path: str | Path, stated: Iterable[Stated], command: Callable[[
         if not unit.is_metre:
             is_known = math.isfinite(unit.factor)
             cure = f": convert with: {command(f'{unit.factor:.16g}')}" if is_known else ""
-            raise RockfallError(f"{path}: z is in {unit.name} ({where}), metres are needed{cure}")
+            raise RockfallError(
+                f"{path}: z is in {unit.name} ({where}), but must be in metres{cure}"
+            )

@@ -32,7 +32,7 @@ def stated_units(raster: RasterFile) -> list[Stated]:
         if "#" not in key or key.startswith("NC_GLOBAL#")
     }  # attributes of coordinates are left out
     if tags.get("positive", "").lower() == "down":
-        raise RockfallError(f"{raster.path}: has depths (positive = down): elevations are needed")
+        raise RockfallError(f"{raster.path}: has depths (positive = down): must have elevations")
     stated = [Stated(unit_of(unit), "band unit") for unit in source.units[:1] if unit]
     stated += stated_in_attributes({key: tags[key] for key in tags if key != "units"})
     if text := source.descriptions[0]:

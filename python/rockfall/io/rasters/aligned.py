@@ -76,7 +76,7 @@ def _check_unit(raster: RasterFile, what: str) -> None:
     for unit, where in stated_units(raster):
         if not unit.is_metre:
             raise RockfallError(
-                f"{raster.path}: {what} are in {unit.name} ({where}), metres are needed"
+                f"{raster.path}: {what} are in {unit.name} ({where}), but must be in metres"
             )
 
 
@@ -93,7 +93,7 @@ def _check_aligned(raster: RasterFile, grid: Grid, what: str, resampling: str) -
         problem = f"{what} ({flaw or _extent(own)}) {verb} the cells of {dem} ({_extent(grid)})"
     if grid.path and not apart:
         options = f"--like {quote(grid.path)} --resampling {resampling}"
-        problem += f"; resample with: {raster.warp(f'on_{Path(grid.path).stem}', options)}"
+        problem += f": resample with: {raster.warp(f'on_{Path(grid.path).stem}', options)}"
     raise RockfallError(f"{raster.path}: {problem}")
 
 

@@ -59,7 +59,7 @@ def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
     """float32 for types that it represents exactly (integers of up to 16 bits), else float64."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
-        raise RockfallError(f"{name}: elevations are of type {stored}, real numbers are needed")
+        raise RockfallError(f"{name}: elevations have type {stored}: must be real numbers")
     return np.dtype(np.float32 if np.can_cast(stored, np.float32) else np.float64)
 
 
@@ -67,7 +67,7 @@ def check_elevations(name: str, z: np.ndarray) -> None:
     """Refuse rasters with too few cells for a patch, infinite elevations, or no elevations."""
     ny, nx = z.shape
     if min(nx, ny) < 2:
-        raise RockfallError(f"{name}: {nx} x {ny} cells, at least 2 x 2 are needed")
+        raise RockfallError(f"{name}: {nx} x {ny} cells: must be at least 2 x 2")
     if not check_known(name, z):
         raise RockfallError(f"{name}: all cells are nodata")
 
@@ -95,7 +95,7 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
     """
     x, y = _centres(data, "x"), _centres(data, "y")
     if min(x.size, y.size) < 2:
-        raise RockfallError(f"{_NAME}: {x.size} x {y.size} cells, at least 2 x 2 are needed")
+        raise RockfallError(f"{_NAME}: {x.size} x {y.size} cells: must be at least 2 x 2")
     cell, step = (x[-1] - x[0]) / (x.size - 1), (y[0] - y[-1]) / (y.size - 1)
     _check_steps("x", x, cell)
     _check_steps("y", y, -step)
@@ -141,7 +141,7 @@ def _check_unit(what: str, data: xr.DataArray) -> None:
     """Refuse units other than the metre."""
     unit = data.attrs.get("units")
     if unit is not None and not (isinstance(unit, str) and is_metre(unit)):
-        raise RockfallError(f"{_NAME}: {what} in {unit}, metres are needed")
+        raise RockfallError(f"{_NAME}: {what} in {unit}, but must be in metres")
 
 
 def _check_steps(axis: str, centres: np.ndarray, step: float) -> None:
@@ -187,11 +187,11 @@ def _exact(grid: Grid, attrs: Mapping[str, Any]) -> Grid:
 
 def _numpy_grid(values: np.ndarray, transform: Affine | Grid) -> tuple[Grid, bool]:
     if values.ndim != 2:
-        raise RockfallError(f"{_NAME}: array has {values.ndim} dimensions, two are needed")
+        raise RockfallError(f"{_NAME}: array has {values.ndim} dimensions: must have two")
     if isinstance(transform, Grid):
         if values.shape != transform.shape:
             raise RockfallError(
-                f"{_NAME}: array has shape {values.shape}, its grid {transform.shape}"
+                f"{_NAME}: array has shape {values.shape}, but its grid has {transform.shape}"
             )
         return transform, False
     t, (ny, nx) = transform, values.shape

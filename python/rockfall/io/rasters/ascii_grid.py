@@ -70,7 +70,7 @@ class AsciiCells:
             for numbers in _numbers(file, path, self.start[1]):
                 held = np.concatenate((held, numbers))
                 if done * nx + held.size > nx * ny:
-                    raise RockfallError(f"{path}: more than {nx * ny} numbers, {due}")
+                    raise RockfallError(f"{path}: more than {nx * ny} values, {due}")
                 n = held.size // nx
                 if n:
                     yield slice(done, done + n), held[: n * nx].reshape(n, nx)
@@ -78,7 +78,7 @@ class AsciiCells:
                 done += n
         if done < ny:
             raise RockfallError(
-                f"{path}: ends after {done * nx + held.size} numbers, {due}: truncated or damaged"
+                f"{path}: ends after {done * nx + held.size} values, {due}: truncated or damaged"
             )
 
 
@@ -120,7 +120,7 @@ def open_ascii(path: str) -> AsciiCells:
     nx, ny = int(values["ncols"]), int(values["nrows"])
     if os.path.getsize(path) < 2 * nx * ny:
         raise RockfallError(
-            f"{path}: too short for ncols x nrows = {nx} x {ny} numbers: truncated or damaged"
+            f"{path}: too short for ncols x nrows = {nx} x {ny} values: truncated or damaged"
         )
     return AsciiCells(path, (ny, nx), _place(values), values.get("nodata_value"), (start, line))
 

@@ -73,8 +73,8 @@ def _check_dem(raster: RasterFile) -> None:
         scale = raster.cells.packing[0]
         if not unit.is_metre and math.isclose(scale, unit.factor, rel_tol=SAME_UNIT):
             raise RockfallError(
-                f"{raster.path}: elevations are in {unit.name} ({where}), and its scale of "
-                f"{scale:g} makes metres of them already: correct one"
+                f"{raster.path}: elevations are declared in {unit.name} ({where}), but scale "
+                f"factor {scale:g} already converts them to metres: correct the unit or the scale"
             )
     check_metres(raster.grid, raster.path, stated, raster.in_metres)
     raster.check_cells()

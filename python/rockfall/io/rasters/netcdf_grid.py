@@ -92,7 +92,9 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
         raise RockfallError(f"{path}: has no variable {name}") from None
     attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
     if variable.ndim < 2 or any(n != 1 for n in variable.shape[:-2]):
-        raise RockfallError(f"{path}: {name} has the shape {variable.shape}: must be on y, x")
+        raise RockfallError(
+            f"{path}: {name} has the shape {variable.shape}: must have dimensions y, x"
+        )
     if (mapping := _found(variable, str(attributes.get("grid_mapping", "")))) is not None:
         texts = {key: mapping.getncattr(key) for key in mapping.ncattrs()}
         check_statements(f"{path}: {mapping.name}", texts)
@@ -103,7 +105,7 @@ def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> 
         for key, without in (("scale_factor", 1.0), ("add_offset", 0.0))
     )
     if scale == 0:
-        raise RockfallError(f"{path}: {name}: scale_factor = 0: must be another number")
+        raise RockfallError(f"{path}: {name}: scale_factor = 0: must not be 0")
     packing = scale, offset
     validity = _Validity(f"{path}: {name}", dtype, attributes, packing != (1.0, 0.0))
     return NetcdfCells(
@@ -134,11 +136,13 @@ class _Validity:
         both = self.values("valid_range", 2)
         lowest, highest = self.values("valid_min", 1), self.values("valid_max", 1)
         if both.size and (lowest.size or highest.size):
-            raise RockfallError(f"{self.where}: has valid_range, and valid_min or valid_max")
+            raise RockfallError(
+                f"{self.where}: has valid_range, and valid_min or valid_max: remove one of them"
+            )
         low = [*both[:1], *lowest, -np.inf][0]
         high = [*both[1:], *highest, np.inf][0]
         if not low <= high:
-            raise RockfallError(f"{self.where}: valid from {low} to {high}: must be a range")
+            raise RockfallError(f"{self.where}: valid from {low} to {high}: the range is empty")
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
@@ -157,7 +161,7 @@ class _Validity:
             stored = given.astype(self.dtype)
         same = (stored == given) | (self.dtype.kind == given.dtype.kind == "f")
         if not same.all() or (self.packed and not alike):
-            raise RockfallError(f"{problem}: must be of the type of the variable, {self.dtype}")
+            raise RockfallError(f"{problem}: does not fit the type of the variable, {self.dtype}")
         return stored
 
 
@@ -185,12 +189,12 @@ def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray
     attributes = {key: coordinate.getncattr(key) for key in coordinate.ncattrs()}
     unit = _unit(path, name, attributes)
     if not is_metre(unit):
-        raise RockfallError(f"{path}: coordinate {name} is in {unit}, metres are needed")
+        raise RockfallError(f"{path}: coordinate {name} is in {unit}, but must be in metres")
     if packed := {"scale_factor", "add_offset", "_Unsigned"} & attributes.keys():
         raise RockfallError(f"{path}: coordinate {name}: {min(packed)}: must be plain numbers")
     centres = np.asarray(coordinate[...], np.float64)
     if centres.size < 2:
-        raise RockfallError(f"{path}: {name} has {centres.size} cells, at least 2 are needed")
+        raise RockfallError(f"{path}: {name} has {centres.size} cells: must have at least 2")
     step = (centres[-1] - centres[0]) / (centres.size - 1)
     even = centres[0] + step * np.arange(centres.size)
     with np.errstate(invalid="ignore"):
@@ -219,8 +223,8 @@ def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, A
     unsigned = str(attributes.get("_Unsigned", "")).lower()
     if unsigned not in ("", "true", "false") or (unsigned and stored.kind not in "iu"):
         raise RockfallError(
-            f"{path}: {name}: _Unsigned = {attributes['_Unsigned']}: must be 'true' or 'false', of "
-            "integers"
+            f"{path}: {name}: _Unsigned = {attributes['_Unsigned']}: must be 'true' or 'false', "
+            "and only for integers"
         )
     if unsigned:
         return np.dtype(f"{'u' if unsigned == 'true' else 'i'}{stored.itemsize}")

@@ -193,7 +193,7 @@ class RasterFile:
             raise RockfallError(f"{self.path}: {flaw}")
         side = min(float(np.hypot(t.a, t.d)), float(np.hypot(t.b, t.e)))
         command = self.warp("square", f"--res {side:.10g} --resampling bilinear")
-        raise RockfallError(f"{self.path}: {flaw}; resample with: {command}")
+        raise RockfallError(f"{self.path}: {flaw}: resample with: {command}")
 
     @property
     def _packed(self) -> bool:
@@ -274,7 +274,7 @@ def _opened(path: str, stack: ExitStack) -> RasterFile:
             if beside:
                 raise RockfallError(
                     f"{path}: begins with a byte-order mark, so that {beside[0].name} cannot be "
-                    "read: save it as UTF-8 without one"
+                    "read: save it as UTF-8 without this mark"
                 )
         if not beside:
             return _raster(path, AsciiSource(file, cells), cells)
@@ -311,7 +311,7 @@ def _raster(
 ) -> RasterFile:
     t = cells.transform if isinstance(cells, (AsciiCells, NetcdfCells)) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
-        raise RockfallError(f"{path}: GDAL reads another header: malformed")
+        raise RockfallError(f"{path}: malformed header (GDAL reads other values)")
     north = t.f if t.e < 0 else t.f + source.height * t.e
     grid = Grid(t.c, north, t.a, source.width, source.height, crs or source.crs, path)
     return RasterFile(path, source, cells, t, grid)
@@ -328,9 +328,9 @@ def _check_band(path: str, source: DatasetReader) -> None:
         names = (f"{path}:{name.rpartition(':')[2]}" for name in source.subdatasets)
         raise RockfallError(f"{path}: has several rasters: choose one of {', '.join(names)}")
     if source.count != 1:
-        raise RockfallError(f"{path}: has {source.count} bands, exactly one is needed")
+        raise RockfallError(f"{path}: has {source.count} bands: must have exactly one")
     if np.dtype(source.dtypes[0]).kind not in "iuf":
-        raise RockfallError(f"{path}: holds {source.dtypes[0]}, real numbers are needed")
+        raise RockfallError(f"{path}: contains {source.dtypes[0]}: must be real numbers")
 
 
 def _check_place(path: str, source: DatasetReader) -> None:
@@ -338,10 +338,10 @@ def _check_place(path: str, source: DatasetReader) -> None:
     if not source.transform.is_identity:
         return
     if source.driver != "netCDF":
-        raise RockfallError(f"{path}: has no georeference")
+        raise RockfallError(f"{path}: is not georeferenced")
     raise RockfallError(
-        f"{path}: its coordinates are not marked as such: give x the attribute axis = 'X' and "
-        "y the attribute axis = 'Y'"
+        f"{path}: its coordinates are not identified: give x the attribute axis = 'X' and y the "
+        "attribute axis = 'Y'"
     )
 
 
@@ -366,5 +366,6 @@ def _check_size(raster: RasterFile) -> None:
     rows, columns = raster.source.block_shapes[0]
     if rows * columns > max(nx * ny, _BLOCK):
         raise RockfallError(
-            f"{raster.path}: tiles of {columns} x {rows} cells, of a raster of {nx} x {ny}: damaged"
+            f"{raster.path}: tiles of {columns} x {rows} cells do not fit a raster of {nx} x {ny}: "
+            "damaged"
         )

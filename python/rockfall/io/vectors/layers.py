@@ -233,7 +233,7 @@ def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str)
     """Column whose name the case gives."""
     if (values := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
-        raise RockfallError(f"{path}: no attribute {name}, has: {has}")
+        raise RockfallError(f"{path}: attribute {name} is missing (attributes: {has})")
     return values
 
 
@@ -304,7 +304,7 @@ def _drawn(
     import shapely
 
     for name in columns or ():
-        raise RockfallError(f"{path}: no attribute {name}: a drawing has no attributes")
+        raise RockfallError(f"{path}: attribute {name} is missing: a drawing has no attributes")
     drawing, areas, points = read_drawing(path), bool(_POLYGONS & kinds), bool(kinds & _POINTS)
 
     def is_usable(part: Part) -> bool:
@@ -337,7 +337,7 @@ def _drawn(
         elif kinds == _POLYGONS:
             raise RockfallError(
                 f"{where}: a {part.kind} from x {part.xy[0, 0]:.2f}, y {part.xy[0, 1]:.2f} is not "
-                "closed: polygons are needed"
+                "closed: must be a polygon"
             )
         else:
             shapes[k] = shapely.LineString(part.xy)
@@ -374,7 +374,7 @@ def _reprojected(
     shapes = shapely.transform(shapes, lambda xy: np.column_stack(way.transform(*xy.T)))
     for number in np.flatnonzero(~np.isfinite(shapely.bounds(shapes)).all(axis=1))[:1]:
         raise RockfallError(
-            f"{where}: feature {number + 1}: {crs_name(crs)}: position does not exist in "
+            f"{where}: feature {number + 1}: {crs_name(crs)}: position cannot be transformed to "
             f"{crs_name(grid.crs)}, the CRS of the DEM"
         )
     key = "input.reprojected" if way.is_best else "input.reprojected_roughly"
@@ -402,14 +402,15 @@ def _read(
         layer = _layer(path, pyogrio.list_layers(file), what, layer, key)
         info = pyogrio.read_info(file, layer=layer, force_feature_count=True)
         if info["driver"] not in _DRIVERS:
-            raise RockfallError(f"{path}: is read by {info['driver']}: must be {_DRIVERS}")
+            raise RockfallError(f"{path}: has format {info['driver']}: must be {_DRIVERS}")
         if info["features"] == 0:
-            raise RockfallError(f"{path}: the layer is empty, {what} are needed")
+            raise RockfallError(f"{path}: the layer is empty: must contain {what}")
         names = list(info["fields"]) if columns is None else columns
         for name in names:
             if name not in info["fields"]:
                 raise RockfallError(
-                    f"{path}: no attribute {name}, has: {', '.join(info['fields']) or 'none'}"
+                    f"{path}: attribute {name} is missing (attributes: "
+                    f"{', '.join(info['fields']) or 'none'})"
                 )
         about_read, _, wkb, values = pyogrio.raw.read(file, layer=layer, columns=names)
         shapes = shapely.from_wkb(wkb)
@@ -426,10 +427,10 @@ def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: 
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")
     if asked is not None and asked not in names:
-        raise RockfallError(f"{path}: no layer {asked}, has: {', '.join(names)}")
+        raise RockfallError(f"{path}: no layer {asked} (layers: {', '.join(names)})")
     if asked is None and len(names) > 1:
         advice = f"choose one with {key}" if key else "keep one layer in the file"
-        raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}); {advice}")
+        raise RockfallError(f"{path}: has {len(names)} layers ({', '.join(names)}): {advice}")
     return asked or names[0]
 
 
@@ -446,7 +447,7 @@ def _check_shapes(path: str, shapes: np.ndarray, kinds: set[str], what: str) -> 
         if shape is None or shape.is_empty:
             raise RockfallError(f"{where}: has no geometry")
         if shape.geom_type not in kinds:
-            raise RockfallError(f"{where}: is a {shape.geom_type}, {what} are needed")
+            raise RockfallError(f"{where}: is a {shape.geom_type}, but {what} are required")
         if not np.isfinite(shape.bounds).all():
             raise RockfallError(f"{where}: has coordinates that are not finite")
         kind = "polygon" if shape.geom_type in _POLYGONS else "line"
@@ -480,13 +481,13 @@ def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -
 def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
     """Integer values of a field, as int32."""
     if values.dtype.kind not in "iuf":
-        raise RockfallError(f"{path}: attribute {field} is not a number, zone ids are integers")
+        raise RockfallError(f"{path}: attribute {field} is not a number: zone ids must be integers")
     for number, value in enumerate(values.tolist(), start=1):
         where = f"{path}: feature {number}: {field}"
         if value != value:
             raise RockfallError(f"{where} is empty")
         if not (abs(value) < 2**31 and value == int(value)):
-            raise RockfallError(f"{where} = {value}: must be an integer of 32 bits")
+            raise RockfallError(f"{where} = {value}: must be a 32-bit integer")
     return values.astype(np.int32)
 
 
@@ -535,7 +536,7 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
     for column, hidden in columns:
         if hidden:
             raise RockfallError(
-                f"{path}: table {name}: column {column} is computed: only stored ones are read"
+                f"{path}: table {name}: column {column} is computed: only stored columns are read"
             )
 
 

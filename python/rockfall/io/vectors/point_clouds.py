@@ -66,7 +66,7 @@ def read_clouds(
         raise RockfallError(f"--thin {thin:g}: must be > 0 [m]")
     for path in paths:
         if classes is not None and not _is_laser(path):
-            raise RockfallError(f"--classes: {path} is not .las or .laz, so it has none")
+            raise RockfallError(f"--classes: {path} has no classes (only .las and .laz have)")
     chosen = GROUND if classes is None else tuple(classes)
     for number in chosen:
         if not 0 <= number <= 255:
@@ -106,8 +106,8 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
         total += len(chunk)
         if total > MAX_POINTS:
             raise RockfallError(
-                f"more than {MAX_POINTS:,} points: --thin M takes the mean of those in each square "
-                "of M metres"
+                f"more than {MAX_POINTS:,} points: average them in squares of M metres with --thin "
+                "M"
             )
         kept.append(chunk)
     return np.concatenate(kept)
@@ -130,7 +130,9 @@ def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
             waiting = []
     squares, sums = _together([(squares, sums), *waiting])
     if len(squares) > MAX_POINTS:
-        raise RockfallError(f"--thin {side:g}: leaves more than {MAX_POINTS:,} points: use more")
+        raise RockfallError(
+            f"--thin {side:g}: leaves more than {MAX_POINTS:,} points: use a larger value"
+        )
     east, north = np.divmod(squares, 2 * MAX_INDEX)
     corner = np.column_stack([east, north - MAX_INDEX, np.zeros(len(squares))]) * side
     return corner + sums[:, :3] / sums[:, 3:]
@@ -182,8 +184,8 @@ def _laser_crs(path: str | Path) -> CRS | None:
                         if record.record_id == number}  # fmt: skip
             if len(contents) > 1:
                 raise RockfallError(
-                    f"{path}: has {len(contents)} {name} records that differ: keep one, for plan "
-                    "and heights"
+                    f"{path}: has {len(contents)} different {name} records: keep the record that "
+                    "applies to coordinates and elevations"
                 )
         _check_heights(path, own, records)
     if crs is not None:
@@ -191,7 +193,7 @@ def _laser_crs(path: str | Path) -> CRS | None:
         if not same_crs(by_text, by_key):
             raise RockfallError(
                 f"{path}: its WKT names {crs_name(by_text)}, its GeoKeys {crs_name(by_key)}: "
-                "correct one"
+                "correct one of them"
             )
         return by_text
     if own:
@@ -257,7 +259,7 @@ def _check_header(path: str | Path) -> None:
     """Refuse a file whose header claims more data than it contains, because laspy trusts it."""
     size, start = os.path.getsize(path), start_of(path)
     if len(start) < _HEADER.size or not start.startswith(b"LASF"):
-        raise RockfallError(f"{path}: not a LAS file")
+        raise RockfallError(f"{path}: is not a LAS file")
     _, major, minor, header, offset, records, kind, length, points = _HEADER.unpack_from(start)
     extended, many = 0, 0
     if (major, minor) >= (1, 4) and len(start) >= 235 + _V14.size:
@@ -312,4 +314,6 @@ def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
     if not kept:
         has = ", ".join(f"{number} ({count:,} points)" for number, count in sorted(seen.items()))
         wanted = ", ".join(map(str, classes))
-        raise RockfallError(f"{path}: no points of class {wanted}; has {has}; see --classes")
+        raise RockfallError(
+            f"{path}: has no points of class {wanted} (classes: {has}): choose with --classes"
+        )

@@ -111,7 +111,7 @@ def text_chunks(path: str | Path) -> Iterator[np.ndarray]:
 def _longer(path: str | Path, line: int, layout: _Layout) -> str:
     return (
         f"{path}: line {line}: more than the {layout.total} columns of line 1: name every column "
-        "there"
+        "in line 1"
     )
 
 
@@ -172,16 +172,18 @@ def _layout(path: str | Path) -> _Layout:
         path, stated, lambda factor: _in_metres(Path(path), factor, cells, separator, head)
     )
     if any(map(_COMMA_NUMBER.fullmatch, cells)):
-        raise RockfallError(f"{path}: line 1: decimal commas: numbers need a point")
+        raise RockfallError(f"{path}: line 1: has decimal commas: use decimal points")
     if all(map(_NUMBER.fullmatch, filter(None, cells))):
         if len(cells) < 3:
-            raise RockfallError(f"{path}: line 1: {len(cells)} columns: x, y and z are needed")
+            raise RockfallError(f"{path}: line 1: {len(cells)} columns: must have x, y and z")
         return _Layout(separator, (0, 1, 2), len(cells), head, False)
     if len(cells) > 1 and cells[0] in ("#", "//"):
         del cells[0]
     names = [_IN_METRES.sub("", name.lower().lstrip("#/").strip(' "')) for name in cells]
     for axis in "xyz":
         if names.count(axis) != 1:
-            raise RockfallError(f"{path}: line 1: must have one column {axis}, or be numbers")
+            raise RockfallError(
+                f"{path}: line 1: must have exactly one column {axis}, or be numbers"
+            )
     x, y, z = map(names.index, "xyz")
     return _Layout(separator, (x, y, z), len(names), head + 1)

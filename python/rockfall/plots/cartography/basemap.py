@@ -69,7 +69,7 @@ def _check(source: Any, path: str | Path, stretched: bool) -> None:
     if source.crs is None:
         raise RockfallError(f"{path}: has no CRS, which a basemap needs")
     if {*source.dtypes} != {BYTE} and not stretched:
-        raise RockfallError(f"{path}: a basemap needs bands of 8 bits, not {source.dtypes[0]}")
+        raise RockfallError(f"{path}: a basemap requires 8-bit bands, not {source.dtypes[0]}")
 
 
 def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) -> Picture:

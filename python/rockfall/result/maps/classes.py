@@ -101,8 +101,8 @@ def read_limits(texts: Iterable[str]) -> Limits:
         rising = all(low < high for low, high in pairwise(values))
         if unit not in UNITS or not values or not rising or not np.isfinite(values).all():
             raise RockfallError(
-                f"--limits {text}: must be unit=limit,limit... with rising numbers, such as "
-                f"kJ=30,300; units: {', '.join(UNITS)}"
+                f"--limits {text}: must be unit=limit,limit... with increasing limits, such as "
+                f"kJ=30,300 (units: {', '.join(UNITS)})"
             )
         limits[unit] = values
     return limits

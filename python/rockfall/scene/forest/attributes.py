@@ -71,7 +71,8 @@ class Attributes(NamedTuple):
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(
-                f"{self.where}: attributes {' and '.join(matches)}: both give {key}: keep one"
+                f"{self.where}: attributes {' and '.join(matches)}: both give {key}: keep one of "
+                "them"
             )
         return matches[0] if matches else None
 

@@ -79,7 +79,9 @@ def _from_table(path: Path, inputs: Inputs) -> Listed:
     note_unused(inputs.remarks, path, columns, COLUMNS)
     for column in ("x", "y", "dbh"):
         if column not in columns:
-            raise RockfallError(f"{where}: no column {column}, has: {', '.join(columns)}")
+            raise RockfallError(
+                f"{where}: column {column} is missing (columns: {', '.join(columns)})"
+            )
     numbers = array("d")
     species: list[str] | None = [] if "species" in columns else None
     for row in rows:

@@ -25,7 +25,9 @@ class Species:
         where, columns, rows = read_table(path)
         for column in ("species", "factor"):
             if column not in columns:
-                raise RockfallError(f"{where}: no column {column}, has: {', '.join(columns)}")
+                raise RockfallError(
+                    f"{where}: column {column} is missing (columns: {', '.join(columns)})"
+                )
         for row in rows:
             factor = row.number("factor", 0.0, MAX_FACTOR)
             if not factor > 0:
@@ -48,7 +50,7 @@ class Species:
             if key in self.factors:
                 return self.factors[key]
         names = ", ".join(self._shown)
-        raise RockfallError(f"{where}: species = {name}: is not in {self.path}, has: {names}")
+        raise RockfallError(f"{where}: species = {name}: is not in {self.path} (species: {names})")
 
 
 def read_species(inputs: Inputs) -> Species:

@@ -104,8 +104,8 @@ def read_stands(inputs: Inputs, table: Species) -> Stands | None:
     density = attributes.numbers("stems", everywhere)
     if density is None:
         raise RockfallError(
-            f"{path}: no attribute stems [1/ha] ({', '.join(NAMES['stems'][1:])}), has: "
-            f"{', '.join(columns) or 'none'}"
+            f"{path}: attribute stems [1/ha] is missing (or {', '.join(NAMES['stems'][1:])}; "
+            f"attributes: {', '.join(columns) or 'none'})"
         )
     with_trees = density > 0
     mixtures = [
@@ -165,13 +165,13 @@ def _check_given_once(
     if values is not None and given:
         raise RockfallError(
             f"{inputs.case.name}: &forest {given[0]}: attribute {attributes.own_name(key)} of "
-            f"{path} gives it: leave out one of the two"
+            f"{path} gives it: omit one of the two"
         )
     if values is None and needed and not given:
         also = " or species" if key == "conifers" else ""
         raise RockfallError(
-            f"{path}: no attribute {key}{also}: add it, or set &forest uniform_{key}, has: "
-            f"{', '.join(attributes.columns) or 'none'}"
+            f"{path}: attribute {key}{also} is missing: add it, or set &forest uniform_{key} "
+            f"(attributes: {', '.join(attributes.columns) or 'none'})"
         )
 
 

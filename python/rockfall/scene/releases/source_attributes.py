@@ -193,7 +193,7 @@ def _axis_shapes(table: Table) -> np.ndarray:
     for k in np.flatnonzero(has.any(axis=0)).tolist():
         for axis, value, is_given in zip(AXES, given[:, k].tolist(), has[:, k], strict=True):
             if not is_given:
-                table.refuse(k, axis, "", "is missing: a block has the axes a, b and c")
+                table.refuse(k, axis, "", "is missing: a block requires the axes a, b and c")
             if not 0 < value < np.inf:
                 table.refuse(k, axis, value, "must be > 0")
         a, b, c = given[:, k].tolist()
@@ -252,7 +252,7 @@ def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) 
     if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))
         raise RockfallError(
-            f"{table.where(k)}: attributes and rasters of &boulder both give its boulders: "
+            f"{table.where(k)}: attributes and rasters of &boulder both define its boulders: "
             "remove one of the two"
         )
     if says.by_layer and not law.all():

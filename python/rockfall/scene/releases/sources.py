@@ -52,11 +52,12 @@ def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
     """Raise an error for an option that requires the same number of boulders from each source."""
     if sources.frequency is not None:
         raise RockfallError(
-            f"{case.name}: sources have a frequency: {what} needs equal numbers from each"
+            f"{case.name}: sources have a frequency: {what} requires equal numbers of boulders "
+            "from each"
         )
     if case.release["by_area"]:
         text = f"{case.name}: &release by_area = .true."
-        raise RockfallError(f"{text}: {what} needs equal numbers from each source")
+        raise RockfallError(f"{text}: {what} requires equal numbers of boulders from each source")
 
 
 def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
@@ -103,7 +104,7 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
             f"{threshold(case, grid):.1f} degrees"
         )
     if not x.size:
-        raise RockfallError(f"{path}: no source cells: must have cells above zero")
+        raise RockfallError(f"{path}: no source cells: at least one cell must be above zero")
     if unknown.part:
         inputs.remarks.append(remark(path, "input.sources_unknown", **vars(unknown)))
     sources = Sources(x, y, np.concatenate(area) if area else None, source_values=lowest)
@@ -191,7 +192,9 @@ def _with_attributes(
         inputs.remarks.append(remark(table.path, "input.frequency_not_used"))
     if not given.all():
         k = int(np.argmin(given))
-        raise RockfallError(f"{table.where(k)}: has no frequency: all must have one, or none")
+        raise RockfallError(
+            f"{table.where(k)}: has no frequency: all sources or none must have a frequency"
+        )
     own = np.ones(feature.size) if sources.area is None else sources.area
     together = np.bincount(feature, own, minlength=table.size + 1)
     return replace(

@@ -18,9 +18,9 @@ def check_effects(scene: Scene) -> None:
     for group, key, is_used, with_ in (
         ("impact", "ratio", IMPACT_SETS in models, "impact sets"),
         ("impact", "turning", not models <= {*TABLES}, "impact sets or classical models"),
-        ("boulder", "block_shape", not models.isdisjoint(TABLES), "a table of impacts"),
+        ("boulder", "block_shape", not models.isdisjoint(TABLES), "an impact table"),
         ("boulder", "mean_radius_sigma", bool(models & {IMPACT_SETS, RATIO_TABLE}), "impact sets"),
-        ("boulder", "block_shape_share", not models.isdisjoint(TABLES), "a table of impacts"),
+        ("boulder", "block_shape_share", not models.isdisjoint(TABLES), "an impact table"),
     ):
         value = given.get(group, {}).get(key)
         if not is_used and value is not None:
@@ -32,5 +32,5 @@ def check_effects(scene: Scene) -> None:
     if case.breakage["at"] != "none" and least >= max(largest_volumes(scene)):
         raise RockfallError(
             f"{case.name}: &breakage min_volume = {least:g}: must be below the largest volume of "
-            "the boulders [m3], or none breaks"
+            "the boulders [m3], or no boulder breaks"
         )

@@ -104,7 +104,7 @@ class Checkpoint:
                 self.part.unlink()
             what = getattr(error, "strerror", None) or str(error).removeprefix(f"{self.path}: ")
             what = what or "not enough memory"
-            self.say(f"{self.path}: no more checkpoints: {what}")
+            self.say(f"{self.path}: no further checkpoints are written: {what}")
             self.every = np.inf
         finally:
             tally.run.forget_part()
@@ -119,7 +119,7 @@ class Checkpoint:
         except RockfallError as error:
             if not (boulders := self.found()):
                 raise
-            kept = f"{self.path} keeps {boulders:,} boulders for --resume"
+            kept = f"{self.path} contains {boulders:,} boulders: continue with --resume"
             raise RockfallError(f"{error}. {kept}", error.code) from error
 
     def remove(self) -> None:

@@ -16,7 +16,7 @@ from rockfall.simulation.parts.part_file import read_part
 from rockfall.simulation.tally import Origin
 
 #: Message about an output that stays unchanged.
-FINISHED = "is finished already, from the same case; nothing was changed"
+FINISHED = "already contains the finished run of this case: nothing was changed"
 
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:

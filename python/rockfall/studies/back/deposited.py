@@ -115,8 +115,8 @@ class Deposited(Witnesses):
             far = np.flatnonzero(outside(kernel, near[first:last]))
             place = f" of source {blocks.source}" if blocks.source else ""
             text = (
-                f"{count(last - first, 'block')} at rest{place}, kernels as wide as the "
-                f"{number(kernel.neighbours)} nearest of {kernel.boulders:,} boulders lie, "
+                f"{count(last - first, 'block')} at rest{place}: kernels are as wide as the "
+                f"{number(kernel.neighbours)} nearest of {kernel.boulders:,} boulders, "
                 f"{number(np.median(widths))} m there"
             )
             lost = f": {far.size} outside of all deposits" if far.size else ""

@@ -230,8 +230,8 @@ def evidence(
     if seen.contacts is not None and len(marks) < len(seen.contacts):
         which = f"{len(seen.contacts) - len(marks)} of {len(seen.contacts)} impacts are"
         notes.append(
-            f"{which if marks else 'Impacts are'} not used: without a height above the ground, and "
-            "what was left unseen is not known."
+            f"{which if marks else 'Impacts are'} not used: they lack a height above the ground, "
+            "and unseen impacts are unknown."
         )
     if not data:
         raise RockfallError(
@@ -270,8 +270,8 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
         if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:
             place = f" of source {blocks.source}" if blocks.source else ""
             raise RockfallError(
-                f"{n} boulders{place} of a run come to rest on the terrain, at least {MIN_FITTED} "
-                "are needed: give more --boulders, or a larger terrain"
+                f"{n} boulders{place} of a run come to rest on the terrain: at least {MIN_FITTED} "
+                "are required: give more --boulders, or a larger terrain"
             )
     if sets:
         deposited = Deposited.of_run(sets, result, cell_of(result))
@@ -279,11 +279,11 @@ def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Itera
             np.isinf(kernel.of_volume) for kernel in deposited.kernels
         ):
             notes.append(
-                "Volumes of the blocks are not used: all boulders of the case have the same."
+                "Volumes of the blocks are not used: all boulders of the case have the same volume."
             )
         if seen.shapes is not None and not any(kernel.by_shape for kernel in deposited.kernels):
             notes.append(
-                "Shapes of the blocks are not used: all boulders of the case have the same."
+                "Shapes of the blocks are not used: all boulders of the case have the same shape."
             )
         yield deposited
 
@@ -300,8 +300,8 @@ def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
     names = line_names(result)
     for line, where in seen.lines.items():
         if line not in names:
-            has = ", ".join(names) or "no lines"
-            raise RockfallError(f"{where}: line {line}: is not in the case, which has {has}")
+            has = ", ".join(names) or "none"
+            raise RockfallError(f"{where}: line {line}: is not in the case (lines: {has})")
     for (line, quantity), values in seen.samples.items():
         yield Counted(f"{quantity} at {line}", values, _at_line(names.index(line), quantity))
     for row in seen.summaries[seen.summaries["method"] == "observed"].to_dict("records"):
@@ -309,7 +309,7 @@ def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
         if (row["line"], row["quantity"]) in seen.samples:
             continue
         if not (row["n"] >= MIN_PRINTED and np.isfinite(row["mean"])):
-            notes.append(f"The printed {name} is not used: mean and n are needed.")
+            notes.append(f"The published {name} is not used: mean and n are required.")
             continue
         take = _at_line(names.index(row["line"]), row["quantity"])
         yield Printed(name, row["mean"], row["std"], int(row["n"]), take)

@@ -60,10 +60,11 @@ def _contents(analysis: Back) -> Contents:
                     {"units": "1", "long_name": long_names.get(str(name), f"drawn: {name}")})
         for name in members
     }  # fmt: skip
-    variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "set of data"})
-    for name, what in (("n", "boulders"), ("counts", "its weight, as data are dependent"),
+    variables["data"] = ("data", data["data"].to_numpy(object), {"long_name": "data set"})
+    for name, what in (("n", "boulders"), ("counts", "weight of the data set, reduced for "
+                                                     "dependent data"),
                        ("predictive_p", "posterior predictive probability"),
-                       ("loss", "log-likelihood lost with the other data"),
+                       ("loss", "log-likelihood lost when fitted with the other data"),
                        ("loss_error", "its standard error")):  # fmt: skip
         column_attrs = {"units": "1", "long_name": what}
         variables[f"data_{name}"] = ("data", data[name].to_numpy(float), column_attrs)

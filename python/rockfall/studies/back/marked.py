@@ -104,8 +104,8 @@ class Marked(Witnesses):
         if few.size:
             where = ", ".join(self.marks[k].where for k in few[:5].tolist())
             notes.append(
-                f"{few.size} of {count(self.n, 'mark')}: fewer than {FEW} boulders of a run pass "
-                f"there, and constrain the height little: {where}."
+                f"At {few.size} of {count(self.n, 'mark')}, fewer than {FEW} boulders of a run "
+                f"pass, so they hardly constrain the height: {where}."
             )
         return notes
 

@@ -196,14 +196,15 @@ def warnings(analysis: Back) -> Iterator[str]:
     for row in analysis.data.to_dict("records"):
         if row["predictive_p"] < limit:
             yield (
-                f"the model does not explain the {row['data']}: of its posterior only "
-                f"{row['predictive_p']:.1%} of samples are as far off as what was observed"
+                f"the model does not explain the {row['data']}: only {row['predictive_p']:.1%} of "
+                "its posterior samples deviate as much as the observations"
             )
     for row in analysis.data.to_dict("records"):
         if row["agreement"] == CONFLICT:
             yield (
-                f"conflict: {row['data']}: less likely with the other data than alone, by "
-                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} has each alone"
+                f"conflict: {row['data']} is less likely with the other data than alone, by "
+                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} gives each data set "
+                "alone"
             )
     edge = [row["parameter"] for row in posterior_table(analysis).to_dict("records")
             if row["verdict"].startswith("at the edge")]  # fmt: skip
@@ -213,7 +214,8 @@ def warnings(analysis: Back) -> Iterator[str]:
         if ridge.correlation > TRADED:
             yield (
                 f"{ridge.ground}: twice the strength is like {ridge.degrees:.1f} degrees more "
-                f"relief (correlation {ridge.correlation:.2f}): measure one by `rockfall ground`"
+                f"relief (correlation {ridge.correlation:.2f}): measure one of them with `rockfall "
+                "ground`"
             )
 
 

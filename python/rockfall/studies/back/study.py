@@ -137,8 +137,8 @@ def _check_request(case: Case, members: int, enough: int) -> None:
         raise RockfallError(f"{case.name}: &ensemble draws: must be absent: they have no density")
     if case.breakage["at"] != "none":
         raise RockfallError(
-            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': "
-            "the end of a boulder is that of its farthest fragment, not of an observed block"
+            f"{case.name}: &breakage at = '{case.breakage['at']}': must be 'none': a boulder ends "
+            "where its farthest fragment stops, not where an observed block does"
         )
 
 
@@ -338,7 +338,7 @@ def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
     reached = {row for row in rows if row >= 0 and has_rocks(scene.rasters.sizes[row])}
     if not reached:
         raise RockfallError(
-            f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders come to no zone "
+            f"{scene.case.name}: &ensemble radius_factor: has no effect: boulders reach no zone "
             "with rocks (R_m > 0): remove it"
         )
     return reached

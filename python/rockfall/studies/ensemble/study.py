@@ -58,7 +58,7 @@ KEPT = {  # values stored for each draw: units, meaning
     "source_north": ("m", "shift of the sources northwards"),
     "strength": ("1", "factor on the strength of each ground"),
     "relief": ("1", "factor on the relief of each ground"),
-    "source_redrawn": ("1", "rejected shifts, with a source off the terrain"),
+    "source_redrawn": ("1", "shifts rejected because a source left the terrain"),
     "draw": ("1", "row of the file of draws, from 0"),
     "set": ("1", "draw of the impact sets, by its place in all files of the case, from 0"),
 }
@@ -89,7 +89,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     needs_maps = bool({"passages", "reach_probability"} & asked)
     if not case.lines and not needs_maps:
         raise RockfallError(
-            f"{case.name}: an ensemble needs a &line, or &output maps = 'reach_probability'"
+            f"{case.name}: an ensemble requires a &line, or &output maps = 'reach_probability'"
         )
     read = read_scene(case, **arrays)
     warn_of(read)
@@ -210,22 +210,26 @@ def _dataset(
         "value": table(y, "results of the runs"),
         "case_value": table(own, "result of the unchanged case"),
         "mean": table(two.mean(axis=0), "mean over the runs A and B"),
-        "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B lie below"),
-        "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B lie above"),
+        "q05": table(np.quantile(two, 0.05, axis=0), "value below which 5 % of the runs A and B "
+                                                     "lie"),
+        "q95": table(np.quantile(two, 0.95, axis=0), "value above which 5 % of the runs A and B "
+                                                     "lie"),
         "monte_carlo_std": table(
             np.sqrt(indices.parts.monte_carlo), "standard deviation of a run of this size"
         ),
         "epistemic_std": table(
-            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation by the uncertain inputs"
+            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation due to the uncertain "
+                                                      "inputs"
         ),
         "epistemic_variance": table(
             indices.parts.epistemic, "unbiased estimate; may be below zero"
         ),
-        "epistemic_variance_error": table(indices.epistemic_error, "its standard error"),
+        "epistemic_variance_error": table(indices.epistemic_error, "standard error of this "
+                                                                   "estimate"),
         "first_order": table(indices.first, f"{fraction_of}alone, first-order Sobol' index"),
-        "first_order_error": table(indices.first_error, "its standard error"),
+        "first_order_error": table(indices.first_error, "standard error of this estimate"),
         "total": table(indices.total, f"{fraction_of}with its interactions, total Sobol' index"),
-        "total_error": table(indices.total_error, "its standard error"),
+        "total_error": table(indices.total_error, "standard error of this estimate"),
         "too_few": table(
             np.isnan(y).sum(axis=(0, 1)), "runs with too few passing boulders for a value"
         ),
@@ -314,5 +318,5 @@ def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:
-        raise RockfallError(f"{path}: without a &line there is no table; maps go to a file .nc")
+        raise RockfallError(f"{path}: without a &line there is no table: write maps to a file .nc")
     check_output(path, inputs)

@@ -134,8 +134,8 @@ class Uncertain:
                     f"{case.name}: &ensemble sets = '{name}': has no effect: it replaces the "
                     f"impact table {ground}, which no ground of the case uses: remove it"
                     if of_ground
-                    else f"{case.name}: &ensemble sets = '{name}': is an impact table, but "
-                    f"{ground} is none: it can replace a table only"
+                    else f"{case.name}: &ensemble sets = '{name}': is an impact table, which can "
+                    f"only replace an impact table, not {ground}"
                 )
             stand_ins.setdefault(ground, []).extend(ensemble_grounds(case, name))
         if not (files or stand_ins):
@@ -153,8 +153,8 @@ class Uncertain:
         if case.impact["form"] == "table" and not is_table:
             names = ", ".join((*ensemble_names(), *table_names()))
             raise RockfallError(
-                f"{case.name}: &ensemble sets = '{name}': no such table of impacts, and impact "
-                f"sets have no effect in a case by tables, known: {names}"
+                f"{case.name}: &ensemble sets = '{name}': no such impact table (known: {names}), "
+                "and impact sets have no effect with form = 'table'"
             )
         return path if is_table else None
 
@@ -213,7 +213,7 @@ class Uncertain:
         numbers, runs = int(self.ends[-1]), self.given["runs"]
         if 2 * numbers > qmc.Sobol.MAXDIM:
             raise RockfallError(
-                f"{self.scene.case.name}: &ensemble: {numbers} numbers are uncertain, most of them "
+                f"{self.scene.case.name}: &ensemble: {numbers} values are uncertain, most of them "
                 f"rows of the table of zones: must be at most {qmc.Sobol.MAXDIM // 2}"
             )
         random = np.random.default_rng(self._sequence("design", 0))
@@ -304,7 +304,7 @@ class Uncertain:
             moved = self._shifted(row["source_east"], row["source_north"])
             if moved is None:
                 where = self.scene.case.path(self.given["draws"])
-                raise RockfallError(f"{where}: draw {k + 1}: takes a source off the terrain")
+                raise RockfallError(f"{where}: draw {k + 1}: moves a source off the terrain")
             draw |= moved
         if "set" in row:
             draw |= self._set(int(row["set"]))
@@ -382,7 +382,7 @@ def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, 
     for group in groups:
         if 0 < len({*group} & {*columns}) < len(group):
             missing = ", ".join(name for name in group if name not in columns)
-            raise RockfallError(f"{where}: {missing}: missing, the others are given")
+            raise RockfallError(f"{where}: {missing}: is missing, but related columns are given")
     if "set" in columns and not sets:
         raise RockfallError(f"{where}: column set: the case has no &ensemble sets")
     drawn = []
