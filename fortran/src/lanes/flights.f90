@@ -3,6 +3,9 @@
 !> removed, and the last flights move to their places. Each flight performs the operations of `fly` in the same order,
 !> so results are bitwise identical.
 !>
+!> Loops over flights take their constants by value or from a local copy: a constant in memory that is needed only
+!> under a condition makes the compiler leave the whole loop scalar.
+!>
 !> Compiled three times, like rockfall_lanes.
 module rockfall_flights
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
@@ -235,12 +238,14 @@ contains
       type(terrain_t), intent(in) :: dem
       type(scratch_t), intent(inout) :: scratch(:)
       logical, intent(in) :: cells  !! as in fly_patches
+      real(wp) :: cell
       integer :: k
 
+      cell = dem%cell
       !$omp simd
       do k = f%n_started + 1, f%n
-         f%inverse1(k) = inverse_speed(f%v1(k), dem%cell)
-         f%inverse2(k) = inverse_speed(f%v2(k), dem%cell)
+         f%inverse1(k) = inverse_speed(f%v1(k), cell)
+         f%inverse2(k) = inverse_speed(f%v2(k), cell)
          f%t(k) = 0
          f%jump_height(k) = 0
       end do
@@ -253,8 +258,8 @@ contains
       if (.not. cells) return
       !$omp simd
       do k = f%n_started + 1, f%n
-         f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), dem%cell, f%i(k))
-         f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), dem%cell, f%j(k))
+         f%cell_i(k) = first_cell(f%x(k), f%inverse1(k), cell, f%i(k))
+         f%cell_j(k) = first_cell(f%y(k), f%inverse2(k), cell, f%j(k))
          f%v3_in(k) = f%v3(k)
          f%top(k) = 0
       end do
@@ -270,7 +275,7 @@ contains
    !> Cross a patch, or find the contact on it.
    subroutine cross_patches(f, gravity, cell, per_cell)
       type(flights_t), intent(inout) :: f
-      real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
+      real(wp), value :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
       real(wp) :: tx, ty, d0, d1, d2, t, next, length, s, east, north, contact
       integer :: k
 
@@ -306,8 +311,8 @@ contains
    !> middle. Cell values equal those of `visit_path`.
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
-      real(wp), intent(in) :: gravity, cell  !! [m/s2], [m]
-      logical, intent(in) :: heights         !! as in fly_patches
+      real(wp), value :: gravity, cell  !! [m/s2], [m]
+      logical, intent(in) :: heights    !! as in fly_patches
       real(wp) :: plan2, v3, before, t, end, i, j, left_cell, first, second, left_first, left_second, last, top, &
                   top1, top2, top3
       integer :: k
@@ -573,12 +578,13 @@ contains
    !> Enter the next patches: read them, and find the heights of the flights above them.
    subroutine enter_patches(dem, gravity, f)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity  !! [m/s2]
+      real(wp), value :: gravity  !! [m/s2]
       type(flights_t), intent(inout) :: f
-      real(wp) :: known
+      real(wp) :: known, per_cell
       integer :: k
 
       call read_next_corners(dem, f%n, f%next_i, f%next_j, f%known, f%at, f%z00, f%z10, f%z01, f%z11)
+      per_cell = dem%per_cell
       !$omp simd private(known)
       do k = 1, padded(f%n)
          call find_coefficients(f%z00(k), f%z10(k), f%z01(k), f%z11(k), f%a(k), f%b(k), f%c(k), known)
@@ -586,7 +592,7 @@ contains
          f%i(k) = f%next_i(k)
          f%j(k) = f%next_j(k)
          f%t(k) = f%next_t(k)
-         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, dem%per_cell, f%t(k), &
+         call enter_patch(f%x(k), f%y(k), f%z(k), f%v1(k), f%v2(k), f%v3(k), gravity, per_cell, f%t(k), &
                           f%i(k), f%j(k), f%z00(k), f%a(k), f%b(k), f%c(k), f%d0(k), f%d1(k))
       end do
    end subroutine enter_patches
@@ -645,7 +651,7 @@ contains
    !> Place landings exactly on their patches.
    subroutine place_landings(l, gravity, cell, per_cell)
       type(landings_t), intent(inout) :: l
-      real(wp), intent(in) :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
+      real(wp), value :: gravity, cell, per_cell  !! [m/s2], [m], [1/m]
       real(wp) :: x, y, z, t, contact, x_on, y_on, z_on
       integer :: k
 
