@@ -58,6 +58,8 @@ def test_entries_are_apart(language):
     ] == []
     assert "\n\n\n" not in text
     assert [one for one in entries if ("msgstr[" in one) != ("\nmsgid_plural " in one)] == []
+    forms = [one.count("\nmsgstr") - ("\nmsgid_plural " in one) for one in entries]
+    assert {*forms} == {1}, "two texts for one id"
 
 
 def places(text):
