@@ -302,4 +302,4 @@ def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
     )
     found = validate(bare, seen, seeds=2)
     assert "table meadow" in found.laws and "table rocky-slope" not in found.laws
-    assert "no rock sizes: tables rocky-slope left out" in found.notes
+    assert "rock sizes are missing: tables rocky-slope omitted" in found.notes

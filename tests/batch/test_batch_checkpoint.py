@@ -132,7 +132,7 @@ def test_a_result_is_not_overwritten_unasked(many):
     while not (many / "a.nc.checkpoint").exists():
         time.sleep(0.01)
     running.send_signal(signal.SIGINT)
-    assert b"--resume continues" in running.communicate()[1]
+    assert b"continue with --resume" in running.communicate()[1]
     assert (many / "a.nc").exists() and (many / "a.nc.checkpoint").exists()
     refused(many, "a.nc.checkpoint: contains ", "--boulders", "1000000")
     state = many / "a.nc.checkpoint"

@@ -84,7 +84,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
     elsewhere()
     Path("case.nml").write_text(CASE.replace("y = 4999930.0,", "y = 4999935.0,"))
     assert main(["models", "case.nml", "-o", "more", "--quiet", "--overwrite"]) == 0
-    refuses(words, "more/models.nc: has no line 'L', or elsewhere: run .* again", capsys)
+    refuses(words, "more/models.nc: line 'L' is missing or elsewhere: run .* again", capsys)
 
 
 def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):

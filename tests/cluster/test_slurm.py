@@ -139,7 +139,7 @@ def test_a_job_that_is_requeued_goes_on_and_the_merge_waits_for_it(jobs, case):
         assert waits and not is_merged
         time.sleep(0.5)
     log = (folder / "1.log").read_text()
-    assert "--resume continues" in log
+    assert "continue with --resume" in log
     _wait(lambda: _states(merge) == ["COMPLETED"], "no merge")
     same_results(rockfall.read_result(folder / "case.nc"), case[1])
 

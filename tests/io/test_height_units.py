@@ -461,14 +461,14 @@ CLOUDS = {
     "1.4: keys": (lambda: laser(SURVEY, "1.4", PLAN_KEYS | {4099: 9003}), "GeoKey 4099"),
     "1.4: compound": (lambda: laser(SURVEY, "1.4", systems=[US_FT]), "US survey foot"),
     "1.4: plan, heights": (
-        lambda: laser(SURVEY, "1.4", systems=[UTM, "EPSG:6360"]), "has 2 WKT records that differ",
+        lambda: laser(SURVEY, "1.4", systems=[UTM, "EPSG:6360"]), "has 2 different WKT records",
     ),
     "1.4: heights, plan": (
-        lambda: laser(SURVEY, "1.4", systems=["EPSG:6360", UTM]), "has 2 WKT records that differ",
+        lambda: laser(SURVEY, "1.4", systems=["EPSG:6360", UTM]), "has 2 different WKT records",
     ),
     "1.4: heights alone": (lambda: laser(SURVEY, "1.4", systems=["EPSG:6360"]), "only vertical"),
     "1.4: an extended record": (
-        lambda: laser(SURVEY, "1.4", systems=[UTM], extended=[US_FT]), "2 WKT records that differ",
+        lambda: laser(SURVEY, "1.4", systems=[UTM], extended=[US_FT]), "2 different WKT records",
     ),
     "1.4: WKT and keys": (
         lambda: laser(SURVEY, "1.4", PLAN_KEYS | {4099: 9003}, systems=[UTM]), "GeoKey 4099",

@@ -118,7 +118,7 @@ def test_a_command_replaces_a_file_if_told_to_but_no_input(name, place, capsys):
         ("is an input", os.link),
         ("is an input", lambda file, target: os.symlink(Path(file).absolute(), target)),
         ("is a folder", make_folder),
-        ("not a regular file", lambda _, target: os.mkfifo(target)),
+        ("is not a regular file", lambda _, target: os.mkfifo(target)),
     ):
         if sys.platform == "win32" and put not in (os.link, make_folder):
             continue  # links need a privilege on Windows, and pipes are not files there

@@ -107,7 +107,13 @@ def test_the_signature_is_on_page_1_in_every_language(pages, name):
 
 def test_what_a_signature_needs_is_before_it(result, bare):
     page = text_of(page_1(result).split('id="signature"')[0])
-    for word in ("2026-117", "Service of natural hazards", "2026-11-23", "rockfall 1", "17f2" * 16):
+    for word in (
+        "2026-117",
+        "Service of natural hazards",
+        "2026-11-23",
+        f"rockfall {rockfall.__version__}",
+        "17f2" * 16,
+    ):
         assert word in page
     assert "Reliability" in page and "Pass frequency" in page
 

@@ -131,7 +131,7 @@ contains
          return
       end if
       if (make_empty(to)) ok = replace_file(from, to)
-      if (.not. ok) call fail(error, name//": files cannot be renamed in its folder: choose another folder")
+      if (.not. ok) call fail(error, name//": its folder cannot rename files: choose another folder")
       if (.not. ok) ok = remove_file(from)
       ok = remove_file(to)
    end subroutine check_place
