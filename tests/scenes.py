@@ -32,7 +32,7 @@ LIVELY_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
 LIVELY_COVARIANCE = np.outer(LIVELY_SPREAD, LIVELY_SPREAD) * (0.8 * np.eye(9) + 0.2)
 
 
-#: Set without backward throws, so that headings are known: mean, lower triangle by rows.
+#: Set without backward throws, so that headings are known: mean, lower triangle row by row.
 CALM_MEAN = "0.6209, 0.0000, 0.1313, 0.1899, -0.4122, -0.1923, 0.2351, 0.0000, 0.3376"
 CALM_ROWS = """    0.002672,
     0.000000, 0.002672,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Warnings are errors, in the tests and in those of the laboratory."""
 
-#: Warnings that are no test failures: the first is expected in tests of the case in question.
+#: Warnings that do not fail tests: UserWarning, which some tests expect, and those of libraries.
 HARMLESS = (
     "ignore::UserWarning",
     "ignore::ResourceWarning",

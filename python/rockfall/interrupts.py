@@ -31,7 +31,8 @@ def exit_status() -> int:
 def interrupts() -> Iterator[Callable[[], bool]]:
     """Defer the first Ctrl-C or SIGTERM within the block; the yielded function then returns True.
     A second signal ends the process at once, even while the kernel runs. Nested blocks act as a
-    single block; in another thread, `stopped_by` also ends the block."""
+    single block; in another thread, the function also returns True after a stop request
+    (`stopped_by`)."""
     global _hit
     if threading.current_thread() is not threading.main_thread() or _hit is not None:
         signalled, stopped = (_hit or threading.Event()).is_set, _is_stopped.get()

@@ -111,7 +111,7 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-#: Differences of equal numbers are rounding errors of this order.
+#: Equal numbers may differ by rounding errors of this order.
 NOISE = 1e-12
 
 

@@ -222,7 +222,7 @@ def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
     assert both.observed == pytest.approx((40 * parts[0].observed + 10 * parts[1].observed) / 50)
 
 
-# ---- ground with names
+# ---- named grounds
 
 
 def with_zones(case, rows):

@@ -19,7 +19,7 @@ Z = np.random.default_rng(5).uniform(1000, 1100, (NY, NX)).round(2)
 
 
 def nodes(step=1.0, first=0.5, z=Z):
-    """Nodes from the north-west by rows; `first` is the offset [steps] from the corner (W, N)."""
+    """Nodes row by row from the north-west; `first` is the offset [steps] from corner (W, N)."""
     rows, columns = np.indices(z.shape)
     x, y = W + (columns + first) * step, N - (rows + first) * step
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])

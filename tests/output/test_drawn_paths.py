@@ -123,7 +123,7 @@ def of_drawing(_, folder):
     return np.array([vertex.xyz for path in paths for vertex in path.points()])
 
 
-#: Views, with the maximum distance between points and motion [m]: chords and rounding.
+#: Views, with the maximum distance between points and motion [m], due to chords and rounding.
 VIEWS = {
     "rockfall.trajectories": (of_curves, 0.01),
     "window": (of_window, 0.01),

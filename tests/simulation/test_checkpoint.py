@@ -165,7 +165,7 @@ def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_p
     same(simulate.run_scene(scene, threads=2, checkpoint=Checkpoint(tmp_path / "c", 0.0)), whole)
 
 
-# ---- files next to an output: for a single run and owner
+# ---- files next to an output belong to one run and owner
 
 
 RUN = ["run", "case.nml", "--quiet"]

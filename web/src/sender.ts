@@ -84,7 +84,7 @@ export class Sender {
   }
 }
 
-/** Change from one layer to another: the complete layer if features were reordered. */
+/** Change between states of a layer: the complete layer if features were reordered. */
 function change(before: readonly Feature[], after: readonly Feature[]): LayerChange {
   const old = new Map(before.map((feature) => [feature.id, feature]));
   const now = new Set(after.map(({ id }) => id));

@@ -19,7 +19,7 @@ module rockfall_impact_sets
                                             "speed_range", "angle_range", "incidence", "lateral"]
    integer, parameter :: entries = n_set_numbers
    integer, parameter :: lengths(7) = [1, entries, entries*(entries + 1)/2, 6, 1, 2, 2]  !! of the first keys; lower
-                                     !! triangles of matrices, by rows
+                                     !! triangles of matrices, row by row
    integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000
    real(wp), parameter :: max_speed = 1000.0_wp     !! maximum speed of a boulder [m/s]
@@ -188,7 +188,7 @@ contains
       if (.not. allocated(error)) covariance = with_noise(covariance, noise)
    end subroutine add_noise
 
-   !> Symmetric matrix from its lower triangle by rows.
+   !> Symmetric matrix from its lower triangle, row by row.
    pure function symmetric(values, n) result(matrix)
       real(wp), intent(in) :: values(:)
       integer, intent(in) :: n

@@ -9,7 +9,7 @@ module rockfall_namelist_changes
 
 contains
 
-   !> Return a namelist without the `removed` entries (`group` or `group%key`, separated by blanks) and with the groups
+   !> Return a namelist without the `removed` entries (`group` or `group%key`, separated by spaces) and with the groups
    !> of a second namelist. Keys of the second replace those of the group with the same name; new groups are appended.
    pure subroutine change_namelist(list, removed, new, file, changed, error)
       type(namelist_t), intent(in) :: list, new

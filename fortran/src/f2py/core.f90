@@ -669,7 +669,7 @@ contains
    !> the first counts of passages and of hits above energy thresholds; bins of the counts for quantiles; and the number
    !> of layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
-      character(len=*), intent(in) :: names     !! names of maps, separated by blanks
+      character(len=*), intent(in) :: names     !! names of maps, separated by spaces
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
       integer(c_int), intent(out) :: counts(n_map_counts), sums(n_map_sums), maxima(n_map_maxima), bins, &
                                      layers(n_stacks)
@@ -765,7 +765,7 @@ contains
       end do
    end subroutine shapes_of_axes
 
-   !> Number of a cell, counted from 1 by rows from the north-west.
+   !> Number of a cell, counted from 1 row by row from the north-west.
    pure integer(c_int64_t) function cell_number(nx, row, column)
       integer(c_int), intent(in) :: nx, row
       integer, intent(in) :: column
@@ -1099,8 +1099,8 @@ contains
       text = model_names(model_of_table(columns, strength))
    end subroutine table_model
 
-   !> R_b [m] of the largest blocks of an impact table, given its largest size, the strength of its ground [Pa] and the
-   !> R_b for that strength [m]; NaN if undefined.
+   !> R_b [m] of the largest blocks of an impact table, given the table's largest size, the strength of its ground [Pa]
+   !> and the R_b for that strength [m]; NaN if undefined.
    subroutine largest_block(size, strength, strength_radius, radius)
       real(c_double), intent(in) :: size, strength, strength_radius
       real(c_double), intent(out) :: radius

@@ -158,7 +158,7 @@ contains
    end function layer_numbers
 
    !> Maps as views of the stacks described by a plan; unused stacks may have any size. The first element of the stacks
-   !> is column and row `at` of the raster.
+   !> is column and row `origin` of the raster.
    function map_views(plan, thresholds, origin, counts, sums, maxima, bin_counts, slot, slots) result(maps)
       type(map_plan_t), intent(in) :: plan
       real(wp), intent(in) :: thresholds(:)                              !! energy thresholds [J]

@@ -8,7 +8,7 @@ module rockfall_reached_cells
    public :: reached_cells_t, find_reached_cells, allocate_reached_cells, pack_cells, unpack_cells
 
    type :: reached_cells_t
-      integer(i8), allocatable :: cell(:)              !! cell number from 0, by rows from the north-west, ascending
+      integer(i8), allocatable :: cell(:)              !! cell number from 0, row by row from the north-west, ascending
       integer(i4), allocatable :: counts(:, :)         !! (cells, layers)
       integer(i8), allocatable :: sums(:, :)
       real(sp), allocatable :: maxima(:, :)

@@ -17,7 +17,7 @@ module rockfall_source_maps
 
    !> Cells to which partial sources contribute, by source. The range has only some boulders of a partial source.
    type :: contributing_t
-      integer(i8), allocatable :: cell(:)      !! cell number from 0, by rows from the north-west
+      integer(i8), allocatable :: cell(:)      !! cell number from 0, row by row from the north-west
       integer(i4), allocatable :: source(:)
       integer(i4), allocatable :: boulders(:)  !! number of the source's boulders in the range
    end type contributing_t

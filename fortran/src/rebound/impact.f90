@@ -33,8 +33,8 @@ module rockfall_impact
       real(wp) :: sine2(2) = [0.0_wp, 1.0_wp]           !! [-]
    end type fitted_t
 
-   !> Distribution of V_out = A V_in, where the elements a1..a9 (A by rows) are normal with mean m and a covariance; all
-   !> [-].
+   !> Distribution of V_out = A V_in, where the elements a1..a9 (A row by row) are normal with mean m and a covariance;
+   !> all [-].
    type :: impact_set_t
       real(wp) :: mean(entries) = 0.0_wp
       !> Covariances of V_out (11, 21, 31, 22, 32, 33), rows, as linear functions of the products of V_in

@@ -139,7 +139,7 @@ contains
       call set_matrix(scene, reshape(transpose(matrix), [9]), error)
    end subroutine make_scene
 
-   !> Impact sets with one fixed matrix, given by rows.
+   !> Impact sets with one fixed matrix, given row by row.
    subroutine set_matrix(scene, elements, error)
       type(scene_t), intent(inout) :: scene
       real(wp), intent(in) :: elements(9)

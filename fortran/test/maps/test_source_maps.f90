@@ -155,7 +155,7 @@ contains
       some%last_source => last_source
       last_source(3, 2, 1) = 1
       cells = contributing_cells(some, release, 1_i8, 4_i8)
-      call check("by rows from the north-west", all(cells%cell == [nx + 2_i8]) .and. all(cells%boulders == [4]))
+      call check("row by row from the north-west", all(cells%cell == [nx + 2_i8]) .and. all(cells%boulders == [4]))
       call adjust_released(some, release, cells, 1)
       call check("nothing to settle", all(sources == 0))
       nothing = contributing_cells(none, release, 1_i8, 4_i8)

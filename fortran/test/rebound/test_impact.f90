@@ -87,7 +87,7 @@ contains
       energy = v(1)**2 + v(2)**2 + 0.4_wp*v(3)**2
    end function energy
 
-   !> Without scatter, V_out = A V_in, A by rows.
+   !> Without scatter, V_out = A V_in, A row by row.
    subroutine test_fixed()
       type(impact_set_t) :: set
       type(error_t), allocatable :: error

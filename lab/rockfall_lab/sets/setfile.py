@@ -112,7 +112,7 @@ def _rows(rows: Iterable[np.ndarray]) -> str:
 
 
 def _lower(matrix: np.ndarray) -> list[np.ndarray]:
-    """Lower triangle by rows."""
+    """Lower triangle, row by row."""
     return [matrix[k, : k + 1] for k in range(len(matrix))]
 
 

@@ -176,11 +176,11 @@ class Case:
         return f"<rockfall.Case {self.name}: {self.case['title']!r}>"
 
     def replace(self, **groups: Any) -> Case:
-        """Return a copy with other values: `case.replace(surface={"method": "A"})`. None removes a
-        key, and all keys that are only valid with it, as table, field and layer with `zones`. A
-        list replaces all groups of its name: `case.replace(line=[])`. Changing `sets` or `table`
-        of `impact` also sets the matching form; keys of `hazard` are removed together with the
-        `maps` or `scenario` that they need.
+        """Return a copy with different values: `case.replace(surface={"method": "A"})`. None
+        removes a key, and all keys that are only valid with it, as table, field and layer with
+        `zones`. A list replaces all groups of its name: `case.replace(line=[])`. Changing `sets`
+        or `table` of `impact` also sets the matching form; keys of `hazard` are removed together
+        with the `maps` or `scenario` that they need.
 
         >>> import rockfall
         >>> case = rockfall.read_case("case.nml")

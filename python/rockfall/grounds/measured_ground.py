@@ -62,7 +62,7 @@ class MeasuredGround:
 
     `strength` [Pa] is the median of a lognormal distribution over boulders; `strength_sigma` is
     the standard deviation of its logarithm. `relief` [degree] is the slope of the relief for
-    blocks of `radius` (R_b, m). Errors are standard errors, for the strength of its logarithm.
+    blocks of `radius` (R_b, m). Errors are standard errors; for strength, that of its logarithm.
     `strengths` has a value for each scar, `scar_errors` the error from the readings of depth and
     fall, `attitude_sigma` the scatter due to the unknown attitude of the blocks. `nearest` is the
     most similar shipped ground.

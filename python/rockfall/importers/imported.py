@@ -100,7 +100,7 @@ def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
 
 
 def tree_rows(path: Path) -> tuple[list[str], bool]:
-    """Lines of a CSV table with header from a tree list (x, y, DBH separated by blanks, commas or
+    """Lines of a CSV table with header from a tree list (x, y, DBH separated by spaces, commas or
     semicolons), and True if the list has further columns."""
     rows = ["x,y,dbh"]
     more = False
@@ -122,7 +122,7 @@ def tree_rows(path: Path) -> tuple[list[str], bool]:
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each non-empty line. Lines are split at commas only if they have no
-    blanks and semicolons, because commas may be decimal signs."""
+    spaces and semicolons, because commas may be decimal signs."""
     for line, words in enumerate(text.splitlines(), start=1):
         cells = [cell for word in re.split(r"[\s;]+", words) if (cell := word.strip(","))]
         if len(cells) <= 2:

@@ -60,7 +60,7 @@ class Scene(Sources):
         return own | {"stages": FRESH}
 
     def replace(self, **changes: Any) -> Scene:
-        """Copy of the scene with other values for itself or its rasters."""
+        """Copy of the scene with different values for itself or its rasters."""
         cells = {key: changes.pop(key) for key in OF_RASTERS & changes.keys()}
         rasters = replace(self.rasters, **cells) if cells else self.rasters
         return replace(self, **{"rasters": rasters} | changes)

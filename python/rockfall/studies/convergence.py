@@ -87,9 +87,9 @@ def converge(
     The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
     by default a million in total, equally from all sources. Statistical errors are measured on
     blocks of `reference` boulders from each source (default: a million in total), relative to as
-    many boulders with other seeds. Numerical errors are changes of the results for a tenth of the
-    boulders, the same boulders on each terrain. Only values at the lines need memory: 24 bytes per
-    line and boulder.
+    many boulders with different seeds. Numerical errors are changes of the results for a tenth of
+    the boulders, the same boulders on each terrain. Only values at the lines need memory: 24 bytes
+    per line and boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

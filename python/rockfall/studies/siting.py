@@ -76,7 +76,7 @@ class Siting:
     `table` has COLUMNS, with a row for each alignment. From boulders that cross the alignment:
     `energy_q95` (total), `height_q95` (of the centre, vertical), and the values of E_d, height and
     EAD class that the standard requires. From boulders that reach the protected line: `bypass`,
-    the fraction that does not cross the alignment before, and `remaining`, the fraction that still
+    the fraction that has not crossed the alignment first, and `remaining`, the fraction that still
     arrives with a barrier of this height and class. `cost` applies to the full length. `fits` is
     True within the limits; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
     `choice` marks the best alignment under these assumptions. `advice` is the resulting barrier,

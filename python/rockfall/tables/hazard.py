@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard as tables: scenarios, classes, objects, road segments, and risk of objects."""
+"""Hazard as tables: scenarios, classes, objects, road segments, and risk to objects."""
 
 import json
 from collections.abc import Iterator, Mapping

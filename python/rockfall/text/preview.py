@@ -292,7 +292,7 @@ def _range(low: float, high: float) -> str:
 def _memory(scene: Scene, pilot: Pilot) -> str:
     need = memory(scene, pilot)
     made, file = need.pop("made"), need.pop("file")
-    # free rasters before maps are allocated
+    # rasters are freed before maps are allocated
     total = sum(need.values()) + max(0, made - need["rasters"])
     parts = ", ".join(f"{name} {_bytes(size)}" for name, size in need.items() if size)
     warning = ", more than this machine has" if total > machine_memory() else ""

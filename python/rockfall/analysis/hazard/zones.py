@@ -108,7 +108,7 @@ def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
 
 
 def _patches(numbers: np.ndarray, grid: Grid) -> Zones:
-    """Patches of equal positive numbers, ordered by rows from the north-west."""
+    """Patches of equal positive numbers, ordered row by row from the north-west."""
     return _outlined(np.asarray(numbers, "u1").tobytes(), grid)
 
 

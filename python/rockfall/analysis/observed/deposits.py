@@ -315,8 +315,8 @@ def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarra
 def kernel_values(
     kernel: Kernel, blocks: Blocks | Rest, rest: Rest, widths: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of boulders by volume and shape, and these weights times kernels of the given widths
-    [m], in m-2: (blocks, boulders)."""
+    """Weights of boulders by volume and shape, and these weights multiplied by kernels of the given
+    widths [m], in m-2: (blocks, boulders)."""
     alike = like_weights(kernel, blocks, rest)
     return alike, alike * _normal(_squares(blocks.place, rest), widths)
 

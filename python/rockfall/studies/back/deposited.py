@@ -147,7 +147,7 @@ def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndar
 
 
 def _noise(kernel: Kernel, blocks: Blocks, rest: Rest, widths: np.ndarray) -> float:
-    """Variance of the log-likelihood between samples of boulders, to first order (delta method)."""
+    """Variance of the log-likelihood due to sampling boulders, to first order (delta method)."""
     own_near, own_count = _others(kernel, blocks, widths)
     alike, near = kernel_values(kernel, blocks, rest, kernel_widths(kernel, rest)[0])
     influence = near / (near.sum(axis=1) + own_near + kernel.floor)[:, None]
