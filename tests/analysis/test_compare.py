@@ -344,7 +344,7 @@ def test_stopping_places_give_reach_and_distances(result):
 
 def test_several_sources_are_said(of_two):
     found = compare(of_two, samples(speed=at(of_two, "speed")[:50]))
-    assert "Boulders from one of 2 sources are dependent" in as_text(found)
+    assert "Boulders from the same source (2 sources) are dependent" in as_text(found)
     found = compare(of_two, file("x,y\n150,300\n"))
     assert len(found.stops) == 1 and not len(found.passing) and not len(found.ks)
     assert "No distances: the source of each" in as_text(found)

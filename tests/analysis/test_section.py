@@ -460,7 +460,7 @@ def test_command(place, capsys):
         ),
         ([*words[:-2], "nowhere.shp", "-o", "new.csv"], "nowhere.shp: no such file"),
         (["report", "case.nc", "--section", "1,2,3,4"], "--section 1,2,3,4: must be X,Y X,Y ..."),
-        ([*words, "7", "-o", "new.csv"], "separated by blanks), or a file with one line"),
+        ([*words, "7", "-o", "new.csv"], "separated by spaces), or a file with one line"),
         ([*words, "-o", "new.txt"], "new.txt: output name must end in .csv, .png"),
         ([*words, "--within", "-1", "-o", "new.csv"], "within = -1.0: must be > 0 m"),
     ):

@@ -308,10 +308,10 @@ MISTAKES = {
                                         "sources"),
     "all cells": (mask(255, 255), "every cell of the terrain is a source: is 255 an undeclared"),
     "R_m in cm": (radii("20"), "a mean radius of 20 m .* is the value in cm"),
-    "density": (put("boulder", density=280.0), "density = 280 kg/m3: rocks have 2000 to 3200"),
-    "density of sources": (of_sources(275.0), "rock_density = 275 kg/m3: rocks have 2000 to 3200"),
+    "density": (put("boulder", density=280.0), "density = 280 kg/m3: rock density is 2000 to 3200"),
+    "density of sources": (of_sources(275.0), "_density = 275 kg/m3: rock density is 2000 to 3200"),
     "density of a scenario": (scenario(frequency=0.1, density=27.0),
-        "&scenario name = 'blocks' density = 27 kg/m3: rocks have 2000 to 3200"),
+        "&scenario name = 'blocks' density = 27 kg/m3: rock density is 2000 to 3200"),
     "gravity of no planet": (put("flight", gravity=15.0), "gravity = 15 m/s2: gravity on Earth "
                                                           "is 9.81"),
     "gravity in g": (put("flight", gravity=1.0), "gravity = 1 m/s2: gravity on Earth is 9.81"),

@@ -180,7 +180,7 @@ def test_units_change_no_decision(name, unit):
             "noise: entry (2, 1) = 0.00002 requires a variance (2, 2) above 0",
         ),
         ([1e-4, 1.01e-4, 1e-4, 0, 0, 0], "noise is indefinite: entry (2, 1) implies a correlation"),
-        ([0, 0, 1e-4, 0, 0, -1e-9], "noise: variance (3, 3) = -1e-9, must be >= 0"),
+        ([0, 0, 1e-4, 0, 0, -1e-9], "noise: variance (3, 3) = -1e-9 but must be >= 0"),
         ([1e-4, -7e-5, 1e-4, -7e-5, -7e-5, 1e-4], "noise is indefinite: the smallest eigenvalue"),
         ([1e-4, 1e-4, 1e-4, 0, 0, 0], ""),
         ([1e-4, 2e-4, 4e-4, -1e-4, -2e-4, 1e-4], ""),

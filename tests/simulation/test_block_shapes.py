@@ -621,7 +621,10 @@ def with_shape(number):
         (with_shape(4), "2.nc: is damaged: block_shape = 4: must be 1 to 3"),
         (with_shape(0), "2.nc: is damaged: block_shape = 0: must be 1 to 3"),
         (lambda file: file.renameVariable("block_shape", "other"), "2.nc: is damaged: block_shape"),
-        (without_attribute, "merge: a part has different boulder variables than the first part"),
+        (
+            without_attribute,
+            "merge: a part has different boulder variables from those of the first part",
+        ),
     ],
 )
 def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message):

@@ -66,7 +66,7 @@ contains
       call find_eigenvalues(correlation, eigenvalue, vectors)
       if (minval(eigenvalue) < -printed_tolerance) then
          call fail(error, name//" is indefinite: the smallest eigenvalue of its correlation matrix is " &
-                   //real_text(minval(eigenvalue), 3)//", must be >= 0")
+                   //real_text(minval(eigenvalue), 3)//" but must be >= 0")
          return
       end if
       is_definite = minval(eigenvalue) > clearly_definite
@@ -141,7 +141,8 @@ contains
       do j = 1, size(c, 2)
          do i = 1, size(c, 1)
             if (c(j, j) < 0) then
-               call fail(error, name//": variance "//place_of([j, j])//" = "//real_text(c(j, j), 3)//", must be >= 0")
+               call fail(error, name//": variance "//place_of([j, j])//" = "//real_text(c(j, j), 3) &
+                         //" but must be >= 0")
             else if (abs(c(i, j)) > 0 .and. .not. c(j, j) > 0) then
                call fail(error, name//": entry "//place_of([max(i, j), min(i, j)])//" = "//real_text(c(i, j), 3) &
                          //" requires a variance "//place_of([j, j])//" above 0")

@@ -319,7 +319,7 @@ contains
       integer :: j
 
       if (.not. any(this%run%map .and. map_names == name)) then
-         call fail(error, name//": must be one of &output maps")
+         call fail(error, name//": must be one of the maps in &output maps")
       else if (index(name, "exceeded") > 0) then
          call fail(error, name//": has one layer per threshold: use tally_counts")
       end if

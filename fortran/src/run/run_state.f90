@@ -210,7 +210,7 @@ contains
                    integer_text(run%total)//")")
          return
       else if (size(run%reals, 2) /= size(part%reals, 2) .or. size(run%integers, 2) /= size(part%integers, 2)) then
-         call fail(error, "cannot merge: a part has different boulder variables than the first part")
+         call fail(error, "cannot merge: a part has different boulder variables from those of the first part")
          return
       end if
       if (allocated(run%number)) run%number(row + 1:row + n) = part%number(:n)

@@ -249,7 +249,7 @@ module rockfall_variables
                  "0 without a rebound, -1 for a classical rebound"), &
       variable_t("vertex", "leg", "real", "1", "motion to the next vertex", &
                  "1 flight, 2 on the ground, 3 at rest; 0 at the end"), &
-      variable_t("tally", "cell", "integer", "1", "index of the cell, by rows from the north-west"), &
+      variable_t("tally", "cell", "integer", "1", "index of the cell, row by row from the north-west"), &
       variable_t("tally", "counts", "integer", "1", "counts of the maps, by layer", stored="i4"), &
       variable_t("tally", "sums", "integer", "1", "sums of the maps, by layer"), &
       variable_t("tally", "maxima", "real", "1", "maxima of the maps, by layer", stored="f4"), &

@@ -103,7 +103,7 @@ def write_jobs(
         )
     folder = Path(folder).absolute()
     if any(character.isspace() for character in str(folder)):
-        raise RockfallError(f"{folder}: folder names in #SBATCH lines cannot contain blanks")
+        raise RockfallError(f"{folder}: folder names in #SBATCH lines cannot contain spaces")
     inputs = list(input_files(case))
     check_outputs([folder / f"{Path(path).stem}.nc"], inputs)  # the output of merge.sh
     attrs = {

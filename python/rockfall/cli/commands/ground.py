@@ -58,7 +58,7 @@ def _scars(arguments: argparse.Namespace) -> Scars | None:
     for key, values in given.items():
         if len(values) not in (1, count):
             name = key.replace("_", "-")
-            raise RockfallError(f"--{name}: has {len(values)} values, must be 1 or {count}")
+            raise RockfallError(f"--{name}: has {len(values)} values but must have 1 or {count}")
     return [
         {key: values[k if len(values) > 1 else 0] for key, values in given.items()}
         for k in range(count)

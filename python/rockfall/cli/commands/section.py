@@ -60,7 +60,7 @@ def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]
         return Path(given[0])
     raise RockfallError(
         f"{option} {' '.join(given)}: must be X,Y X,Y ... (two vertices or more, separated by "
-        "blanks), or a file with one line"
+        "spaces), or a file with one line"
     )
 
 

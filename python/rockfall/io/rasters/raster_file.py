@@ -311,7 +311,7 @@ def _raster(
 ) -> RasterFile:
     t = cells.transform if isinstance(cells, (AsciiCells, NetcdfCells)) else source.transform
     if (source.height, source.width) != getattr(cells, "shape", source.shape):
-        raise RockfallError(f"{path}: malformed header (GDAL reads other values)")
+        raise RockfallError(f"{path}: malformed header (GDAL reads different values)")
     north = t.f if t.e < 0 else t.f + source.height * t.e
     grid = Grid(t.c, north, t.a, source.width, source.height, crs or source.crs, path)
     return RasterFile(path, source, cells, t, grid)

@@ -133,8 +133,8 @@ def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: b
     for row in np.flatnonzero(odd)[:1].tolist():
         line = int(table.index[row]) + 1 + layout.head
         raise RockfallError(
-            f"{path}: line {line}: the third column, {z[row]:.10g}, is not an elevation of land "
-            f"[m]: {cure}"
+            f"{path}: line {line}: the third column, {z[row]:.10g}, is not a plausible "
+            f"land elevation [m]: {cure}"
         )
 
 
@@ -183,7 +183,7 @@ def _layout(path: str | Path) -> _Layout:
     for axis in "xyz":
         if names.count(axis) != 1:
             raise RockfallError(
-                f"{path}: line 1: must have exactly one column {axis}, or be numbers"
+                f"{path}: line 1: must have exactly one column {axis}, or contain only numbers"
             )
     x, y, z = map(names.index, "xyz")
     return _Layout(separator, (x, y, z), len(names), head + 1)
