@@ -263,7 +263,7 @@ def test_sources_on_objects_are_counted(tmp_path, shape, given, sources):
 @pytest.mark.parametrize("scenario, words", [
     ({"volume": "fixed", "volume_mean": 500.0}, "volume_mean = 500 m3: a boulder 10 m across"),
     ({"volume_mean": 500.0}, "volume_mean = 500 m3: a boulder 10 m across"),
-    ({"density": 800.0}, "density = 800 kg/m3: rocks have"),
+    ({"density": 800.0}, "density = 800 kg/m3: rock density is"),
     ({"volume": "lognormal", "volume_mean": 1.0, "volume_std": 20.0}, "volume_std = 20 m3: 20 tim"),
     ({"volume": "pareto", "volume_min": 0.1, "volume_max": 9.0, "volume_exponent": 1.7},
      "volume_exponent = 1.7: exponents of"),
