@@ -206,30 +206,27 @@ def _dataset(
     data["result_units"] = ("result", units, {"long_name": "units of each result"})
     two = y[:, :2].reshape(2 * len(y), -1)
     fraction_of = "fraction of the epistemic variance: an input "
+    error = "standard error of this estimate"
     return data | {
         "value": table(y, "results of the runs"),
         "case_value": table(own, "result of the unchanged case"),
         "mean": table(two.mean(axis=0), "mean over the runs A and B"),
-        "q05": table(np.quantile(two, 0.05, axis=0), "value below which 5 % of the runs A and B "
-                                                     "lie"),
-        "q95": table(np.quantile(two, 0.95, axis=0), "value above which 5 % of the runs A and B "
-                                                     "lie"),
+        "q05": table(np.quantile(two, 0.05, axis=0), "5 % of the runs A and B are below it"),
+        "q95": table(np.quantile(two, 0.95, axis=0), "5 % of the runs A and B are above it"),
         "monte_carlo_std": table(
             np.sqrt(indices.parts.monte_carlo), "standard deviation of a run of this size"
         ),
         "epistemic_std": table(
-            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation due to the uncertain "
-                                                      "inputs"
+            np.sqrt(indices.parts.epistemic.clip(0)), "standard deviation due to uncertain inputs"
         ),
         "epistemic_variance": table(
             indices.parts.epistemic, "unbiased estimate; may be below zero"
         ),
-        "epistemic_variance_error": table(indices.epistemic_error, "standard error of this "
-                                                                   "estimate"),
+        "epistemic_variance_error": table(indices.epistemic_error, error),
         "first_order": table(indices.first, f"{fraction_of}alone, first-order Sobol' index"),
-        "first_order_error": table(indices.first_error, "standard error of this estimate"),
+        "first_order_error": table(indices.first_error, error),
         "total": table(indices.total, f"{fraction_of}with its interactions, total Sobol' index"),
-        "total_error": table(indices.total_error, "standard error of this estimate"),
+        "total_error": table(indices.total_error, error),
         "too_few": table(
             np.isnan(y).sum(axis=(0, 1)), "runs with too few passing boulders for a value"
         ),
