@@ -152,12 +152,14 @@ def origins_command(arguments: argparse.Namespace) -> int:
     hazard = read_hazard(path)
     inputs = [path, *files_behind(hazard)]
     check_study_folder(folder, FILES, inputs)
-    named = arguments.object if arguments.line is None else arguments.line
-    at = [*map(plain_decimal, arguments.at.split(","))] if named is None else named
-    place = arguments.at if named is None else named
-    kinds = ["object"] if arguments.line is None else ["line"]
+    kind, place = next(
+        (kind, text)
+        for kind in ("line", "object", "at")
+        if (text := getattr(arguments, kind)) is not None
+    )
+    at = [*map(plain_decimal, place.split(","))] if kind == "at" else place
     with working():
-        traced_hazard, kind, k = traced(hazard, at, kinds, progress=True)
+        traced_hazard, kind, k = traced(hazard, at, [kind], progress=True)
         tables = origin_tables(traced_hazard, kind, k, arguments.side)
         if tables["cells"].empty:
             raise RockfallError(f"{place}: no simulated boulder arrives")
