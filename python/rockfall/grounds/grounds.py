@@ -29,7 +29,7 @@ from rockfall.grounds.impact_tables import (
     tables_of_all_shapes,
 )
 from rockfall.io.files import check_text_file
-from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.io.tables import Row, check_columns, check_needed, read_table
 from rockfall.io.zone_table import PAIR, NamedGround, Zone
 from rockfall.kernel_rules import kernel_numbers
 from rockfall.limits import MAX_NAME
@@ -156,11 +156,7 @@ class GroundTable:
         where, columns, rows = read_table(path)
         allowed = (*WORDS, *(parameter.name for parameter in parameters()))
         check_columns(where, columns, allowed)
-        for needed in "name", "model", "source":
-            if needed not in columns:
-                raise RockfallError(
-                    f"{where}: column {needed} is missing (columns: {', '.join(columns)})"
-                )
+        check_needed(where, columns, ("name", "model", "source"))
         self.rows: dict[str, Row] = {}
         self.names: dict[int, str] = {}  # id -> name
         for row in rows:

@@ -118,11 +118,7 @@ def read_columns(
 ) -> tuple[list[str], dict[str, np.ndarray]]:
     """Position of each row of a table, and the texts by column (object arrays)."""
     where, columns, rows = read_table(path)
-    for column in needed:
-        if column not in columns:
-            raise RockfallError(
-                f"{where}: column {column} is missing (columns: {', '.join(columns)})"
-            )
+    check_needed(where, columns, needed)
     check_columns(where, columns, columns)
     read = list(rows)
     values = {name: np.array([row.cells[name] for row in read], object) for name in columns}
@@ -136,6 +132,15 @@ def check_columns(where: str, columns: list[str], allowed: Iterable[str]) -> Non
             raise RockfallError(f"{where}: column {name} occurs twice")
         if name not in allowed:
             raise RockfallError(f"{where}: column {name}: {_one_of(allowed)}")
+
+
+def check_needed(where: str, columns: list[str], needed: Iterable[str]) -> None:
+    """Refuse a table without a needed column."""
+    for name in needed:
+        if name not in columns:
+            raise RockfallError(
+                f"{where}: column {name} is missing (columns: {', '.join(columns)})"
+            )
 
 
 def _one_of(allowed: Iterable[str]) -> str:

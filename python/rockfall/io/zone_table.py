@@ -13,7 +13,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.rasters.grid import NO_ID
-from rockfall.io.tables import Row, check_columns, read_table
+from rockfall.io.tables import Row, check_columns, check_needed, read_table
 from rockfall.io.vectors.layers import attribute, plain
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 
@@ -81,8 +81,7 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
-    if "zone" not in columns:
-        raise RockfallError(f"{where}: column zone is missing (columns: {', '.join(columns)})")
+    check_needed(where, columns, names[:1])
     if set(names[1:]).isdisjoint(columns):
         raise RockfallError(f"{where}: must have at least one of the columns {', '.join(RADII)}")
     check_columns(where, [name for name in columns if name in names], names)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-from rockfall.io.tables import check_columns, read_table
+from rockfall.io.tables import check_columns, check_needed, read_table
 
 COLUMNS = ["standard", "factor", "condition", "value", "source"]
 BACK_ANALYSED = "back-analysed"  # rebounds were fitted to observations on the slope
@@ -106,8 +106,7 @@ def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, s
     """Values and sources by factor and condition."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COLUMNS)
-    if missing := [name for name in COLUMNS if name not in columns]:
-        raise RockfallError(f"{where}: column {missing[0]} is missing")
+    check_needed(where, columns, COLUMNS)
     factors: dict[str, dict[str, tuple[float, str]]] = {}
     for row in rows:
         if row.text("standard") != standard:

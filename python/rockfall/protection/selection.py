@@ -14,8 +14,7 @@ import numpy as np
 
 from rockfall.analysis.precision.intervals import Sources, fraction_interval
 from rockfall.analysis.precision.weighted import Weighted
-from rockfall.errors import RockfallError
-from rockfall.io.tables import check_columns, read_table
+from rockfall.io.tables import check_columns, check_needed, read_table
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import Text, say
 from rockfall.protection.crossings import Crossings, passes
@@ -114,8 +113,7 @@ def read_costs(path: str | Path) -> Costs:
     """Read barrier prices per metre from a table with the columns class, height [m] and cost."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COST_COLUMNS)
-    if missing := [name for name in COST_COLUMNS if name not in columns]:
-        raise RockfallError(f"{where}: column {missing[0]} is missing")
+    check_needed(where, columns, COST_COLUMNS)
     costs: Costs = {}
     for row in rows:
         ead_class = int(row.choice("class", [str(k) for k in range(len(EAD_ENERGY))]))

@@ -11,7 +11,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 from rockfall.case import is_given
 from rockfall.errors import RockfallError
-from rockfall.io.tables import read_table
+from rockfall.io.tables import check_needed, read_table
 from rockfall.io.vectors.layers import EXTENSIONS, attribute, extent, named_attribute, read_points
 from rockfall.io.vectors.unused_attributes import note_marks, note_unused
 from rockfall.language import remark
@@ -77,11 +77,7 @@ def _from_table(path: Path, inputs: Inputs) -> Listed:
             )
     where, columns, rows = read_table(path)
     note_unused(inputs.remarks, path, columns, COLUMNS)
-    for column in ("x", "y", "dbh"):
-        if column not in columns:
-            raise RockfallError(
-                f"{where}: column {column} is missing (columns: {', '.join(columns)})"
-            )
+    check_needed(where, columns, ("x", "y", "dbh"))
     numbers = array("d")
     species: list[str] | None = [] if "species" in columns else None
     for row in rows:

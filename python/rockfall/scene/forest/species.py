@@ -5,7 +5,7 @@ import importlib.resources
 from pathlib import Path
 
 from rockfall.errors import RockfallError
-from rockfall.io.tables import read_table
+from rockfall.io.tables import check_needed, read_table
 from rockfall.scene.forest.attributes import plain_name
 from rockfall.scene.layers import Inputs, file_checksum
 
@@ -23,11 +23,7 @@ class Species:
         self.factors: dict[str, float] = {}  # keys: plain names
         self._shown: list[str] = []  # names used in messages
         where, columns, rows = read_table(path)
-        for column in ("species", "factor"):
-            if column not in columns:
-                raise RockfallError(
-                    f"{where}: column {column} is missing (columns: {', '.join(columns)})"
-                )
+        check_needed(where, columns, ("species", "factor"))
         for row in rows:
             factor = row.number("factor", 0.0, MAX_FACTOR)
             if not factor > 0:
