@@ -247,10 +247,10 @@ contains
       call refuses("more than the variances allow", c, "entry (8, 7) implies a correlation of 900")
       c = 0
       c(3, 3) = -1.0e-3_wp
-      call refuses("a negative variance", c, "variance (3, 3) = -0.001, must be >= 0")
+      call refuses("a negative variance", c, "variance (3, 3) = -0.001 but must be >= 0")
       c = of_rank(n)
       c(9, 9) = -1.0e-12_wp
-      call refuses("a small negative variance", c, "variance (9, 9) = -1e-12, must be >= 0")
+      call refuses("a small negative variance", c, "variance (9, 9) = -1e-12 but must be >= 0")
       c = three(-0.5_wp - 1.0e-3_wp)
       call refuses("three entries against each other", c, "smallest eigenvalue of its correlation matrix is -0.002")
       c = scaled(three(-0.5_wp - 1.0e-3_wp), 8)
