@@ -269,8 +269,8 @@ def test_the_spectrum_of_a_measured_patch_comes_back(place, capsys, slope, hurst
 def test_a_patch_that_cannot_hold_the_waves_is_refused(place, capsys):
     patch_file("patch.tif", 12, 0.8)
     words = ["lab", "relief", "patch.tif"]
-    refuses([*words, "--longest", "32"], "patch.tif: 25.6 m wide: .*--longest 16 fits", capsys)
-    refuses([*words, "--shortest", "0.5"], "patch.tif: cells of 0.1 m: .*--shortest 1 fits", capsys)
+    refuses([*words, "--longest", "32"], "patch.tif: 25.6 m wide: .*use --longest 16", capsys)
+    refuses([*words, "--shortest", "0.5"], "patch.tif: cells of 0.1 m: .*use --shortest 1", capsys)
     refuses([*words, "--radius", "0"], "--radius 0.0: must be > 0", capsys)
     refuses([*words, "--shortest", "16"], "--shortest 16.0: must be below --longest", capsys)
 
@@ -313,7 +313,7 @@ def test_single_values_of_a_ground_can_be_changed():
         ("&lab ground='medow' /", "&lab ground = 'medow': unknown; known: rock, compact"),
         ("&lab ground='' /", "&lab ground = ''"),
         ("&lab ground='meadow', shape='round' /", "&lab shape = 'round': unknown; known: compact"),
-        ("&lab ground='meadow', trows=3 /", "&lab trows: unknown key, nearest: throws"),
+        ("&lab ground='meadow', trows=3 /", "&lab trows: unknown key (similar keys: throws"),
         ("&lab ground='meadow', throws=0 /", "throws = 0: must be 1 to"),
         ("&lab ground='meadow', ratios=1,2 /", "&lab ratios: unknown key"),
         ("&lab ground='meadow' / &packing depth=3 /", "&packing: unknown group"),
