@@ -6,7 +6,7 @@
 - Equations, `$...$` and `$$...$$` with `\\tag{n}`, become MathML, which browsers draw.
 - The pages that FORD makes of the kernel, in out/fortran, are put under fortran/.
 - Archived pages can be linked to, but are neither in the navigation nor in the search.
-- No page may ask anything of the network, and each link must lead somewhere.
+- No page may load anything from the network, and no link may be broken.
 """
 
 import html
@@ -143,7 +143,7 @@ def on_post_build(config: MkDocsConfig) -> None:
             if url.scheme or url.netloc or path.name == "404.html":
                 continue
             aim = (path.parent / unquote(url.path)).resolve() if url.path else path
-            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD: wrong
+            fragment = "" if "fortran" in path.parts else unquote(url.fragment)  # FORD's are wrong
             if not aim.exists() or (aim in anchors and fragment not in {"", *anchors[aim]}):
                 wrong.append(f"{path.relative_to(site)}: leads nowhere: {target}")
     if wrong:

@@ -36,7 +36,7 @@ CODE = sorted(
     if path != Path(__file__).resolve()
 )
 COLUMNS = 100
-#: A word that must not stand on a page, and what the field has for it.
+#: Words that must not appear on a page, and what to write instead.
 WORDS = {
     r"foretold|foretell": "predicted",
     r"foreseen": "estimated",
@@ -50,7 +50,7 @@ WORDS = {
     r"mended(?!\.)": "repaired",
     r"runout": "run-out",
 }
-#: Words and idioms of pages and of comments, docstrings and messages of kernel, package and window.
+#: Words and idioms to avoid on pages and in comments, docstrings and messages, and what to write.
 PLAIN = {
     r"beside": "next to, compared with",
     r"hangs? on": "depends on",
@@ -75,11 +75,11 @@ PLAIN = {
     r"made up": "invented",
     r"as far as there are|as it wants|lest|whence|thereof|hitherto": "plain English",
 }
-#: Pages on people, who may say, tell and ask.
+#: Pages about people, who may say, tell and ask.
 PEOPLE = {"CODE_OF_CONDUCT.md", "SECURITY.md"}
-#: Most words of a message, and texts of the catalogues that are no sentences.
+#: Maximum words of a message, and texts of the catalogues that are not sentences.
 MOST, LISTS = 25, {"join.list", "app.key.uniform_rg"}
-#: A word that must not be in the kernel: in a name, a comment or a message.
+#: Words that must not appear in the kernel: in names, comments or messages.
 KERNEL_WORDS = {
     r"fates?": "outcome, result, status",
     r"laws|law_of|velocity_law_t|tree_law(?:_t)?": "distribution, model, rule",
@@ -109,7 +109,7 @@ QUOTED = re.compile(r"`[^`]*`|\{(?:[^{}]|\{[^{}]*\})*\}|\]\([^)]*\)|<[^<>]*>|\$[
 EMPTY_NAMES = {"about", "found", "its", "known", "mine", "of", "one", "said", "some"}
 #: Arguments of public functions, which the interface promises: (function, argument).
 PROMISED = {("ensemble_table", "found"), ("write_hazard", "found")}
-#: A docstring that begins so is no sentence and no noun phrase.
+#: A docstring that begins like this is neither a sentence nor a noun phrase.
 HEADLESS = re.compile(r"(?:What|Of|How|Whether|Where|Those|The same|Which|Who)\b")
 FENCE = re.compile(r"^\s*(```|~~~|\$\$)")
 FIXED = re.compile(r"^(\||#|<|:::|!\[|\[[^\]]+\]:|&nbsp;|    |---)")  # these keep their lines
@@ -219,14 +219,14 @@ def wrong_in_code(path: Path) -> Iterator[str]:
             for word, said in ODD:
                 if found := word.search(line):
                     yield f"{place}:{number}: '{found[0]}': {said}"
-            if (is_plain or path.suffix == ".ts") and " " in line.strip():  # no name of code
+            if (is_plain or path.suffix == ".ts") and " " in line.strip():  # not the name of code
                 yield from idioms(f"{place}:{number}", line)
     if path.suffix == ".py":
         yield from headless(path)
     if PACKAGE in path.parents:
         yield from empty_names(path)
         for number, text in messages_of(path):
-            if "\n" not in text and " TEXT," not in text:  # no code, as SQL
+            if "\n" not in text and " TEXT," not in text:  # not code such as SQL
                 yield from long_message(f"{place}:{number}", text)
     if KERNEL not in path.parents:
         return
@@ -301,7 +301,7 @@ def fill(block: list[str]) -> list[str]:
     lines, now = [], first
     for k, word in enumerate(words):
         begins = re.fullmatch(r"[-+*>|#]+|\d+\.", words[k + 1]) if k + 1 < len(words) else None
-        together = f"{word} {words[k + 1]}" if begins else word  # else it would begin a list
+        together = f"{word} {words[k + 1]}" if begins else word  # otherwise it would begin a list
         if now.strip() and len(now) + 1 + len(together) > COLUMNS and now not in (first, rest):
             lines.append(now)
             now = rest + word

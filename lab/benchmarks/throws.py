@@ -7,8 +7,8 @@
 CONTACTS are outputs of `rockfall lab impact` for cases with throws. Prints the relative errors of
 mean speed, height and energy at EL1 and EL2 (benchmarks.physics.observed) for a table of all
 contacts, and for a table with all contacts as records; the standard deviation of these errors over
-random orders of the throws, which select other records; and, for each R_b/R_m, standard errors with
-all records, omitting fifths of the throws at that ratio in turn.
+random orders of the throws, each of which selects other records; and, for each R_b/R_m, standard
+errors with all records, omitting fifths of the throws at that ratio in turn.
 """
 
 import argparse

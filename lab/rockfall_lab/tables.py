@@ -110,7 +110,7 @@ def table_of(files: Sequence[xr.Dataset], kept: int = KEPT) -> ImpactTable:
 
 
 def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
-    """Contacts by size and relief; size 0 means irrelevant."""
+    """Contacts by size and relief; size 0 means that the size is irrelevant."""
     parts = []
     for data in files:
         if "ratio" in data:

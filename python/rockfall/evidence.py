@@ -21,9 +21,9 @@ class Evidence:
     """An observed quantity at a site, and the error of a model.
 
     `place` is a line, one half of the data, or a slope. `observed` is in `unit`; `error` and its
-    standard error are in % of it. If `observed` is NaN (distances between distributions, results
-    on a synthetic slope), `error` is the simulated value. `command` produced it with program
-    `version` (and commit).
+    standard error are in % of `observed`. If `observed` is NaN (distances between distributions,
+    results on a synthetic slope), `error` is the simulated value. `command` produced it with
+    program `version` (and commit).
     """
 
     site: str

@@ -44,9 +44,9 @@ def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
 def count_limits(
     counts: np.ndarray, boulders: int, per_cluster: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel. Every
-    `per_cluster` boulders count as one observation: a number, or an array with a value for each
-    place (last dimension of `counts`)."""
+    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel.
+    `per_cluster` boulders count as one observation; it is a number, or an array with one value per
+    place (the last dimension of `counts`)."""
     if np.ndim(per_cluster):
         columns = zip(np.moveaxis(counts, -1, 0), np.asarray(per_cluster), strict=True)
         limits = [count_limits(column, boulders, float(each)) for column, each in columns]

@@ -65,7 +65,8 @@ if sys.platform == "win32":
             raise BlockingIOError(error.errno, error.strerror) from None
 
     def has_locks(path: str) -> bool:
-        """Return False if the file system cannot lock files; on this system all can."""
+        """Return False if the file system cannot lock files; on this system all file systems
+        can."""
         return True
 
     def reserve(folder: Path, size: int) -> None:

@@ -218,7 +218,7 @@ def data_table(frame: pd.DataFrame) -> Table:
 
 def as_text(table: Table, indent: str = "  ") -> str:
     """Format a table for a terminal, without its caption. The first column is left-aligned, the
-    others right-aligned. Long heads wrap. Columns that do not fit follow below, after a copy of
+    others right-aligned. Long heads wrap. Columns that do not fit follow below, next to a copy of
     the first column."""
     cells = [*table.texts()]
     head = [[_wrapped(name, cells, k) for k, name in enumerate(table.head)]] * any(table.head)

@@ -35,8 +35,9 @@ contains
 
    !> Root L of a covariance C, C = L L^T, with the standard deviations D and the correlations R = V E V^T. Where R is
    !> clearly definite, D^-1 L is its Cholesky factor, and `drawn` is C itself. Otherwise L = D V sqrt(E) with negative
-   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix nearest to R. Errors:
-   !> entries not finite, not symmetric, a negative variance, a covariance without variance, indefinite.
+   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix
+   !> nearest to R. Errors: an entry that is not finite, asymmetry, a negative variance, a
+   !> covariance without variance, an indefinite matrix.
    pure subroutine covariance_root(name, c, root, drawn, error)
       character(len=*), intent(in) :: name           !! name of C, for messages
       real(wp), intent(in) :: c(:, :)                !! any [unit]

@@ -14,8 +14,9 @@ module rockfall_direction
              random_heading, rotated
    public :: turn_by_class, divide_by_length, shortest, along_aspect
 
-   !> Turning rules. The classes printed in the paper: a turn larger than the angle to the aspect goes past the aspect
-   !> (as written in the paper) or ends at it. Or deviations measured in the laboratory.
+   !> Turning rules: by the classes printed in the paper, where a turn larger than the angle to the
+   !> aspect goes past the aspect (as written in the paper) or ends at it; or by deviations measured
+   !> in the laboratory.
    integer, parameter :: past_aspect = 1, to_aspect = 2, by_lab = 3
 
    !> Length below which a vector is rescaled before it is normalised [-]: far above 1.5e-154, the root of the smallest

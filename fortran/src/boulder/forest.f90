@@ -18,8 +18,8 @@ module rockfall_forest
    real(wp), parameter :: class_ends(0:3) = [0.0_wp, 22.5_wp, 67.5_wp, 76.0_wp]
 
    real(wp), parameter :: radius_per_dbh = 0.005_wp  !! [m/cm]
-   !> Relative squared distance from the edge of a disc within which a flight counts as starting inside [-]. At the stem
-   !> just hit, only rounding errors would decide.
+   !> Relative squared distance from the edge of a disc within which a flight counts as starting
+   !> inside [-]. At the stem just hit, rounding errors would otherwise decide.
    real(wp), parameter :: on_edge = 1.0e-6_wp
    !> Offset from a stem's axis, over its radius, below which a hit has no side: only rounding would decide [-].
    real(wp), parameter :: centred_offset = 1.0e-9_wp

@@ -38,8 +38,8 @@ contains
    end function object_line
 
    !> First meeting of a boulder, whose centre moves from a to b in plan, with a line or object: fraction of the path in
-   !> 0..1 [-], or 2 if it does not. It meets an object where its centre comes within one radius of the edge, or at the
-   !> start of the path if it is already that near.
+   !> 0..1 [-], or 2 if they do not meet. A boulder meets an object where its centre comes within
+   !> one radius of the edge, or at the start of the path if it is already that near.
    pure real(wp) function first_meeting(this, a, b, radius) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]

@@ -23,8 +23,8 @@ module rockfall_rolling
    !> A recorded point this close to the end of a path counts as its end: fraction of the duration [-].
    real(wp), parameter :: end_tolerance = 1.0e-9_wp
 
-   !> A drop that exceeds what friction holds by less than this fraction still holds the boulder [-]: on a plane at the
-   !> rest angle, rounding errors must not decide.
+   !> A boulder rests even if the drop exceeds the drop that friction can hold, by less than this
+   !> fraction [-]: on a plane at the rest angle, rounding errors must not decide.
    real(wp), parameter :: hold_tolerance = 1.0e-6_wp
 
    type :: roll_t

@@ -78,7 +78,7 @@ module rockfall_case
       logical :: full_maps = .false.             !! maps also cover cells that no boulder can reach
       integer :: min_passages = 1              !! minimum number of passages for a mean or a quantile in a cell
       logical :: rebounds = .false.
-      logical :: shadow_angle = .false.        !! requested for each boulder, because one was observed
+      logical :: shadow_angle = .false.        !! angle requested for each boulder, because one was observed
       logical :: energy_balance = .false.
       integer :: trajectories = 0
       integer(i8) :: kept = keeps_all            !! number of boulders for which rows are kept

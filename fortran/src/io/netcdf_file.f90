@@ -22,7 +22,7 @@ module rockfall_netcdf_file
    public :: length_of, kind_of, text_of, integers_of, real_of
 
    character(len=*), parameter :: head = char(137)//"HDF"
-   integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; by default ten
+   integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; the default is ten
 
    !> Open file.
    type :: netcdf_file_t
@@ -208,7 +208,7 @@ contains
       if (is_ok(file)) id = variable(file, definition, axes)
    end subroutine define
 
-   !> Write n rows of a one-dimensional variable, after the first rows.
+   !> Write n rows of a one-dimensional variable, after its first `first` rows.
    subroutine write_rows(file, name, first, n, values)
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name

@@ -41,8 +41,8 @@ module rockfall_map_tallies
       type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! memory of all arrays above
    end type map_tallies_t
 
-   !> Maximum size of private tallies of threads, in total and per boulder of a call. A boulder takes about 30 us,
-   !> adding these bytes at the end less than 1 us.
+   !> Maximum size of private tallies of threads, in total and per boulder of a call. Tracing a
+   !> boulder takes about 30 us; adding these bytes at the end takes less than 1 us.
    integer(i8), parameter :: max_own = 2_i8**23, own_per_boulder = 4096  !! [bytes]
 
 contains

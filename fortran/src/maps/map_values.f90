@@ -15,7 +15,7 @@ module rockfall_map_values
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
    integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2       !! maximum columns of bin counts, with one spare number
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! maximum columns of bin counts; one more marks overflow
    integer, parameter :: halvings = 5  !! number of times that the number of columns may be halved
 
    !> Index of each tally in its stack of layers; 0 = not requested.

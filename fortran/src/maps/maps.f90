@@ -351,8 +351,8 @@ contains
    end subroutine lengthen
 
    !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits. Called
-   !> when a boulder ends: one hash table of indices (open addressing) fits in the first-level cache, tables for all
-   !> boulders in flight would not.
+   !> when a boulder ends: one hash table of indices (open addressing) fits in the first-level
+   !> cache, but tables for all boulders in flight would not.
    pure subroutine join_visits(visits)
       type(visits_t), intent(inout) :: visits
       integer, allocatable :: entry(:)  ! hash table, 0-based, of a power-of-two size; 0: free

@@ -14,8 +14,8 @@ module rockfall_classical_rebound
    public :: scatter_t, scatter, drawn_coefficient, classical_t, classical_rebound, lengthen_hop, penetration, absorbs
    public :: by_sets, rockyfor3d, pfeiffer_bowen, bourrier_hungr, constant, absorbing, by_table, by_ratio_table
 
-   !> Rebound models: impact sets (rockfall_impact); the models of this module; the boulder stays; or a table
-   !> (rockfall_impact_table), with or without parts for R_b/R_m.
+   !> Rebound models: impact sets (rockfall_impact); the models of this module; no rebound, so that
+   !> the boulder stays; or a table (rockfall_impact_table), with or without parts for R_b/R_m.
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
                          absorbing = 6, by_table = 7, by_ratio_table = 8
 

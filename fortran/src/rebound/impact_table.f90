@@ -72,7 +72,7 @@ module rockfall_impact_table
 
    !> Ground represented by a table.
    type :: yielding_ground_t
-      real(wp) :: rest_angle = 90.0_wp      !! on steeper ground, a stopping boulder rolls on [degrees]
+      real(wp) :: rest_angle = 90.0_wp      !! a boulder that stops on steeper ground rolls on [degrees]
       real(wp) :: strength = 0.0_wp         !! median pressure at which the ground yields; 0: never [Pa]
       real(wp) :: strength_sigma = 0.0_wp   !! standard deviation of ln(strength) between boulders [-]
       real(wp) :: strength_radius = 0.0_wp  !! R_b for this strength if strength is proportional to R_b, else 0 [m]
@@ -577,7 +577,7 @@ contains
 
    !> Return whether a hollow may stop a boulder. If so, its record is drawn only from records with similar gravity
    !> along the heading, else from the whole bin. Faster boulders respond in proportion to gravity, and with few
-   !> candidates a rare record would be drawn again and again on slopes near its own.
+   !> candidates a rare record would be drawn too often on slopes near its own.
    pure logical function is_held(speed)
       real(wp), intent(in) :: speed  !! as in approach_t [-]
 

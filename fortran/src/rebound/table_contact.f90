@@ -25,7 +25,8 @@ module rockfall_table_contact
 
    !> Rise over R_b up to which a truncated contact continues [-]; the laboratory records higher rises as flights.
    real(wp), parameter :: max_rise = 0.02_wp
-   !> V_n over V_t above which a rolling boulder on steeper ground has a contact as after a flight [-].
+   !> V_n over V_t above which a contact of a rolling boulder on steeper ground counts as one after
+   !> a flight [-].
    real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].

@@ -8,8 +8,8 @@ module rockfall_shares
 
 contains
 
-   !> Last boulder of each source for n boulders per unit of `ratio`: cumulative sums of n*ratio, rounded down, so that
-   !> totals are correct even with n = 1.
+   !> Last boulder of each source for n boulders per unit of `ratio`: cumulative sums of n*ratio,
+   !> rounded down. Rounding the sums keeps the totals correct even with n = 1.
    pure function last_boulders(ratio, n) result(last)
       real(wp), intent(in) :: ratio(:)  !! surface over plan area [-]
       integer(i8), intent(in) :: n

@@ -138,7 +138,7 @@ contains
       if (level >= with_all) then
          call record_vertex(scratch%record, vertex_t(landing%x, landing%y, landing%z, result%time, flight%v, &
                                                      contact%v_in, contact%v_out, ratio))
-         ! V_n of a rolling boulder is in neither velocity, because its next contact restores it
+         ! neither velocity includes V_n of a rolling boulder, because its next contact restores it
          call add_ground_loss(before, squared_length(flight%v), inertia_factor*omega_r*omega_r, result)
       end if
       call close_impact(scene, squared_length(flight%v), .not. contact%stops, result)

@@ -146,8 +146,8 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
 
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
-    """Fit a set with valid standard errors. These need groups to omit; if one exceeds the standard
-    deviation of its quantity, the most likely set may diverge."""
+    """Fit a set with valid standard errors. Standard errors need groups to omit; if one exceeds the
+    standard deviation of its quantity, the most likely set may diverge."""
     try:
         impact_set = fit_set(impacts)
     except RockfallError as error:

@@ -3,8 +3,8 @@
 
 Dated blocks give the annual frequency of blocks above a threshold; a generalised Pareto
 distribution (GPD) of volumes is fitted to all deposited blocks. The block of return period T is
-exceeded once in T years on average. Intervals come from the joint profile likelihood of volumes
-and number: no random numbers, and better than resampling for few blocks.
+exceeded once in T years on average. Intervals come from the joint profile likelihood of volumes and
+number, which needs no random numbers and is better than resampling for few blocks.
 """
 
 from __future__ import annotations
@@ -107,10 +107,10 @@ def design_block(
     """Design block for a return period [year], from a block survey.
 
     `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m]. Rows
-    with a `year` fell within the observation period of `years`; alternatively, `events` is a table
-    of these blocks. Both may also be lists of volumes. Only blocks larger than `threshold` [m3]
-    count (default: the lowest threshold with an acceptable fit of the generalised Pareto
-    distribution). `volume_max` [m3] is the largest block of the scenario.
+    with a `year` are blocks that fell within the observation period of `years`; alternatively,
+    `events` is a table of these blocks. Both may also be lists of volumes. Only blocks larger than
+    `threshold` [m3] count (default: the lowest threshold with an acceptable fit of the generalised
+    Pareto distribution). `volume_max` [m3] is the largest block of the scenario.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
@@ -157,7 +157,7 @@ def _check(return_period: float, threshold: float | None, volume_max: float | No
 
 
 def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> None:
-    """Refuse a `volume_max` below the largest surveyed block, or below the block of the period."""
+    """Refuse a `volume_max` below the largest surveyed block, or below the design block."""
     for volume, what in (
         (float(survey.volumes.max()), "the largest surveyed block"),
         (asked["volume"], f"the block of {asked['return_period']:g} years"),
@@ -238,7 +238,7 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Variance of the yearly numbers / their mean; 1 unless a Poisson process is rejected."""
+    """Ratio of variance to mean of the yearly numbers; 1 unless a Poisson process is rejected."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1

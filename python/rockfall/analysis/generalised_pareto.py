@@ -55,7 +55,8 @@ def fit_gpd(
 
 
 def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
-    """Theta = shape / scale, never 0, from the search variable log(1 + theta max) / log(n)."""
+    """Theta = shape / scale (never 0) for the value of the search variable log(1 + theta max) /
+    log(n)."""
     grown = np.expm1(np.multiply(place, np.log(excess.size)))
     return np.where(np.abs(grown) > NEAR_ZERO, grown, NEAR_ZERO) / excess[-1]
 
@@ -119,7 +120,7 @@ def _spectra() -> np.ndarray:
 
 
 def _spectrum(shape: float, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Angle and logarithm of the damping on the grid of Imhof's integral, one after the other, by a
+    """Angle, then logarithm of the damping, on the grid of Imhof's integral, by a
     quadrature rule on (-1, 1).
 
     A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and

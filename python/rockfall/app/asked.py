@@ -57,8 +57,8 @@ def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> M
 
 
 def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None, grid: Grid) -> xr.Dataset:
-    """Hazard of a case with layers at the objects of `offer`, and on segments of the drawn lines on
-    the terrain, of a round length; computed as in `rockfall.hazard`."""
+    """Hazard of a case with layers, as computed by `rockfall.hazard`: at the objects of `offer`,
+    and on segments of a round length along the lines drawn on the terrain."""
     import shapely
 
     given = AtRisk([*offer.files], [*offer.layers]) if offer else AtRisk()

@@ -37,8 +37,8 @@ class Outbox:
         self._filled = asyncio.Event()
 
     def put(self, kind: str, message: Message) -> None:
-        """Add a message. Further trajectories of a run (kind "more") replace no earlier
-        messages."""
+        """Add a message. It replaces the waiting messages of the kinds in `REPLACED`; further
+        trajectories of a run (kind "more") replace none."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._put, kind, message)
 

@@ -177,8 +177,8 @@ class Case:
 
     def replace(self, **groups: Any) -> Case:
         """Return a copy with different values: `case.replace(surface={"method": "A"})`. None
-        removes a key, and all keys that are only valid with it, as table, field and layer with
-        `zones`. A list replaces all groups of its name: `case.replace(line=[])`. Changing `sets`
+        removes a key and all keys that are only valid with it; for `zones` these are table, field
+        and layer. A list replaces all groups of its name: `case.replace(line=[])`. Changing `sets`
         or `table` of `impact` also sets the matching form; keys of `hazard` are removed together
         with the `maps` or `scenario` that they need.
 
@@ -316,8 +316,8 @@ def _all_values(values: KernelValues) -> dict[str, Any]:
 
 
 def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Form of rebounds that a change of `impact` implies: sets or table. Without it the change
-    would have no effect; the kernel refuses both together.
+    """Form of rebounds that a change of `impact` implies: sets or table. Without this form the
+    change would have no effect, and the kernel refuses sets and table together.
     """
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
     if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):

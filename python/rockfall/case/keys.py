@@ -75,7 +75,8 @@ def keys_of(group: str) -> dict[str, Key]:
 
 
 def gone_with(group: str, before: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, None]:
-    """Keys of a group that are only valid with a removed key (None), unless changed too."""
+    """Keys of a group that become invalid because another key is removed (None), unless they are
+    changed too."""
     after = {**before, **changes}
     gone: dict[str, None] = {}
     for owners, keys in ONLY_WITH.get(group, ()):

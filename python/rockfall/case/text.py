@@ -112,8 +112,8 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
-    """Text of a namelist file, from which equal values are read: non-empty groups, then repeated
-    groups (lists).
+    """Text of a namelist file that reproduces these values when read: non-empty groups, then
+    repeated groups (lists).
     """
     single = {name: keys for name, keys in groups.items() if isinstance(keys, Mapping)}
     texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(single.items()) if keys]

@@ -78,7 +78,7 @@ def _warn_of(scene: Scene) -> None:
 
 
 def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print the warnings on models of results, each once, except those in `told`."""
+    """Print each model warning of the results once, except those in `told`."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
         for text in joint_warnings(results):

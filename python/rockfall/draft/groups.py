@@ -47,7 +47,7 @@ class New:
 
     @staticmethod
     def has_key(group: str, name: str) -> bool:
-        """Return True if cases have this key."""
+        """Return True if the key exists in a case."""
         return name in keys_of(group)
 
 

@@ -43,8 +43,8 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table of sums over all objects, with limits that account for boulders in common, and with
-    the wider sums of the limits of the objects.
+    """Table of sums over all objects, with limits that account for shared boulders, and with the
+    wider sums of the objects' limits.
     """
     rows = []
     for name in SUMMED:

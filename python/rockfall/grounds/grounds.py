@@ -279,7 +279,7 @@ def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) ->
 
 
 def usual_radii(case: Case) -> tuple[float, float]:
-    """Minimum and maximum R_b [m] of nearly all boulders in a case."""
+    """Range of R_b [m] that contains nearly all boulders of a case."""
     given = facts(case, "boulder", "release", "breakage")
     low, high = _core.usual_radii(in_kernel(case)).tolist()
     if given.by_raster or given.by_layer or not {"points", "polygons"}.isdisjoint(case.release):
@@ -301,7 +301,8 @@ def table_names() -> list[str]:
 @cache
 def band(name: str) -> tuple[str, ...]:
     """Names of the next softer and the next firmer shipped ground with impact tables. At the ends
-    of the scale there is only one name; for a ground whose strength depends on boulder size, none.
+    of the scale there is only one name; for a ground whose strength depends on boulder size there
+    is none.
 
     >>> band("meadow")
     ('vegetated-soil', 'compact')
@@ -420,7 +421,8 @@ def usual_key(case: Case) -> str:
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Default ground, impact sets or impact table, for places without a zone or cell ground."""
+    """Default ground, impact sets or impact table, for places where neither zone nor cell gives a
+    ground."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)
@@ -488,9 +490,9 @@ def block_axes() -> dict[str, tuple[float, ...]]:
 def grounds_by_shape(
     grounds: Sequence[GroundRule], shapes: Collection[str]
 ) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
-    """Grounds for boulders of several block shapes: the given grounds with the table of one shape,
-    then their replacements for other shapes; and, for each of BLOCK_SHAPES, the number (from 1) of
-    the ground that replaces each given ground.
+    """Grounds for boulders of several block shapes: the given grounds with the table for one shape,
+    followed by their replacements for other shapes. Also return, for each of BLOCK_SHAPES, the
+    number (from 1) of the ground that replaces each given ground.
     """
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]

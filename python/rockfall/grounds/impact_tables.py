@@ -185,8 +185,8 @@ def plane_table(
     radii: np.ndarray,
     weight: float = USUAL_WEIGHT,
 ) -> ImpactTable:
-    """Parts of a plane of impact tables for boulders with R_b from radii[0] to radii[1] [m] and
-    this unit weight [N/m3], on a ground whose `strength` varies by MARGIN.
+    """Parts of a plane of impact tables that boulders with R_b from radii[0] to radii[1] [m] and
+    this unit weight [N/m3] need, on a ground whose `strength` varies by a factor of MARGIN.
     """
     files = plane_files(model, shape)
     reliefs = np.array(list(files))

@@ -198,8 +198,8 @@ def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
 
 
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
-    """Sentences on page 1: models that differ widely, lines, the most frequently hit objects, and
-    the barrier."""
+    """Sentences on page 1: on widely differing models, on lines, on the most frequently hit
+    objects, and on the barrier."""
     hazard, apart = dossier.first, list(models_apart(dossier))
     yield from [*apart, *second_answer(dossier)] if apart else ()
     yield from yearly_answers(hazard, dossier.period)

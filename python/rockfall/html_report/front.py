@@ -146,7 +146,7 @@ def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list
 
 
 def _most_passed(rows: Rows) -> list[int]:
-    """Lines by decreasing number of passing boulders, because a page may not show all of them."""
+    """Lines by decreasing number of passing boulders, because a page may not have space for all."""
     passed = [numbers["speed"]["n"] for numbers in rows.values()]
     return sorted(range(len(passed)), key=lambda k: -passed[k])
 
@@ -170,7 +170,7 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
 
 
 def _high(row: Sequence[object]) -> int:
-    """Height of a row in lines: one for each cell, but long names take more."""
+    """Height of a row in lines: one, or more for long names."""
     return -(-len(str(row[0])) // NAME)
 
 

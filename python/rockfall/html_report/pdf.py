@@ -72,7 +72,7 @@ def write_pdf(page: str, path: Path) -> None:
 
 
 def _noted(paint: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a function that paints a sheet, to report progress and allow a stop."""
+    """Wrap a function that paints a sheet so that it reports progress and can be stopped."""
 
     def painted(*arguments: Any, **options: Any) -> None:
         paint(*arguments, **options)

@@ -54,8 +54,8 @@ def answers(result: xr.Dataset, rows: Rows) -> list[str]:
 
 
 def around_ends(result: xr.Dataset, rows: Rows) -> Iterator[Text]:
-    """Sentences on the lines where boulders pass around the ends of barriers; none if only a part
-    of the boulders' rows was kept."""
+    """Sentences on the lines where boulders pass around the ends of barriers; none if not all
+    boulders have rows."""
     names, boulders = line_names(result), simulated(result)
     if not barriers_of(result) or result.sizes["boulder"] < boulders:
         return

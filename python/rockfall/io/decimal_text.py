@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formatting of number columns as CSV rows, seven times as fast as with NumPy and `csv`.
+"""Formatting of number columns as CSV rows, seven times faster than with NumPy and `csv`.
 
 A column of n texts is a byte array (n, width), padded with zeros."""
 

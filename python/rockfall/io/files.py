@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Input files: checks that they are regular files; their first bytes or their text."""
+"""Input files: checks that they are regular files, and reading of their first bytes or their
+text."""
 
 import os
 from pathlib import Path

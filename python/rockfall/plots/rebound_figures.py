@@ -73,7 +73,7 @@ def histogram(result: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
 @styled
 def draw_restitution(sets: Sequence[Sets]) -> Figure:
     """R_t and R_n against incidence angle for each ratio, without spin (Fig. 5 of the paper): mean
-    and middle 80 % of the admissible draws of each set, with the paper's values in grey."""
+    and middle 80 % of the admissible draws from each set, with the paper's values in grey."""
     figure = new_figure(WIDE, 3.6)
     panels = figure.subplots(2, 5, sharex=True, sharey="row")
     looks = ((VERMILION, "-"), (BLUE, (0, (5, 2))))

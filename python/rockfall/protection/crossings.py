@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that reach a line, as a barrier there would meet them."""
+"""Boulders at a line, with the values that a barrier there must withstand."""
 
 from __future__ import annotations
 

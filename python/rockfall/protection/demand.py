@@ -38,7 +38,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
 
 
 def _density(came: Crossings, density: float) -> float:
-    """Density [kg/m3] of the densest boulder, from its energy; the case's density if equal."""
+    """Density [kg/m3] of the densest boulder, from its energy; the case's density if they agree."""
     moves = came.speed > 0
     mass = 2 * came.energy_translational[moves] / came.speed[moves] ** 2
     densest = float((mass / came.volume[moves]).max(initial=0.0))

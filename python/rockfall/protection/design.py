@@ -61,11 +61,12 @@ class Design:
     """Tables of a design, in SI units; intervals are 95 % confidence intervals.
 
     `loads` has a row for each line and quantity, `demand` the requirements of the standard at each
-    line, `checks` a check of each barrier, and `choices` for each line and EAD class the height
-    that leaves at most `residual`. `along` is like `demand` for windows of a line, if requested,
-    else None. The column `unconfirmed` lists unconfirmed assumptions behind the loads (rebounds,
-    forest, logs): a check that passes under these assumptions is not proven. `warnings` are model
-    remarks. If a run did not keep all boulders, `kept` describes which ones are used; else "".
+    line, `checks` a check of each barrier, and `choices` for each line and EAD class the height at
+    which at most the fraction `residual` passes. `along` is like `demand` for windows of a line, if
+    requested, else None. The column `unconfirmed` lists unconfirmed assumptions behind the loads
+    (rebounds, forest, logs): a passed check is not proven under such assumptions. `warnings`
+    are model remarks. If a run did not keep all boulders, `kept` describes which ones are used;
+    else "".
     """
 
     factors: Factors
@@ -99,8 +100,8 @@ def design(
     `line` selects a single line or barrier for the sheet. `along` selects a line to be cut into
     windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual`
     is the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
-    with the factors of the standard; without it, requirements stay open. `costs` is a table of
-    prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
+    with the factors of the standard; without it, no requirements are computed. `costs` is a table
+    of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -155,7 +156,8 @@ def design(
 
 
 def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
-    """Remark on a design block much larger or smaller than the boulders whose speeds are used."""
+    """Remark on a design block that is much larger or smaller than the boulders that give its
+    speed."""
     low, high = float(result["volume"].min()), float(result["volume"].max())
     if volume is not None and not low / FAR <= volume <= high * FAR:
         yield say("design.far_block", volume=volume, low=low, high=high)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection of the cheapest barrier that at most a given fraction of the boulders passes."""
+"""Selection of the cheapest barrier that lets at most a given fraction of the boulders pass."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class Choice(NamedTuple):
 
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
-    """Minimum height [m] of a barrier with this capacity [J] that at most the fraction `residual`
-    of the boulders passes, over or through; NaN if too many break through. A single sort suffices:
-    of the boulders that the barrier can stop, the rest of `residual` may pass over."""
+    """Minimum height [m] at which at most the fraction `residual` of the boulders passes over or
+    through a barrier of this capacity [J]; NaN if too many break through. A single sort suffices:
+    the boulders that do not break through may pass over up to the rest of `residual`."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -52,8 +52,9 @@ def height_for(came: Crossings, capacity: float, residual: float) -> float:
 def choices(
     came: Crossings, residual: float, costs: Costs | None = None
 ) -> list[dict[str, float | bool]]:
-    """For each EAD class, the height that leaves at most `residual`, the actual residual fraction
-    with its 95 % interval, and the cost per metre; `cheapest` marks the cheapest barrier."""
+    """For each EAD class, the height at which at most the fraction `residual` passes, the actual
+    fraction with its 95 % interval, and the cost per metre; `cheapest` marks the cheapest barrier.
+    """
     rows: list[dict[str, float | bool]] = []
     by_class = [
         Choice.of(k, height_for(came, capacity, residual), costs)
@@ -92,7 +93,7 @@ def cheapest(choices: Iterable[Choice]) -> Choice | None:
 
 
 def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of boulders from these sources that pass a barrier, and its 95 % interval."""
+    """Fraction of boulders from these sources that passes a barrier, and its 95 % interval."""
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)

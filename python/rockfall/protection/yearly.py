@@ -35,10 +35,11 @@ class YearlyDesign:
     `loads`: for each line and barrier, the annual number of arriving boulders, and the energy and
     height that are reached once in the period. `choices`: for each line and class of EAD 340059,
     the minimum height [m], up to `HIGHEST`, of a barrier that boulders pass at most once in the
-    period by the upper limit (NaN if there is none); the annual number of boulders `behind` it,
-    and that would break `through` any barrier of the class; and the advised (cheapest) barrier, if
-    boulders may arrive more often than once in the period. `checks`: annual number of boulders
-    that pass the case's barriers, and whether it is at most one in the period.
+    period, judged by the upper limit (NaN if there is none); the annual numbers of boulders that
+    pass it (`behind`) and that would break through any barrier of the class (`through`); and the
+    advised (cheapest) barrier, if boulders may arrive more often than once in the period. `checks`:
+    annual number of boulders that pass the case's barriers, and whether it is at most one in the
+    period.
     """
 
     period: float

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XML of a project: coordinate system, layer tree, layers, themes, extent, layouts.
 
-Elements and attributes are those that QGIS 3.22 and later reads, with defaults for omitted ones.
+QGIS 3.22 and later reads these elements and attributes, and uses defaults for others.
 Layer sources are relative to the project.
 """
 

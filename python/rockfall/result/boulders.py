@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def ground_strength(result: xr.Dataset) -> xr.DataArray:
     """Ground strength for each boulder, (boulder,), as a standard normal variable z. With impact
     tables, the strength of a ground is its median times exp(strength_sigma z) (theory, eq. 5.25a);
-    rocks have the radius R_m exp(-mean_radius_sigma z) (eq. 7.3a). z depends only on the seed and
-    the boulder number.
+    the rocks on it have the radius R_m exp(-mean_radius_sigma z) (eq. 7.3a). z depends only on the
+    seed and the boulder number.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml").replace(case={"boulders": 5})

@@ -71,7 +71,7 @@ class AtLine:
     """Crossings at the line with this index, of all or selected boulders; values are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
-        """Crossings of a result, or of arrays by name; arrays lack a case and thus energies."""
+        """Crossings of a result, or of arrays by name; arrays have no case and thus no energies."""
         self._result: Any = result
         self._held: Any = getattr(result, "variables", result)  # faster than creating DataArrays
         self._line = line
@@ -243,7 +243,8 @@ def outcomes_at(result: Held, line: int) -> np.ndarray:
 
 
 def without_absent(result: Held) -> Held:
-    """Result without crossings of absent boulders, for instance after a selection."""
+    """Result without the crossings of boulders that it no longer contains, for instance after a
+    selection."""
     if isinstance(result, Contents) or "row_size" not in result:
         return result
     line, number = (result[f"crossing_{name}"].values for name in ("line", "boulder"))

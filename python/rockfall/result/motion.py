@@ -2,8 +2,8 @@
 """Motion of recorded boulders between their vertices.
 
 A boulder flies on a parabola. On the ground it follows the terrain, straight in plan at its mean
-speed; if a contact takes longer, it waits at the end. A roll or slide begins at a rebound. The
-next flight begins above the last vertex; the difference is the rise during the contact.
+speed; if a contact takes longer, it waits at the end. A roll or slide begins at a rebound. The next
+flight may begin above the last vertex, because the boulder rises during the contact.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class RunArrays:
         cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
-        """Create an empty run for a part, or for joining parts. `boulders` are the numbers of
+        """Create an empty run that will hold a part, or joined parts. `boulders` are the numbers of
         boulders in the complete run, before the part, and in the part; `layout` is part_last and
         group_part of samples.
         """

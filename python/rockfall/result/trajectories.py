@@ -98,7 +98,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def from_start(
     result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Plan distance [m] to a place from the start of each boulder (or of selected boulders)."""
+    """Plan distance [m] from the start of each boulder (or of selected boulders) to a place."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
     return np.hypot(x - start_x, y - start_y)
 

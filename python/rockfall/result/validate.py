@@ -90,7 +90,7 @@ def known_variables() -> _Group:
 
 
 def _groups() -> Iterator[_Group]:
-    """Yield groups of variables; a result has all variables of a group, or none."""
+    """Yield groups of variables; a result has either all variables of a group or none."""
     crossed = {f"crossing_{name}": ("crossing",) for name in variables.CROSSING}
     vertices = {f"line_vertex_{name}": ("line_vertex",) for name in variables.LINE_VERTEX}
     of_line: _Group = {name: ("line",) for name in ("line", "line_name", "row_size")}

@@ -18,7 +18,8 @@ DECIMALS = 3  # decimals of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and the number of its cells off the line, on branches or loops."""
+    """A barrier, and the number of its cells that are on branches or loops instead of on the
+    line."""
 
     keys: dict[str, Any]
     off: int
@@ -97,7 +98,7 @@ def _lengthened(path: np.ndarray) -> np.ndarray:
 
 
 def _simplified(path: np.ndarray) -> np.ndarray:
-    """Path with the fewest points within the tolerance (Douglas and Peucker 1973)."""
+    """Simplified path that deviates by at most the tolerance (Douglas and Peucker 1973)."""
     need("nets need", "vector", "shapely")
     import shapely
 

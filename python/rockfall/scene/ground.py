@@ -202,7 +202,7 @@ def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndar
 
 def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the sample cells in a box, evenly spaced over the whole terrain, that
-    are known together with their eight neighbours."""
+    have elevations, as do their eight neighbours."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

@@ -96,7 +96,7 @@ def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
 
 
 def kernel_arrays(arrays: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Non-None arrays in the kernel's types."""
+    """Arrays converted to the kernel's types, without those that are None."""
     return {
         name: np.require(array, ARRAYS[name][0] or None if name in ARRAYS else None, ["C", "A"])
         for name, array in arrays.items()

@@ -72,7 +72,7 @@ def take_inputs(
     make: Callable[[Inputs], T],
 ) -> T:
     """Run a reading stage and return its result. Its checksums and remarks are added to the
-    inputs, and arrays that it used are removed. The stage depends on the grid, all arrays, and the
+    inputs, and arrays that it used are removed. Its result depends on the grid, all arrays, and the
     objects in `uses`."""
 
     def read(case: Case) -> tuple[T, Inputs]:

@@ -54,7 +54,7 @@ def with_lines_of(case: Case, read: Case) -> Case:
 
 
 def _groups() -> list[str]:
-    """Groups for which a layer may give several entries."""
+    """Groups of the case that a layer may give several times."""
     drawn = {key.group for key in file_keys() if key.name == "file"}
     return [group for group in REPEATABLE if group in drawn]
 
@@ -131,8 +131,8 @@ def numbered(names: Sequence[str]) -> Iterator[str]:
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """Attribute converted to the type of the case key; None if empty. Reals with integer values
-    are accepted as integers."""
+    """Attribute converted to the type of the case key; None if empty. Whole reals are accepted as
+    integers."""
     if (value := plain(value)) is None:
         return None
     if kind == "logical":

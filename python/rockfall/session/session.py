@@ -231,7 +231,8 @@ def scene_of(session: Session) -> Scene:
 
 
 def _changed_arrays(before: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Rasters and layers after changes. The transform goes with the elevations that need it."""
+    """Rasters and layers after changes. The transform is removed together with the elevations that
+    need it."""
     arrays = {**before, **changes}
     if arrays.get("dem") is None or hasattr(arrays["dem"], "coords"):
         arrays["transform"] = changes.get("transform")

@@ -108,7 +108,8 @@ def _result(future: Any) -> Contents:
 
 
 def _part(case: Case, memory: float | None, which: int, parts: int) -> Contents:
-    """Simulate a part on a worker. Windows move, so only one thread at a time uses them."""
+    """Simulate a part on a worker. Only one thread at a time uses the windows, because they
+    move."""
     scene = _scene(case, memory)
     with WINDOWS if scene.windows else nullcontext():
         return simulate(scene, shard=(which, parts))

@@ -19,7 +19,7 @@ from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 
 PROBE_BOULDERS = 100  # boulders used to estimate the number of rebounds
-PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second, the same on all machines
+PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second; same on all machines
 PILOT_BOULDERS = 20_000  # maximum boulders; cells of larger runs are extrapolated
 PROGRAM = 85e6  # memory of the program and its packages in a simulation [bytes]
 PACKAGES = 20e6  # additional memory of packages that write results [bytes]
@@ -103,7 +103,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
-    """Number of cells that all boulders would reach."""
+    """Number of cells that the full run would reach."""
     place = plan_of(few.scene.case).counts["passages"] - 1
     if place < 0:
         return 0.0
@@ -112,8 +112,8 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time per boulder [s] of a pilot that keeps no rows, and the number of bin blocks that
-    all boulders would fill.
+    """CPU time per boulder [s] of a pilot that keeps no rows, and the number of blocks of bins that
+    the full run would fill.
     """
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
@@ -200,8 +200,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
-    """Memory [bytes] of bin counts, their positions, and the largest values at lines. The latter
-    are in huge pages, so each line takes the same memory.
+    """Memory [bytes] of bin counts, their positions, and the largest values at lines. The largest
+    values are in huge pages, so each line needs the same memory.
     """
     tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE

@@ -156,7 +156,7 @@ class Tally:
 
     @property
     def chosen(self) -> slice | np.ndarray:
-        """Rows of completed boulders: the first rows, or the indices of marked rows."""
+        """Rows of completed boulders: a slice of the first rows, or the indices of marked rows."""
         number = self.number
         if self.marks is not None:
             of_rows = self.marks if number is None else self.marks[number - self.before - 1]

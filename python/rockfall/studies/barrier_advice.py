@@ -141,10 +141,10 @@ def advise(
     *,
     progress: bool = False,
 ) -> Advice | None:
-    """First barrier (unchanged, higher, or of a higher class) that reduces the number of boulders
-    at the line to `acceptable` per year, by the upper limit; if none suffices, the barrier that
-    the fewest boulders pass; None without barriers. `bare` has the results without a barrier and
-    their frequencies [1/year], for the same scenarios or for the case."""
+    """First barrier (as proposed, higher, or of a higher class) for which the upper limit of
+    boulders at the line is at most `acceptable` per year; if none suffices, the barrier that the
+    fewest boulders pass; None without barriers. `bare` has the results without a barrier and their
+    frequencies [1/year], for the same scenarios or for the case."""
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -173,8 +173,8 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """Cheapest higher or stronger barrier that at most this number of the passed boulders would
-    pass; None if no barrier suffices."""
+    """Cheapest higher or stronger barrier that would let at most this number of the boulders that
+    passed still pass; None if no barrier suffices."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (
@@ -263,7 +263,7 @@ def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three
 
 
 def _factor(case: Case) -> Sequence[float]:
-    """Lowest and highest factor on the frequencies of the case."""
+    """Lowest and highest factor by which the frequencies of the case are multiplied."""
     return case.hazard["frequency_factor"] if case.scenario else (1.0,)
 
 

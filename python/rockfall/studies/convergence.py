@@ -86,10 +86,10 @@ def converge(
 
     The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
     by default a million in total, equally from all sources. Statistical errors are measured on
-    blocks of `reference` boulders from each source (default: a million in total), relative to as
-    many boulders with different seeds. Numerical errors are changes of the results for a tenth of
-    the boulders, the same boulders on each terrain. Only values at the lines need memory: 24 bytes
-    per line and boulder.
+    blocks of `reference` boulders from each source (default: a million in total), relative to the
+    same number of boulders with different seeds. Numerical errors are changes of the results for a
+    tenth of the boulders, the same boulders on each terrain. Only values at the lines need memory:
+    24 bytes per line and boulder.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -160,8 +160,8 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
 
 def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
     """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds
-    per boulder. Boulders are simulated in pieces with successive seeds, from the sources in
-    turn."""
+    per boulder. Boulders are simulated in pieces with successive seeds, and their sources
+    alternate."""
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:
@@ -259,8 +259,8 @@ def _costs(error: pd.DataFrame, seconds: float, passed: Mapping[str, float]) -> 
 
 def _covariance(size: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Covariance of the logarithms of root-mean-square errors over blocks with normal errors:
-    variance 1 / (2 blocks), and for two sizes this value times the fraction of boulders common to
-    their blocks."""
+    the variance is 1 / (2 blocks), and for blocks of two sizes it is multiplied by the fraction of
+    boulders that they share."""
     boulders = size * blocks
     shared = np.minimum.outer(boulders, boulders) / np.maximum.outer(size, size)
     return shared / (2 * np.multiply.outer(blocks, blocks))

@@ -44,9 +44,8 @@ class Second(NamedTuple):
 class Dossier:
     """Hazards by variant ("" for a case without variants); frequencies at lines and objects, as in
     the table of `rockfall.yearly_variants`, with their `place` (line, barrier or object); return
-    period [year] of the answers; model warnings of
-    the runs; hazard of the first variant from another model that suits its ground; and costs of
-    variants."""
+    period [year] to which the answers refer; model warnings of the runs; hazard of the first
+    variant by a second model that suits its ground; and costs of variants."""
 
     hazards: Mapping[str, xr.Dataset]
     frequencies: pd.DataFrame
@@ -205,8 +204,8 @@ def _object_names(study: HazardInputs, lines: Collection[str]) -> list[str]:
 def _at_points(
     studies: Mapping[str, HazardInputs], hazards: Mapping[str, xr.Dataset], lines: Collection[str]
 ) -> pd.DataFrame:
-    """Rows of `frequencies` at points without a width. Their boulders are known as numbers only, so
-    differences have no intervals, and there are no energies by return period."""
+    """Rows of `frequencies` at points without a width. Only the numbers of their boulders are
+    known, so differences have no intervals, and there are no energies by return period."""
     first, rows = next(iter(hazards.values())), []
     for variant, study in studies.items():
         if not study.objects.point.size:

@@ -170,8 +170,8 @@ def _unsized_notes(
 
 
 def named_notes(own: Scene) -> Iterator[str]:
-    """Remark on the part of the terrain where all models have the same ground or, if every place
-    has a named ground, on the grounds that vary."""
+    """Remark on the part of the terrain where all models have the same ground, or on the grounds
+    that vary if every place has a named ground."""
     own = _with_named_apart(own)
     if not (share := _own_share(own)):
         part = _on_grounds(own, _varied(own))[~np.isnan(own.rasters.z)].mean()
@@ -216,8 +216,8 @@ def _by_methods(case: Case, own: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def _by_sets(own: Scene, varied: Collection[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scene with impact sets instead of grounds wherever rocks have a suitable size. Obstacles
-    that stop all boulders, and smooth ground, keep their grounds."""
+    """Scene with impact sets instead of grounds wherever rocks have a suitable size. Ground with
+    obstacles that stop all boulders, and smooth ground, remain unchanged."""
     cells, rule = own.rasters, GroundRule(own.case.impact["sets"])
     names = [ground.name for ground in own.grounds]
     grounds = own.grounds if rule.name in names else (*own.grounds, rule)

@@ -221,7 +221,7 @@ def _verdict(rule: Rule, line_samples: LineSamples) -> Verdict:
 
 def _expected_width(sample: Sample, row: Mapping[str, float], statistic: str) -> float:
     """Expected relative half-width of an interval. For quantiles, the random part of the width is
-    excluded; it would make runs a third too long."""
+    excluded; including it would make runs a third too long."""
     level, width = LEVELS.get(statistic), half_width(row, statistic)
     if level is None or not 0 < width < np.inf:
         return width

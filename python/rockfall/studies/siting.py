@@ -75,9 +75,9 @@ class Siting:
 
     `table` has COLUMNS, with a row for each alignment. From boulders that cross the alignment:
     `energy_q95` (total), `height_q95` (of the centre, vertical), and the values of E_d, height and
-    EAD class that the standard requires. From boulders that reach the protected line: `bypass`,
-    the fraction that has not crossed the alignment first, and `remaining`, the fraction that still
-    arrives with a barrier of this height and class. `cost` applies to the full length. `fits` is
+    EAD class that the standard requires. From boulders that reach the protected line: `bypass`, the
+    fraction that did not cross the alignment before, and `remaining`, the fraction that would still
+    arrive past a barrier of this height and class. `cost` applies to the full length. `fits` is
     True within the limits; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
     `choice` marks the best alignment under these assumptions. `advice` is the resulting barrier,
     verified by a run; None if no alignment is within the limits. With &scenario groups, the values
@@ -99,7 +99,7 @@ class Siting:
 
     @property
     def scenarios(self) -> list[str]:
-        """Scenarios of the boulders, by frequency; none if &boulder was used."""
+        """Scenarios with their frequencies; none if the boulders are those of &boulder."""
         return [name for name in self.results if name]
 
     @property
@@ -327,7 +327,7 @@ def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
 def choose(rows: list[dict[str, Any]]) -> None:
     """Mark the cheapest alignment within the limits (or, if there is none, the cheapest undecided
     alignment), and those whose cost does not differ significantly. Overlapping intervals count as
-    not significant, which is conservative because of common boulders."""
+    not significant, which is conservative because the alignments share boulders."""
     for row in rows:
         row["choice"] = ""
     open_ones = [row for row in rows if row["fits"] != NO and not math.isnan(row["cost"])]

@@ -69,7 +69,7 @@ def boulders_at(result: xr.Dataset, line: str, alignment: str) -> AtAlignment:
 
 def _bytes(scene: Scene) -> int:
     """Memory for the boulders at a line [bytes]. The boulders of all scenarios are pooled, so
-    results and copies of the crossing boulders are in memory together."""
+    results and copies of the crossing boulders are in memory at the same time."""
     scenarios = len(scene.case.scenario)
     return BYTES_AT_LINE * scene.boulders * (1 + 2 * scenarios)
 

@@ -144,7 +144,7 @@ def _starts(scene: Scene) -> dict[str, Any]:
 
 
 def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
-    """Mean, deviation and limits of the volumes in a layer."""
+    """Mean, standard deviation and limits of the volumes in a layer."""
     return of_layer[2][:, :4] if of_layer and of_layer[2] is not None else None
 
 

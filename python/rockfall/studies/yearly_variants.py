@@ -133,8 +133,9 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Energies from a result with its frequency [1/year] at all or some lines, and at objects,
-    given the energies [J] and heights [m] of all boulders there, (2, boulders)."""
+    """Energies of a result, which has an annual frequency `yearly` [1/year], at `lines` (None: all)
+    and at objects. `objects` has the energies [J] and heights [m] of all boulders at each object,
+    (2, boulders)."""
     names, clusters = line_names(result), Clusters.of(result)
     hits = {line: hits_at(result, line) for line in (names if lines is None else lines)}
     barriers = [names[k] for k in barriers_of(result) if names[k] in hits]
@@ -227,7 +228,8 @@ def yearly_sum(
     frequencies: Iterable[float], fractions: Iterable[Sequence[float]], factor: Sequence[float]
 ) -> Three:
     """Sum over scenarios of frequency [1/year] times a fraction (or difference of fractions) of
-    boulders, with limits. The limits include the lowest and highest `factor` on the frequencies."""
+    boulders, with limits. The limits are multiplied by the lowest and highest `factor` of the
+    frequencies."""
     each = [yearly * np.array(three) for yearly, three in zip(frequencies, fractions, strict=True)]
     value, low, high = np.sum(each, axis=0).tolist()
     return value, min(by * low for by in factor), max(by * high for by in factor)

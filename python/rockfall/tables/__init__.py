@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contents of outputs as tables and notes, defined once for all formats."""
+"""Contents of outputs as tables and notes, shared by all formats."""

@@ -253,7 +253,7 @@ def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) 
 
 def _class(hazard: xr.Dataset, place: Place) -> str:
     """Hazard class of a place, with limits; for a line, the highest class of the cells that it
-    crosses, or a dash if it lies beyond the map."""
+    crosses, or a dash if it lies outside the map."""
     if place.kind == "line":
         cells = _cells_on(hazard, place.name)
         if not cells[0].size:

@@ -57,7 +57,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """Note that the page omits the spread over models."""
+    """Note that the page lacks the spread over models."""
     if models is not None or not classical_grounds(result):
         return []
     return [say("spread.missing", case_file=result.attrs["case_file"])]

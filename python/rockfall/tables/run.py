@@ -174,7 +174,7 @@ def _checksums(attrs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
-    """File of the case's impact sets, with a note if no rebound used these sets."""
+    """File of the case's impact sets, with a note if no rebound used them."""
     name = str(result.attrs["impact_set"])
     text = f"{name}, SHA-256 {result.attrs['impact_set_checksum']}"
     is_used = name in sets_followed(result, name)

@@ -137,7 +137,7 @@ def _cell(row: Mapping[Any, Any], factor: float) -> str:
 
 
 def value_text(row: Mapping[Any, Any], factor: float) -> str:
-    """Text of a number. If no boulder passes, it has the upper limit of the fraction, because a
+    """Text of a number. If no boulder passes, the upper limit of the fraction is added, because a
     few hundred boulders cannot exclude that some reach a road."""
     value = number(factor * row["value"])
     is_none = row["value"] == 0 and row["value_high"] > 0

@@ -100,7 +100,8 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """Sentences for lines without a barrier: advised barrier, and why no weaker one suffices."""
+    """Sentences for lines without a barrier: the advised barrier, and the reason why no weaker
+    barrier suffices."""
     held = {*sheet.checks["line"]}
     for load in sheet.loads.to_dict("records"):
         line = load["line"]

@@ -100,7 +100,7 @@ def finer(shape: DamShape) -> float:
 
 
 def higher(shape: DamShape) -> int:
-    """Height [m] that gives the face (as wide as high) just enough cells."""
+    """Height [m] at which the face, as wide as high, has just enough cells."""
     return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 

@@ -34,7 +34,7 @@ def sides(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         )  # coordinates along the segment, and to its left
         ends = 0.0 if k else -np.inf, np.inf if k == len(steps) - 1 else abs(step)
         here = abs(apart - np.clip(apart.real, *ends))
-        # At a bend both segments are equally near: take the side of the segment it is farther off.
+        # At a bend both segments are equally near: use the one whose straight line is farther away.
         is_tie = abs(here - distance) <= TIE * here
         nearer = np.where(is_tie, abs(apart.imag) > abs(offset), here < distance)
         offset, distance = np.where(nearer, apart.imag, offset), np.minimum(here, distance)

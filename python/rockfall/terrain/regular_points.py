@@ -123,7 +123,8 @@ def _axis(values: np.ndarray) -> _Axis | None:
 
 
 def _dense(has_point: np.ndarray) -> float:
-    """Fraction of nodes with a point that have such nodes as at least two of four neighbours."""
+    """Fraction of the nodes with a point for which at least two of the four neighbours also have a
+    point."""
     around = np.zeros(has_point.shape, np.int8)
     around[1:] += has_point[:-1]
     around[:-1] += has_point[1:]

@@ -63,8 +63,8 @@ def _more(hazard: xr.Dataset, name: str) -> list[str]:
 
 def hazard_warnings(hazard: xr.Dataset, shown: Collection[str] = ()) -> Iterator[str]:
     """Warnings of a hazard, except those with ids in `shown`: model remarks of each scenario,
-    merged if equal; too few boulders to identify safe cells; zones in a lower class than the
-    map."""
+    merged if equal; too few boulders to identify safe cells, and zones that show a lower class than
+    the map."""
     for group in warning_groups(hazard):
         for sentence in group.texts:
             if isinstance(sentence, Text) and sentence.key in shown:

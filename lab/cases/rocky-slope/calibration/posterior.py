@@ -6,12 +6,13 @@
     python posterior.py WORK --steps 100      # the chain; continues an interrupted one
     python posterior.py WORK --draws 24       # states of the posterior: posterior.csv
 
-A state is a laboratory setting, the boulder state used as its rebound, and the unknown properties
-of the slope. Its likelihood combines the published statistics at EL1 by methods A and B, the
-published rebounds, and the rule that larger boulders are not less mobile on the same ground.
-Boulders have the same seeds in all states. The standard error of the modelled site is half the
-tolerance of the scorecard (for energies, the full tolerance). A and B, on the same slopes, count as
-one observation, all others as independent. The variance of the emulator is added.
+A state of the chain consists of a laboratory setting, the recorded boulder state that counts as the
+rebound, and the unknown properties of the slope. Its likelihood combines the published statistics
+at EL1 by methods A and B, the published rebounds, and the rule that larger boulders are not less
+mobile on the same ground. Boulders have the same seeds in all states. The standard error of the
+modelled site is half the tolerance of the scorecard (for energies, the full tolerance). A and B, on
+the same slopes, count as one observation, all others as independent. The variance of the emulator
+is added.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ def nuisances(u: np.ndarray) -> dict[str, float]:
 
 
 def state_of(u: np.ndarray) -> str:
-    """Index of the boulder state that is used."""
+    """Index of the recorded boulder state that a chain state uses."""
     return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
 
 

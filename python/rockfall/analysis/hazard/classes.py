@@ -43,12 +43,12 @@ def frequencies(
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
     """Combine scenarios, each with counts, number of boulders, `boulders_per_cluster` (number of
-    boulders that count as one; an array has a value for each place, the last dimension), and
-    annual frequency.
+    boulders that count as one observation; an array has one value per place, in its last
+    dimension), and annual frequency.
 
     The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so
-    their errors may have the same sign, and other rules would be too narrow. They include the
-    lowest and highest `factor` on the annual frequencies.
+    their errors may have the same sign, and other rules would give limits that are too narrow. They
+    are multiplied by the lowest and highest `factor` of the annual frequencies.
     """
     value = low = high = np.zeros(())
     for counts, boulders, per_cluster, yearly in parts:
@@ -75,7 +75,7 @@ def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) ->
 
 class Classes(NamedTuple):
     """Classes from the estimated frequencies, and from the limits of their intervals. The latter
-    bound the class, because no class decreases with frequency."""
+    bound the class, because the class never decreases with frequency."""
 
     value: np.ndarray
     low: np.ndarray

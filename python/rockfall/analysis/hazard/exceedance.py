@@ -86,9 +86,9 @@ def levels_by_period(
     """Value exceeded once in each of `PERIODS`, with its 95 % limits, (3, periods), from the
     values of passing boulders in each run.
 
-    The value is 0 if boulders pass less often. At each limit of the value, the same limit of its
-    frequency (`frequencies`) equals once per period. The upper limit is infinite if values above
-    all simulated ones may be that frequent.
+    The value is 0 if boulders pass less often. The lower (upper) limit is the value whose lower
+    (upper) limit of frequency, from `frequencies`, is once per period. The upper limit is infinite
+    if values above the simulated maximum may be that frequent.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])

@@ -127,9 +127,9 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
 
 
 def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataFrame:
-    """Table of `origins_at`, summed over squares with this side [m]: centre of the source cells,
-    their number `cells`, and as `energy_q95` and `energy_q95_high` the highest of them; this limit
-    is NaN if too few boulders arrive from one of the cells. Squares without arrivals are omitted.
+    """Table of `origins_at`, summed over squares with this side [m]: centre and number (`cells`) of
+    the source cells, and the highest of their `energy_q95` and `energy_q95_high`; the latter is NaN
+    if too few boulders arrive from any of the cells. Squares without arrivals are omitted.
     """
     import pandas as pd
 

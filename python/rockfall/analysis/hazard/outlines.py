@@ -23,7 +23,7 @@ PASSES = 2  # repetitions, because raising a narrow part may narrow its neighbou
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
     """Generalise the areas of classes, lowest class first. The resulting areas do not overlap, and
-    cover the same area to coordinate resolution. `width` and `cell` are in metres."""
+    cover the same area to within the coordinate resolution. `width` and `cell` are in metres."""
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard classes as polygons: along cell edges, without false precision, or generalised."""
+"""Hazard classes as polygons: along cell edges, or generalised to avoid false precision."""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.nd
 
 
 def barriers_above(result: xr.Dataset, line: int) -> list[int]:
-    """Indices of the barriers above a line, except lying logs: boulders meet them before the line,
-    on a side from which more than `MAX_AROUND` of the line's boulders come. Beyond its ends, a
-    line continues straight."""
+    """Indices of the barriers above a line, except lying logs. Boulders meet such a barrier before
+    the line, on a side from which more than `MAX_AROUND` of the line's boulders come. To define the
+    sides, the line is extended straight beyond its ends."""
     nets = {net["name"] for net in case_of(result).barrier if "diameter" not in net}
     there, vertices = line_values(result, "time", line), _vertices(result, line)
     uphill = _uphill(result, line, vertices)

@@ -58,7 +58,7 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """Samples in which the sources are fixed rather than sampled."""
+        """Samples in which the sources are fixed, not sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         samples = LineSamples(self.result, source)
         samples.sampled = False

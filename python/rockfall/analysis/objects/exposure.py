@@ -199,7 +199,8 @@ class _Deaths:
         return _OfPersons()
 
     def _of_traffic(self, k: int, aadt: float) -> _OfPersons:
-        """Expected vehicles, and one commuter, on the road length that a boulder occupies."""
+        """Persons expected on the road length that a boulder occupies: a commuter, and all
+        traffic."""
         for name in ("speed", "persons_per_vehicle"):
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")

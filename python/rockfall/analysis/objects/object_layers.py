@@ -17,7 +17,8 @@ FRAME = "objects"  # name for the GeoDataFrame of a single layer
 
 
 class Source(NamedTuple):
-    """A layer as given: a path or a GeoDataFrame, and its layer name in a file with several."""
+    """A layer as given: a path or a GeoDataFrame, and the layer name if the file has several
+    layers."""
 
     given: Any
     layer: str | None

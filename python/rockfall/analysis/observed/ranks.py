@@ -121,7 +121,7 @@ def _ranked(measure: str, names: list[str], values: np.ndarray) -> Iterator[list
     with np.errstate(invalid="ignore"):
         apart = np.nan_to_num(values[:, None] - values[None], nan=0.0)
     low, high = np.quantile(apart[..., 1:], LIMITS, axis=-1)
-    surely_farther, surely_nearer = (low > 0), (high < 0)  # compared with each other result
+    surely_farther, surely_nearer = (low > 0), (high < 0)  # each result compared with every other
     for rank, k in enumerate(order, start=1):
         with np.errstate(invalid="ignore"):
             ends = 2 * values[k, 0] - np.quantile(values[k, 1:], LIMITS[::-1])

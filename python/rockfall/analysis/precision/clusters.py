@@ -22,7 +22,7 @@ class Clusters:
     """Boulders of a run by source."""
 
     source: Sources
-    most: int  # boulders that count as one if a source's boulders behave alike, assumed for cells
+    most: int  # number that counts as one if a source's boulders behave alike, as assumed for cells
 
     @classmethod
     def of(cls, result: xr.Dataset) -> Clusters:
@@ -34,7 +34,7 @@ class Clusters:
         """Number of boulders that count as one at a place where these boulders (indices) arrive
         with these values (each of the shape of `boulders`). It is the largest design effect for
         the fraction above any value, so that a single number is valid at all levels. It is 1 for
-        fixed sources, and `most` if too few boulders arrive to show more."""
+        fixed sources, and `most` if too few boulders arrive to estimate it."""
         counts = np.bincount(self.source.number).astype(float)
         if self.most == 1 or boulders.size < MIN_FOR_MEAN or counts.size == 1:
             return float(self.most)

@@ -29,9 +29,9 @@ def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0)
     `heaviest` is the largest weight of a boulder.
 
     The variance is taken between clusters (linearised; Cochran 1977). Only clusters with chosen
-    boulders show how similar these are, so the quantile is Student's with the number of these
-    clusters less one, or of clusters with other boulders if that is smaller. With fewer than
-    MIN_FOR_MEAN chosen or other boulders, a cluster counts as one boulder.
+    boulders show how similar these are, so the quantile is Student's. Its degrees of freedom are
+    the number of these clusters, or of clusters with other boulders if smaller, minus one. With
+    fewer than MIN_FOR_MEAN chosen or other boulders, a cluster counts as one boulder.
     """
     total, chosen = float(n.sum()), float(held.sum())
     most, fewest = total / heaviest, total / float(n.max(initial=heaviest))
@@ -51,7 +51,8 @@ def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0)
 
 
 def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.ndarray:
-    """Clusters for Student's distribution, from the numbers with chosen and other boulders."""
+    """Number of clusters for Student's distribution, from the numbers of clusters with chosen and
+    with other boulders."""
     return np.minimum(np.minimum(with_chosen, with_others), MOST_FREEDOM + 1)
 
 

@@ -352,8 +352,8 @@ def half_width(row: Mapping[str, float], name: str) -> float:
 
 def boulders_needed(boulders: float, width: float, limit: float, crossed: float = np.inf) -> float:
     """Number of boulders for an interval of width `limit`, given the `width` from `boulders`: the
-    width decreases as 1/sqrt(n). If the number `crossed` past the line is given, intervals are
-    used only from `CROSSED` on."""
+    width decreases as 1/sqrt(n). At least `CROSSED` boulders must cross the line, if the number
+    `crossed` so far is given."""
     return boulders * max((width / limit) ** 2, CROSSED / crossed if crossed else np.inf)
 
 

@@ -31,7 +31,7 @@ MAX_CUT = 0.01  # above this fraction of boulders that end while moving, the rem
 MAX_LOST = 0.1  # maximum boulders lost before a line, divided by its crossings
 MAX_LINES = 5  # maximum lines in a warning
 MAX_STAYED = 0.2  # maximum fraction of boulders that stay at their sources
-STAYED = 10.0  # [m] boulders that end closer to the release, drop included, only rock in place
+STAYED = 10.0  # [m] boulders that end closer to the release (in 3-D) only rock in place
 
 
 def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
@@ -95,8 +95,8 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iterator[Text]:
     """Lines with few crossings compared with the boulders that ended while moving and would have
-    crossed on a straight path: with these the fraction would exceed its 95 % interval. The
-    boulders that travel farthest are also the most likely to leave the terrain."""
+    crossed on a straight path: if they were included, the fraction would exceed its 95 % interval.
+    The boulders that travel farthest are also the most likely to leave the terrain."""
     if not (is_moving.any() and case.lines and "row_size" in values):
         return
     n = is_moving.size
@@ -113,7 +113,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
 
 
 def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Index and group of the lines of a case that have values; these are the first lines."""
+    """Index and group of each line of a case that has values; these lines come first."""
     return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 

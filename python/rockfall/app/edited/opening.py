@@ -211,8 +211,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of source polygons for each of their parts (`owner` is the polygon), with
-    frequencies divided by area."""
+    """Columns of source polygons for each of their parts (`owner` is the polygon), with frequencies
+    divided in proportion to area."""
     import shapely
 
     frequency = attribute(columns, "frequency")

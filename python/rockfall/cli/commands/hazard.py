@@ -75,7 +75,7 @@ def hazard_command(arguments: argparse.Namespace) -> int:
 
 
 def _write_cases(arguments: argparse.Namespace, case: Case, inputs: list[Path]) -> int:
-    """Write each scenario as a separate case next to the case, to be run elsewhere."""
+    """Write each scenario as a separate case file next to the case, to be run elsewhere."""
     study = read_study(case, at_risk(arguments))
     stem = arguments.case.with_suffix("")
     cases = {Path(f"{stem}_scenario{k}.nml"): own for k, own in enumerate(study.scenarios, start=1)}

@@ -130,7 +130,7 @@ def _open(
 ) -> tuple[xr.Dataset, list[Path]]:
     """Result with lines, and the paths of its tables: `table` for the suffix "", and files of the
     same name with other suffixes. Paths that cannot be written raise an error before the work
-    starts. No paths without `table`."""
+    starts. Without `table` there are no paths."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if not line_names(result):

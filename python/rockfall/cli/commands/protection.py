@@ -169,7 +169,8 @@ def site_command(arguments: argparse.Namespace) -> int:
 
 
 def results_of(scenarios: Sequence[str]) -> list[str]:
-    """File names for the runs of a siting: one for each scenario, if there are any."""
+    """File names for the runs of a siting: one for each scenario, or one for a case without
+    scenarios."""
     return [f"siting_scenario{k}.nc" for k in range(1, len(scenarios) + 1)] or ["siting.nc"]
 
 
@@ -240,7 +241,8 @@ def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFr
 
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
-    """Factors with sources, as `--factors` reads them; without factors, a table to fill in."""
+    """Table of the factors with their sources, in the form that `--factors` reads; without factors,
+    a table to fill in."""
     factors = sheet.factors
     rows = [
         (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])

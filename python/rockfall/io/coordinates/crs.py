@@ -377,10 +377,10 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable for the horizontal part of a system (because of the
-    vertical part, readers would scale counts and energies). The complete system is in `crs_wkt`
-    (WKT 2) and `spatial_ref` (WKT 1, for older programs); CF parameters are added if they are
-    equivalent. `vertical_datum` is the name of the vertical datum, if any."""
+    """Attributes of a CF grid mapping variable for the horizontal part of a system (given a
+    vertical part, readers would scale counts and energies as heights). The complete system is in
+    `crs_wkt` (WKT 2) and `spatial_ref` (WKT 1, for older programs); CF parameters are added if they
+    are equivalent. `vertical_datum` is the name of the vertical datum, if any."""
     texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()
     if texts not in _MAPPINGS:
         _MAPPINGS[texts] = _grid_mapping(crs)

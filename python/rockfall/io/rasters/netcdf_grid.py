@@ -146,7 +146,8 @@ class _Validity:
         return low, high
 
     def values(self, key: str, many: int | None) -> np.ndarray:
-        """Attribute values in the variable's type; there must be `many` of them, unless None."""
+        """Attribute values in the variable's type; there must be exactly `many`, unless `many` is
+        None."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))

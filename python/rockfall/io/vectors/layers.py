@@ -79,8 +79,8 @@ def burn_polygons(
     key: str = "",
     numbers: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Integer `field` of the polygon that contains each cell centre (int32, `NO_ID` outside), or
-    its value in `numbers`. Where polygons overlap, the last one counts. Other arguments as in
+    """Integer `field`, or value in `numbers`, of the polygon that contains each cell centre (int32;
+    `NO_ID` outside). Where polygons overlap, the last polygon counts. Other arguments as in
     `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")

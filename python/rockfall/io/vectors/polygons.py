@@ -52,7 +52,7 @@ def disjoint(shapes: np.ndarray, where: str) -> tuple[np.ndarray, float]:
 
 
 def any_overlap(shapes: np.ndarray) -> bool:
-    """Return True if polygons may overlap; False if all are apart or only touch."""
+    """Return True if polygons may overlap; False if they are all separate or only touch."""
     import shapely
 
     earlier, later = shapely.STRtree(shapes).query(shapes, predicate="intersects")

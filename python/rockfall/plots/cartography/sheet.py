@@ -100,8 +100,8 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """New sheet that fills the space, with a map at a round scale, this legend, and this space
-    above it [inch]; the map background is drawn."""
+    """New sheet that fills the available space: a map at a round scale with its background drawn,
+    this legend, and this space above the map [inch]."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent

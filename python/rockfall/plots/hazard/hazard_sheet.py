@@ -234,7 +234,7 @@ def _write_sources(block: _Block, hazard: xr.Dataset, sheet: Sheet) -> None:
 
 
 def _write_warnings(block: _Block, warnings: Sequence[str]) -> None:
-    """Write the number of warnings, where all are listed, and as many whole warnings as fit: a
+    """Write the number of warnings, where all are listed, and as many complete warnings as fit: a
     shortened warning might lose the words "errs low"."""
     if not warnings:
         return

@@ -24,7 +24,7 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 @styled
 def siting_figure(siting: Siting) -> Figure:
     """Energy, height and boulders at each alignment with 95 % intervals, and limits as lines. The
-    best alignment is marked, as are those that do not differ significantly."""
+    best alignment is marked, and those that do not differ significantly from it."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
@@ -65,7 +65,7 @@ def _draw(
 
 
 def _mark(axes: Axes, table: pd.DataFrame) -> None:
-    """Mark the best alignment and those that do not differ significantly."""
+    """Mark the best alignment, and those that do not differ significantly from it."""
     for choice, linestyle in ((BEST, "-"), (NOT_DISTINGUISHED, ":")):
         for distance in table["distance"][table["choice"] == choice]:
             axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)

@@ -8,9 +8,8 @@ from rockfall.case import Case
 
 def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
     """Number of boulders from these places that count as one in the intervals of cells. With
-    sampled sources, the boulders from a place may all behave alike, and maps do not record
-    differences; the number is then the largest number released at a place. With fixed sources it
-    is 1."""
+    sampled sources, all boulders from a place may behave alike, and maps do not record whether they
+    do; the number is then the largest number released at a place. With fixed sources it is 1."""
     if case.release["sources"] != "sample" or not len(x):
         return 1
     import pandas as pd

@@ -67,7 +67,7 @@ class Attributes(NamedTuple):
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Layer name of an attribute; None if it is missing. Several attributes may match."""
+        """Name of an attribute in the layer, in which several may match; None if it is missing."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(

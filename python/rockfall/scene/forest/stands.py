@@ -4,8 +4,8 @@
 Each cell that polygons touch draws a number of stems with the density of its densest polygon,
 anywhere in the cell. A stem in a polygon is kept with the probability (density of its polygon) /
 (density of the densest). A thinned Poisson process is a Poisson process (Lewis and Shedler 1979),
-so the stems in a cell that is cut by an edge are in proportion to the areas and densities of its
-parts. A cell inside a single polygon has the same stems as a cell of a raster with these values.
+so in a cell cut by an edge each part gets stems in proportion to its area and density. A cell
+inside a single polygon has the same stems as a cell of a raster with these values.
 """
 
 import re

@@ -170,7 +170,7 @@ def _shapes(table: Table) -> np.ndarray | None:
 
 
 def has_axes(columns: dict[str, np.ndarray]) -> bool:
-    """Return True if all three block axes are attributes; fewer have another meaning."""
+    """Return True if all three block axes are attributes; one or two have another meaning."""
     return all(attribute(columns, axis) is not None for axis in AXES)
 
 

@@ -34,15 +34,16 @@ WIDEST = 5.0  # standard deviation / mean; larger values are refused for a norma
 RADIUS = 3.0  # [m] maximum mean radius of rocks on a slope
 DBH = (4.0, 150.0)  # [cm] mean diameters in stands
 SAPLING = 1.5  # [cm] thinner stems are not surveyed; diameters in metres are all thinner
-THIN = 4.5  # [cm] stems this thin are more frequent than stems below SAPLING
+THIN = 4.5  # [cm] stems from SAPLING to this diameter outnumber thinner stems
 THICK = 250.0  # [cm] only sequoias are thicker
 BASAL = 150.0  # [m2/ha] maximum basal area of European forests
 CLEAR = 100.0  # [m] maximum clear_of_sources
 TALL = 60.0  # [m] maximum stem_height
 LOW = 2.0  # [m] minimum stem_height: boulders bounce this high, and thickets are taller
 DENSE = 20_000.0  # stems per hectare in thickets
-ORDERED = 0.9  # fraction of places; in published zone tables half do not have the usual order
-SMOOTH_REST = 27.0  # [degree] ground without rocks may stop no boulder above (theory, chapter 8)
+ORDERED = 0.9  # fraction of places; in published zone tables half of the rows lack the usual order
+#: [degree] On steeper ground without rocks no boulder may stop (theory, chapter 8).
+SMOOTH_REST = 27.0
 OF_ROCKS = "talus", "scree"  # ground names that imply rocks, although rock sizes are optional
 RESTING = 0.1  # fraction of the terrain that triggers a warning
 RG_FULL = 100.0  # [m] code for water in Rockyfor3D
@@ -201,7 +202,9 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
     """Warnings on normal distributions whose mean changes by truncation at zero, and on lognormal
-    distributions wider than a normal distribution may be; among features, the relatively widest."""
+    distributions that are wider than a normal distribution may be; among features, on the
+    relatively widest.
+    """
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -271,7 +274,8 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on block shapes without effect or weight with tables, and on mixed axis units."""
+    """Warnings on block shapes that have no effect, or no weight with impact tables, and on axes in
+    mixed units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:

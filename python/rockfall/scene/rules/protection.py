@@ -21,7 +21,7 @@ CREST = 20.0  # [m] maximum crest_width
 CLIFF = 10.0  # [m] maximum cliff_length
 APART = 1000.0  # suspicious ratio of a frequency to the next smaller one
 SHIFT = 100.0  # [m] maximum source_shift
-LOWERED = 0.8  # fraction of the requested height; a lower crest has another cause
+LOWERED = 0.8  # fraction of the requested height; below it, the crest has another cause
 THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
 PERIOD = 1.0  # [year] minimum return period of hazard classes; frequencies are below 1
 #: Maxima [1/year]: a boulder every few weeks, per source and year, per metre of cliff and year.

@@ -25,7 +25,7 @@ STEEP = 60.0  # [degree] no terrain has a steeper median; 28 degrees become this
 #: [degree] Median and 90 % quantile of slopes: hardly any 500 m of the Alps reach them, but
 #: mountains of 21 and 37 degrees do if their elevations are in feet.
 FEET = (52.0, 68.0)
-SCALE = 0.03  # scale error; within its country a projection has less
+SCALE = 0.03  # scale error; projections have less within their country
 STEPS = 0.05  # fraction of places with bends in integer elevations: the elevations are rounded
 FINE = (0.2, 2.5)  # [m] coarser cells follow the slope; finer cells come from a laboratory
 #: [degree] Turns this large between cells, on a slope of 34 degrees, reduce the number of boulders

@@ -46,8 +46,8 @@ class Checkpoint:
         self.next = time.monotonic() + every
 
     def found(self) -> int:
-        """Number of boulders in the file, 0 without a file; other files of this name are
-        refused."""
+        """Number of boulders in the file; 0 if it does not exist. A file that is not a checkpoint
+        is refused."""
         if not os.path.lexists(self.path):
             return 0
         boulders = boulders_in(self.path)
@@ -113,7 +113,8 @@ class Checkpoint:
 
     @contextmanager
     def named(self) -> Iterator[None]:
-        """Within the block, errors raised while a result is processed mention any file."""
+        """Within the block, errors raised while a result is processed mention the checkpoint file,
+        if any."""
         try:
             yield
         except RockfallError as error:

@@ -296,7 +296,7 @@ def _row(draws: Iterable[Draw]) -> dict[str, float]:
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that are parameters; rock sizes count only if boulders reach them."""
+    """Columns of the cube that are parameters; rock sizes count only where boulders reach them."""
     all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)

@@ -93,10 +93,10 @@ def parts(y: np.ndarray, covariance: np.ndarray) -> Parts:
     A_1, A_2 ..., and error covariances (blocks, 2 + inputs, 2 + inputs, results).
 
     The epistemic variance is the variance over all A and B minus the Monte Carlo variance. The
-    errors within a block are correlated; this concerns 1 of the 2 blocks - 1 pairs that a run
-    belongs to. In the first-order part (Saltelli et al. 2010) the mean of the other blocks is
-    subtracted from Y_B, which reduces the variance without changing the expectation. The total
-    part follows Jansen (1999).
+    errors within a block are correlated; this affects one of the (2 blocks - 1) pairs to which a
+    run belongs. In the first-order part (Saltelli et al. 2010) the mean of the other blocks is
+    subtracted from Y_B, which reduces the variance without changing the expectation. The total part
+    follows Jansen (1999).
     """
     a, b, mixed = y[:, 0], y[:, 1], y[:, 2:]
     pairs, two = 2 * len(y), y[:, :2].reshape(2 * len(y), -1)
@@ -145,8 +145,8 @@ def indices(y: np.ndarray, covariance: np.ndarray) -> Indices:
 
 
 def limits(value: float, error: float) -> tuple[float, float, float]:
-    """An index with its 95 % interval, all clipped to 0 to 1; NaN (undecided) if the interval is
-    longer than 0.5."""
+    """An index and its 95 % interval, clipped to the range 0 to 1; NaN (undecided) if the interval
+    is longer than 0.5."""
     half = Z * error
     if not half <= RESOLVED:
         return np.nan, np.nan, np.nan

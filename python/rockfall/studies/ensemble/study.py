@@ -72,11 +72,12 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     two standard deviations: `monte_carlo_std`, due to the finite number of boulders in a run, and
     `epistemic_std`, due to the uncertain inputs; more boulders reduce only the first.
     `first_order` and `total` are the fractions of the epistemic variance that each input explains
-    (see docs/ensemble.md; for their estimation, `rockfall.studies.ensemble.sobol_indices`). Values
-    are NaN if too few boulders pass in some run, or if the epistemic variance is not significant.
-    The Dataset also has the draws, the results of all runs and, if the case requests passages or
-    reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. Ctrl-C raises
-    `Interrupted`; its `result` is the ensemble of the completed draws, if there are enough.
+    (see docs/ensemble.md; their estimation is described in
+    `rockfall.studies.ensemble.sobol_indices`). Values are NaN if too few boulders pass in some run,
+    or if the epistemic variance is not significant. The Dataset also has the draws, the results of
+    all runs and, if the case requests passages or reach_probability, maps over the runs. `arrays`
+    are as in `rockfall.run`. Ctrl-C raises `Interrupted`; its `result` is the ensemble of the
+    completed draws, if there are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -156,7 +157,7 @@ def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
 
 
 def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
-    """Draws A and B, and for each input A with this input from B."""
+    """Draws A and B, and for each input a copy of A that has this input from B."""
     yield a
     yield b
     for i in range(len(a)):
