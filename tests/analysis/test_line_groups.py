@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Line statistics by source, by volume and along the line, for artificial results."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,6 +13,11 @@ from made import refused
 from rockfall.analysis.lines.groups import groups
 from rockfall.cli import main
 from rockfall.result.crossings import at_lines, line_values
+from rockfall.scene.read import read_scene
+from rockfall.scene.rules.plausible import input_warnings
+from rockfall.terrain.line_beyond import vertices_key
+from rockfall.terrain.polyline import lengths
+from rockfall.text.lines import profile_text
 from scenes import grid, make_case, rough, sets
 
 LIMITS = ["fraction", "fraction_low", "fraction_high", "mean", "mean_low", "q95_high"]
@@ -40,7 +47,8 @@ def made(n=3000, sources=3, names=None, volume=None, **heights):
     data |= {"line_vertex_x": ("line_vertex", [0.0, 50.0, 50.0])}
     data |= {"line_vertex_y": ("line_vertex", [0.0, 0.0, 45.0])}
     data |= {"line_vertex_line": ("line_vertex", [0, 0, 0])}
-    return xr.Dataset(data)
+    vertices = (np.array(data[f"line_vertex_{axis}"][1]) for axis in "xy")
+    return xr.Dataset(data, attrs={"lines_beyond": json.dumps({vertices_key(*vertices): []})})
 
 
 @pytest.mark.parametrize(("by", "classes"), [("source", None), ("volume", [0.5, 1.0])])
@@ -182,3 +190,54 @@ def test_the_command_prints_what_it_writes(tmp_path, capsys):
                                                  "by commas, such as 0.1,0.5,1"),
     ):  # fmt: skip
         assert command(*words) == (2, "", f"rockfall: {error}\n")
+
+
+def test_a_frequency_per_metre_is_that_of_the_metres_on_the_terrain(tmp_path, capsys):
+    """The line passes 100 m beyond the cell centres at both ends, and through a hole of 10 cells,
+    which takes half a cell on either side."""
+    z = rough()
+    z[23:25, 40:50] = np.nan
+    line = [{"name": "road", "x": [-97.5, 397.5], "y": [280.0, 280.0]}]
+    release = {"x": [20.0, 140.0, 160.0], "y": [380.0] * 3}
+    case = make_case(tmp_path, *sets(), line=line, case={"boulders": 300}, terrain={},
+                     release=release)  # fmt: skip
+    result = rockfall.run(case, dem=z, transform=grid(z))
+    profile = rockfall.line_profile(result, "road", 49.5)
+    known = [0.0, 0.0, 48.5, 49.5, 49.5, 47.5, 0.0, 45.0, 0.0, 0.0]  # x from 1.5, 51, ...
+    assert profile["length"].tolist() == pytest.approx(known)
+    assert profile["n"].sum() > 100 and (profile["n"][profile["length"] == 0] == 0).all()
+    for name in "per_metre", "per_metre_high":
+        share = profile[name.replace("per_metre", "fraction")] / np.where(known, known, np.nan)
+        assert profile[name].tolist() == pytest.approx(share.tolist(), nan_ok=True)
+    rockfall.write_result(result, path := tmp_path / "out.nc")
+    assert main(["lines", str(path), "--along", "road"]) == 0
+    assert "name = 'road': 255 of 495 m lie outside the terrain" in capsys.readouterr().err
+    result["line_vertex_x"] = result["line_vertex_x"] + 1.0  # not the line that was checked
+    moved = rockfall.line_profile(result, "road")
+    assert moved[["length", "per_metre", "per_metre_high"]].isna().all(axis=None)
+    assert "per metre is unknown" in profile_text(moved, "road", result)
+    result["line_vertex_x"] = result["line_vertex_x"] + 1.0  # not the line that was checked
+    moved = rockfall.line_profile(result, "road")
+    assert moved[["length", "per_metre", "per_metre_high"]].isna().all(axis=None)
+    assert "per metre is unknown" in profile_text(moved, "road", result)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_line_is_on_the_terrain_where_boulders_can_start(tmp_path, seed):
+    random = np.random.default_rng(seed)
+    z = rough()
+    z[random.random(z.shape) < 0.1] = np.nan
+    x, y = random.uniform(-50, 350, 4), random.uniform(-50, 450, 4)
+    line = [{"name": "road", "x": x.tolist(), "y": y.tolist()}]
+    z[4, 28:32] = 1400.0
+    case = make_case(tmp_path, *sets(), line=line, release={"x": [147.5], "y": [377.5]})
+    scene = read_scene(case, dem=z, transform=grid(z))
+    input_warnings(scene)
+    at = lengths(x + 1j * y)
+    middle = (np.arange(100_000) + 0.5) * at[-1] / 100_000
+    points = np.interp(middle, at, x), np.interp(middle, at, y)
+    known = scene.known_at(*points)
+    off = np.array(scene.beyond[vertices_key(x, y)])
+    assert 0.2 < known.mean() < 0.9 and len(off) > 5
+    beyond = ((middle[:, None] > off[:, 0]) & (middle[:, None] < off[:, 1])).any(axis=1)
+    assert (beyond != known).all()

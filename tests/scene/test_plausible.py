@@ -437,8 +437,8 @@ MISTAKES = {
         "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
     "meadow without a rest angle": (lambda site: site.meadow(OWN_MEADOW),
         "is 27 to 38 degrees steep and without rocks, so slow boulders may"),
-    "road beyond the terrain": (road(-200.0), "&line name = 'road': 200 of 300 m lie outside the"),
-    "road over a hole": (road(0.0, 20), "&line name = 'road': 100 of 300 m lie outside the"),
+    "road beyond the terrain": (road(-200.0), "&line name = 'road': 202 of 300 m lie outside the"),
+    "road over a hole": (road(0.0, 20), "&line name = 'road': 105 of 300 m lie outside the"),
     "zones in another CRS": (lambda site: site.polygons((0, 150), (150, 300), crs="EPSG:25832"),
         "zones.gpkg: reprojected from EPSG:25832 to EPSG:32632.*"),
 }  # fmt: skip

@@ -114,6 +114,8 @@ contains
          call record_status(file, nf90_put_att(file%id, nf90_global, "decoded_checksums", inputs%decoded_checksums))
          if (inputs%input_warnings /= "") &
             call record_status(file, nf90_put_att(file%id, nf90_global, "input_warnings", inputs%input_warnings))
+         if (inputs%lines_beyond /= "") &
+            call record_status(file, nf90_put_att(file%id, nf90_global, "lines_beyond", inputs%lines_beyond))
          if (inputs%dams /= "") call record_status(file, nf90_put_att(file%id, nf90_global, "dams", inputs%dams))
          if (inputs%stands /= "") call record_status(file, nf90_put_att(file%id, nf90_global, "stands", inputs%stands))
          call record_status(file, nf90_put_att(file%id, nf90_global, "seed", case%seed))

@@ -41,7 +41,8 @@ module rockfall_scene_file
       integer :: sizes = 1                     !! number of rock sizes per material; 3 for method A
       character(len=:), allocatable :: case_file, impact_set_checksum, input_checksums, decoded_checksums
       character(len=:), allocatable :: feature_names  !! features in the source layer, one line each
-      character(len=:), allocatable :: input_warnings, dams, stands  !! JSON for the result; "" if the file has none
+      !> JSON for the result; "" if the file has none.
+      character(len=:), allocatable :: input_warnings, lines_beyond, dams, stands
    end type inputs_t
 
 contains
@@ -93,6 +94,7 @@ contains
          inputs%case_file = text_of(file, nf90_global, "case_file")
          inputs%feature_names = ""
          inputs%input_warnings = text_of(file, nf90_global, "input_warnings")
+         inputs%lines_beyond = text_of(file, nf90_global, "lines_beyond")
          inputs%dams = text_of(file, nf90_global, "dams")
          inputs%stands = text_of(file, nf90_global, "stands")
          inputs%impact_set_checksum = text_of(file, nf90_global, "impact_set_checksum")

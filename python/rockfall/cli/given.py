@@ -9,9 +9,10 @@ from typing import Any
 
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.validity.warnings import joint_warnings
-from rockfall.case import Case, read_case
+from rockfall.case import Case, case_of, read_case
 from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn
+from rockfall.io.input_warnings import doubts_in
 from rockfall.result.dataset import open_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import implausible
@@ -77,10 +78,15 @@ def _warn_of(scene: Scene) -> None:
         warn(line)
 
 
-def warn_of_models(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print each model warning of the results once, except those in `told`."""
+def warn_of_results(*paths: Path, told: Collection[str] = ()) -> None:
+    """Print each input and model warning of the results once, except those in `told`."""
     with ExitStack() as opened:
         results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
-        for text in joint_warnings(results):
+        inputs = [
+            f"{case_of(result).name}: {where}: {text}"
+            for result in results.values()
+            for where, text in doubts_in(result.attrs.get("input_warnings", "[]"))
+        ]
+        for text in dict.fromkeys((*inputs, *joint_warnings(results))):
             if text not in told:
                 warn(text)

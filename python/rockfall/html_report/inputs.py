@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +15,7 @@ from rockfall.case import FROM_ARRAY, Case, case_of
 from rockfall.case.zones import case_zones
 from rockfall.grounds import named_ground, usual_name
 from rockfall.html_report.validity import has
-from rockfall.io.input_warnings import InputWarning
+from rockfall.io.input_warnings import doubts_in
 from rockfall.io.rasters.arrays import corner_of
 from rockfall.io.tables import read_table
 from rockfall.io.zone_table import MATERIAL, NAMES, Zone
@@ -120,9 +119,8 @@ def doubtful_inputs(result: xr.Dataset, hazard: xr.Dataset | None) -> list[tuple
     """Likely mistakes in the inputs (place and text), as printed by `check`, `run` and `hazard`.
     Reprojected layers appear in the list of files instead."""
     studies = [result] if hazard is None else [result, hazard]
-    texts = (study.attrs.get("input_warnings", "[]") for study in studies)
-    rows = dict.fromkeys(InputWarning.of(row) for text in texts for row in json.loads(text))
-    return [row[:2] for row in rows if not row.is_reprojection]
+    stored = (study.attrs.get("input_warnings", "[]") for study in studies)
+    return [(where, text) for where, text in doubts_in(*stored)]
 
 
 def doubts_note(doubts: list[tuple[str, str]]) -> Iterator[str]:

@@ -28,6 +28,12 @@ class InputWarning(NamedTuple):
         return isinstance(self.text, Text) and self.text.key.startswith("input.reprojected")
 
 
+def doubts_in(*stored: str) -> list[InputWarning]:
+    """Warnings in these attribute values, without duplicates and reprojections."""
+    rows = dict.fromkeys(InputWarning.of(row) for text in stored for row in json.loads(text))
+    return [row for row in rows if not row.is_reprojection]
+
+
 def stored_warnings(warnings: Iterable[InputWarning]) -> str:
     """Attribute value `input_warnings`: place, English text and message."""
     return json.dumps([[*warning, packed(warning.text)] for warning in warnings])

@@ -65,6 +65,7 @@ def provenance(scene: Any) -> dict[str, str]:
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
         "decoded_checksums": json.dumps(scene.decoded, sort_keys=True),
         "input_warnings": stored_warnings(scene.warnings or []),
+        "lines_beyond": json.dumps(scene.beyond),
         "dams": json.dumps([dam.rounded() for dam in scene.dams]),
         **({"stands": json.dumps(scene.stands)} if scene.stands else {}),
     }

@@ -27,6 +27,7 @@ from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import read_window
 from rockfall.scene.windows import Windows
 from rockfall.terrain.dams import DamShape
+from rockfall.terrain.line_beyond import LinesBeyond
 
 OF_RASTERS = {field.name for field in fields(Rasters)}
 
@@ -36,6 +37,7 @@ class Findings:
     """Warnings about a scene, shared with scenes derived from it."""
 
     warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not checked
+    beyond: LinesBeyond = field(default_factory=dict)  # filled with the warnings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,6 +81,11 @@ class Scene(Sources):
     def warnings(self) -> list[InputWarning] | None:
         """Warnings about the inputs; None if not checked."""
         return self.findings.warnings
+
+    @property
+    def beyond(self) -> LinesBeyond:
+        """Stretches of lines off the terrain; empty if not checked."""
+        return self.findings.beyond
 
     @cached_property
     def boulders(self) -> int:

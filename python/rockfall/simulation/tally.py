@@ -26,6 +26,7 @@ from rockfall.simulation.run_state import Run
 from rockfall.simulation.spilled_crossings import GROUPS as CROSSINGS
 from rockfall.simulation.spilled_crossings import SpilledCrossings
 from rockfall.terrain.dams import DamShape
+from rockfall.terrain.line_beyond import LinesBeyond
 from rockfall.version import __version__
 
 ANY = range(1, 2)  # placeholder if boulder numbers do not matter
@@ -48,6 +49,7 @@ class Origin:
     warnings: list[InputWarning] | None = None
     dams: Sequence[DamShape] = ()
     stands: Sequence[Stand] = ()
+    beyond: LinesBeyond = field(default_factory=dict)
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
         """First item in which another run differs; "" if none. Threads and notation of the case
@@ -244,5 +246,5 @@ def origin_of(tally: Tally) -> Origin:
     return Origin(
         scene.case, scene.boulders, replace(scene.grid, crs=None), tally.window,
         scene.checksums, scene.decoded, __version__, scene.grounds, scene.features, scene.shapes,
-        scene.warnings, scene.dams, scene.stands,
+        scene.warnings, scene.dams, scene.stands, scene.beyond,
     )  # fmt: skip

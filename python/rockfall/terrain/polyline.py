@@ -52,6 +52,20 @@ def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
     return np.interp(np.linspace(0.0, at[-1], number), at, vertices)
 
 
+def lattice_cuts(vertices: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Distances along a polyline, in cells from the first cell centre, to its vertices and to its
+    intersections with the lines x = 0 to size[0] - 1 and y = 0 to size[1] - 1, in order."""
+    cuts = [lengths(vertices)]
+    for start, side, before in zip(vertices[:-1], np.diff(vertices), cuts[0][:-1], strict=True):
+        axes = (start.real, side.real, size[0]), (start.imag, side.imag, size[1])
+        for begin, step, n in axes:
+            low, high = sorted((begin, begin + step))
+            lines = np.arange(max(0, np.ceil(low)), min(n - 1, np.floor(high)) + 1)
+            if step:
+                cuts.append(before + abs(side) * (lines - begin) / step)
+    return np.unique(np.concatenate(cuts))
+
+
 def intersections(vertices: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] along two polylines to their intersections, ordered along the first."""
     start, side = vertices[:-1, None], np.diff(vertices)[:, None]

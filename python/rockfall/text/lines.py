@@ -37,7 +37,11 @@ boulders exceed it, else from a generalised Pareto tail of the boulders above th
 BY_GROUP = "Brackets: 95 % confidence intervals. Fractions refer to the boulders of the group."
 ALONG = """\
 Brackets: 95 % confidence intervals. Fractions refer to all boulders; each counts where it first
-crosses the line."""
+crosses the line; per metre of the line on the terrain."""
+
+UNCHECKED = (
+    "The line was not checked by the run, so the passing per metre is unknown: run it again."
+)
 
 
 def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> str:
@@ -64,7 +68,8 @@ def groups_text(statistics: pd.DataFrame, by: str, result: xr.Dataset) -> str:
 
 def profile_text(profile: pd.DataFrame, line: str, result: xr.Dataset) -> str:
     """Text lines on boulders that pass each window of a line."""
-    notes = [*scenario_note(case_of(result)), ALONG, *filter(None, [kept_note(result)])]
+    unknown = UNCHECKED if profile["length"].isna().any() else ""
+    notes = [*scenario_note(case_of(result)), ALONG, *filter(None, [unknown, kept_note(result)])]
     return "\n".join([*notes, "", line, as_text(profile_table(profile))])
 
 

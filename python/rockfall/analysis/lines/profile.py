@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from rockfall.quantities import round_step
 from rockfall.result.crossings import line_names, line_values
 from rockfall.result.samples import check_rows
 from rockfall.result.trajectories import lines
+from rockfall.terrain.line_beyond import length_beyond, vertices_key
 from rockfall.terrain.polyline import lengths
 
 MAX_WINDOWS = 10_000  # maximum windows per line
@@ -24,7 +26,7 @@ ROUNDING = 1e-9  # narrower windows, relative to the line length, count as round
 WINDOWS = 40  # approximate default number of windows
 SHOWN = {"energy_total": ("mean", "q95"), "passing_height": ("mean", "q95")}
 _NUMBERS = [f"{name}_{number}" for name, numbers in SHOWN.items() for number in numbers]
-_COLUMNS = ["line", "start", "end", "n"]
+_COLUMNS = ["line", "start", "end", "length", "n"]
 _COLUMNS += [
     column for name in ("fraction", "per_metre", *_NUMBERS) for column in with_limits(name)
 ]
@@ -34,12 +36,13 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     """Table with a row for each window of `width` [m] along a line, from its first vertex. The
     last window may be shorter. The default is a round width that gives about 40 windows.
 
-    `start` and `end` [m] of the window; `n` and `fraction` of boulders whose first crossing is in
-    it; `per_metre`, the fraction divided by the window length [1/m]; mean and 95 % quantile of the
-    total energy [J] and of the passing height (centre, vertical) [m] of crossing boulders.
-    `..._low` and `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`;
-    NaN where too few cross. Raises RockfallError for an unknown line, and for a width that is not
-    above 0 or gives more than 10,000 windows.
+    `start` and `end` [m] of the window, and its `length` [m] on the terrain, NaN if the run did not
+    check the line; `n` and `fraction` of boulders whose first crossing is in it; `per_metre`, the
+    fraction divided by `length` [1/m], NaN off the terrain; mean and 95 % quantile of the total
+    energy [J] and of the passing height (centre, vertical) [m] of crossing boulders. `..._low` and
+    `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where too
+    few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
+    gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -49,18 +52,29 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
     number = line_number(result, line)
     values = {name: line_values(result, name, number) for name in ("position", *SHOWN)}
     edges, window = windows(result, number, width)
-    source, rows = sources(result), []
+    source, rows, on_terrain = sources(result), [], _lengths_on_terrain(result, number, edges)
     for k, (start, end) in enumerate(itertools.pairwise(edges)):
-        here = window == k
-        row: dict[str, Any] = {"line": line, "start": start, "end": end, "n": int(here.sum())}
+        here, length = window == k, on_terrain[k]
+        row: dict[str, Any] = {"line": line, "start": start, "end": end, "length": length}
+        row["n"] = int(here.sum())
         interval = np.array(fraction_interval(here, source))
         row |= zip(with_limits("fraction"), interval, strict=True)
-        row |= zip(with_limits("per_metre"), interval / (end - start), strict=True)
+        row |= zip(with_limits("per_metre"), interval / (length or np.nan), strict=True)
         for name in SHOWN if row["n"] else ():
             numbers = sample_numbers(values[name][here], source[here])
             row |= {f"{name}_{key}": value for key, value in numbers.items()}
         rows.append(row)
     return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def _lengths_on_terrain(result: xr.Dataset, line: int, edges: np.ndarray) -> np.ndarray:
+    """Length of each window on the terrain [m], exactly 0 off it; NaN if not checked by the run."""
+    _, x, y = lines(result)[line]
+    stretches = json.loads(result.attrs.get("lines_beyond", "{}")).get(vertices_key(x, y))
+    if stretches is None:
+        return np.full(edges.size - 1, np.nan)
+    on_terrain = np.diff(edges) - length_beyond(stretches, edges[:-1], edges[1:])
+    return np.where(on_terrain > ROUNDING * edges[-1], on_terrain, 0.0)
 
 
 def line_number(result: xr.Dataset, line: str) -> int:

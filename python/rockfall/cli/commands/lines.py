@@ -13,7 +13,7 @@ from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
-from rockfall.cli.given import warn_of_models
+from rockfall.cli.given import warn_of_results
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
@@ -59,7 +59,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
     else:
         with working():
             _print_lines(path, table)
-    warn_of_models(path)
+    warn_of_results(path)
     return DONE
 
 

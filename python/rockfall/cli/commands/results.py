@@ -16,7 +16,7 @@ from rockfall.analysis.observed.ranks import rank_results
 from rockfall.case import case_of
 from rockfall.case.files import files_behind
 from rockfall.cli.commands.section import drawn
-from rockfall.cli.given import given_options, warn_of_models
+from rockfall.cli.given import given_options, warn_of_results
 from rockfall.cli.messages import DONE, print_files, warnings_told
 from rockfall.dossiers import report_hazard
 from rockfall.errors import RockfallError
@@ -59,7 +59,7 @@ def export_command(arguments: argparse.Namespace) -> int:
         else:
             files = export(path, folder, **chosen._asdict())
     if not is_hazard(path):
-        warn_of_models(path)
+        warn_of_results(path)
     print_files(files)
     return DONE
 
@@ -112,7 +112,7 @@ def compare_command(arguments: argparse.Namespace) -> int:
         behind = (path for result in results.values() for path in files_behind(result))
         check_output(arguments.output, (*arguments.files, *sources, *behind))
         write_csv(table, arguments.output)
-    warn_of_models(*paths)
+    warn_of_results(*paths)
     print(report)
     return DONE
 
@@ -140,7 +140,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
         check_output(arguments.report, inputs)
         with warnings_told():
             report_variants(variants, arguments.report, costs=costs, **named)
-    warn_of_models(*map(Path, results))
+    warn_of_results(*map(Path, results))
     print(variants_text(table, "\n".join(comparison_notes(variants))))
     return DONE
 
@@ -158,7 +158,7 @@ def figures_command(arguments: argparse.Namespace) -> int:
         files = figures(
             _path(arguments), arguments.folder, format=arguments.format, **_beside(arguments)
         )
-    warn_of_models(_path(arguments), told=told)
+    warn_of_results(_path(arguments), told=told)
     print(*files, sep="\n")
     return DONE
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rockfall.case.files import files_behind
-from rockfall.cli.given import given_options, warn_of_models
+from rockfall.cli.given import given_options, warn_of_results
 from rockfall.cli.messages import DONE, warnings_told
 from rockfall.errors import RockfallError, need
 from rockfall.io.atomic import atomic_folder
@@ -43,7 +43,7 @@ def section_command(arguments: argparse.Namespace) -> int:
         write_csv(section_data(cut.table), part / table.name)
         write_csv(section_data(cut.lines), part / lines.name)
         save(section_figure(cut), part / picture.name)
-    warn_of_models(path, told=told)
+    warn_of_results(path, told=told)
     print(section_text(cut))
     print(*places, sep="\n")
     return DONE

@@ -8,7 +8,7 @@ warnings also do harm. Each limit is defined once, with its reason, in `rockfall
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -21,12 +21,14 @@ from rockfall.scene.rules.boulders import boulder_rules
 from rockfall.scene.rules.protection import protection_rules
 from rockfall.scene.rules.terrain import dem_rules
 from rockfall.scene.scene import Scene
-from rockfall.terrain.polyline import lengths, spaced
+from rockfall.terrain.line_beyond import vertices_key
+from rockfall.terrain.polyline import lattice_cuts, lengths
 
 MIN_BEYOND = 0.01  # minimum fraction of a line without elevations
 PART = 500  # points of a line that are looked up together
 FAR_SIDES = 3.0  # in terrain side lengths: roads and valleys extend less far beyond the terrain
 
+T = TypeVar("T")
 Rules: TypeAlias = Callable[[Scene], Iterator[InputWarning]]
 
 
@@ -34,15 +36,16 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
     """Likely mistakes in the inputs; cached for a scene and scenes derived from it."""
     findings = scene.findings
     if findings.warnings is None:
+        findings.beyond = dict(_found(scene, _lines_beyond, RULES[_lines]))
         warnings = (row for rules, uses in RULES.items() for row in _found(scene, rules, uses))
         findings.warnings = list(dict.fromkeys([*warnings, *_read(scene)]))
     return findings.warnings
 
 
-def _found(scene: Scene, rules: Rules, uses: tuple[str, ...]) -> list[InputWarning]:
-    """Warnings of these rules for the case and these parts of a scene."""
+def _found(scene: Scene, rules: Callable[[Scene], Iterator[T]], uses: tuple[str, ...]) -> list[T]:
+    """Findings of these rules for the case and these parts of a scene."""
 
-    def apply(case: Case) -> list[InputWarning]:
+    def apply(case: Case) -> list[T]:
         return [*rules(scene if case is scene.case else replace(scene, case=case))]
 
     parts = tuple(getattr(scene, name) for name in uses)
@@ -77,33 +80,43 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
         if (farthest := apart.max()) > far:
             values = {"vertex": int(apart.argmax()) + 1, "apart": float(farthest) / 1000}
             yield InputWarning(where, say("input.vertex_far", **values))
-        off, length = _beyond(scene, x + 1j * y)
-        if off > max(grid.cell, MIN_BEYOND * length):
+        off = float(np.diff(scene.beyond[vertices_key(x, y)]).sum())
+        length = float(lengths(x + 1j * y)[-1])
+        if off > max(2 * grid.cell, MIN_BEYOND * length):
             yield InputWarning(where, say("input.line_beyond", off=off, length=length))
 
 
-def _beyond(scene: Scene, vertices: np.ndarray) -> tuple[float, float]:
-    """Length of a line without elevations, within a cell, and its whole length [m]."""
+def _lines_beyond(scene: Scene) -> Iterator[tuple[str, list[list[float]]]]:
+    """Key of each line, and its stretches off the terrain, where no boulder moves: outside the
+    squares between four cell centres with elevations."""
     grid = scene.grid
-    whole = float(lengths(vertices)[-1])
-    if not whole:
-        return 0.0, whole
-    ends = spaced(vertices, int(np.ceil(2 * whole / grid.cell)) + 1)
-    middle = (ends[:-1] + ends[1:]) / 2
-    x, y = middle.real, middle.imag
-    inside = (grid.west <= x) & (x <= grid.east) & (grid.south <= y) & (y <= grid.north)
-    for part in np.array_split(np.flatnonzero(inside), 1 + inside.size // PART):
-        inside[part] = _is_known(scene, *grid.cells(x[part], y[part]))
-    return whole * float(1 - inside.mean()), whole
+    for line in scene.case.lines:
+        x, y = np.array(line["x"]), np.array(line["y"])
+        vertices = (x - grid.x[0] + 1j * (y - grid.y[-1])) / grid.cell
+        cuts = lattice_cuts(vertices, (grid.nx, grid.ny))
+        middle = np.interp((cuts[:-1] + cuts[1:]) / 2, lengths(vertices), vertices)
+        column, row = np.floor(middle.real), grid.ny - 2 - np.floor(middle.imag)
+        in_grid = (0 <= column) & (column < grid.nx - 1) & (0 <= row) & (row < grid.ny - 1)
+        on_terrain = in_grid.copy()
+        for part in np.array_split(np.flatnonzero(in_grid), 1 + in_grid.size // PART):
+            at = row[part].astype(int), column[part].astype(int)
+            on_terrain[part] = _are_known(scene, *at)
+        ends = cuts[np.flatnonzero(np.diff(on_terrain, prepend=True, append=True))]
+        yield vertices_key(x, y), (grid.cell * ends).reshape(-1, 2).tolist()
 
 
-def _is_known(scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Mask of these nearby cells with elevations, in memory or from the file."""
-    if scene.rasters.z.shape == scene.grid.shape or not row.size:
-        return ~np.isnan(scene.rasters.z[row, column])
-    box = Box(int(row.min()), int(column.min()), int(row.max()) + 1, int(column.max()) + 1)
-    z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
-    return ~np.isnan(z[row - box.row, column - box.column])
+def _are_known(scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Mask of these nearby cells that have elevations, as have their neighbours to the east, south
+    and south-east; in memory or from the file."""
+    if not row.size:
+        return np.empty(0, bool)
+    z, north, west = scene.rasters.z, 0, 0
+    if z.shape != scene.grid.shape:
+        north, west = int(row.min()), int(column.min())
+        box = Box(north, west, int(row.max()) + 2, int(column.max()) + 2)
+        z = read_elevations(scene.case.path(scene.case.terrain["dem"]), box)
+    square = (z[row - north + i, column - west + k] for i in (0, 1) for k in (0, 1))
+    return np.isfinite(sum(square))
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:

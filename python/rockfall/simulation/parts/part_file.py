@@ -54,7 +54,7 @@ SUMS = ("input_checksums", "decoded_checksums")
 #: Optional attributes of a part.
 USUAL = {
     "date_created": "", "source_features": None, "block_shapes": None, "grounds": None,
-    "input_warnings": "[]", "dams": "[]", "stands": "[]",
+    "input_warnings": "[]", "dams": "[]", "stands": "[]", "lines_beyond": "{}",
 }  # fmt: skip
 PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zlib
 
@@ -253,6 +253,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
         warnings=read("input_warnings", lambda rows: [*map(InputWarning.of, json.loads(rows))]),
         dams=read("dams", lambda rows: [DamShape(**row) for row in json.loads(rows)]),
         stands=read("stands", lambda rows: [Stand(*row) for row in json.loads(rows)]),
+        beyond=read("lines_beyond", json.loads),
     )
     crs = {key: v for key, v in crs.items() if key not in ("_FillValue", "GeoTransform")}
     part = Part(name, origin, first, last, threads, clocks, crs, str(values["date_created"]))
