@@ -42,14 +42,15 @@ def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
 
 
 def count_limits(
-    counts: np.ndarray, boulders: int, per_cluster: float | np.ndarray
+    counts: np.ndarray, boulders: int | np.ndarray, per_cluster: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel.
-    `per_cluster` boulders count as one observation; it is a number, or an array with one value per
+    `per_cluster` boulders count as one observation; both are numbers, or arrays with one value per
     place (the last dimension of `counts`)."""
-    if np.ndim(per_cluster):
-        columns = zip(np.moveaxis(counts, -1, 0), np.asarray(per_cluster), strict=True)
-        limits = [count_limits(column, boulders, float(each)) for column, each in columns]
+    if np.ndim(per_cluster) or np.ndim(boulders):
+        sizes = (np.broadcast_to(size, np.shape(counts)[-1:]) for size in (boulders, per_cluster))
+        columns = zip(np.moveaxis(counts, -1, 0), *sizes, strict=True)
+        limits = [count_limits(column, int(n), float(each)) for column, n, each in columns]
         low, high = np.array(limits).reshape(-1, 2, *np.shape(counts)[:-1]).swapaxes(0, 1)
         return np.moveaxis(low, 0, -1), np.moveaxis(high, 0, -1)
     low, high = _core.fraction_limits(np.ravel(counts) / boulders, boulders / per_cluster)

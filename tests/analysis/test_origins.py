@@ -2,10 +2,12 @@
 """Origins: the contributions of sources to a place sum to its total, and none exceeds what the
 source releases."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import rockfall
 import scenes
@@ -198,6 +200,47 @@ def test_an_area_has_no_limit_if_one_of_its_cells_has_none(hazard):
     few = hazard.assign({name: hazard[name].copy(data=limits)})
     assert origin_areas(few, "line", 0, 1e9)["energy_q95_high"].isna().all()
     assert origin_areas(few, "line", 0, 1.0)["energy_q95_high"].isna().sum() == 1
+
+
+@pytest.mark.parametrize("side", [1.0, 1e9])
+def test_an_area_has_the_binomial_interval_of_its_boulders(hazard, side):
+    """150 boulders of each source and scenario; Wilson's interval by its formula."""
+    areas = origin_areas(hazard, "line", 0, side).sort_values("x", ignore_index=True)
+    expected = np.zeros((len(areas), 2))
+    for s, yearly in enumerate([8.0, 0.5]):
+        came = hazard["line_source_boulders"].values[s, 0]
+        n = hazard["source_boulders"].values[s]
+        assert n.tolist() == [150, 300, 150]
+        if side == 1e9:
+            came, n = came.sum(keepdims=True), n.sum(keepdims=True)
+        p, z = came / n, 1.959963984540054
+        half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+        ends = (p + z**2 / (2 * n) + np.outer([-1, 1], half)) / (1 + z**2 / n)
+        expected += (yearly * n / 600 * ends).T
+    assert np.allclose(areas[["frequency_low", "frequency_high"]], expected, rtol=1e-12)
+
+
+def test_intervals_of_areas_cover_a_binomial_number_of_boulders(hazard):
+    """One scenario; 150 boulders from each of 151 areas, of which 0, 1, ... 150 arrive. The
+    coverage of these limits follows from the binomial distribution."""
+    n, came = 150, np.arange(151)
+    number = {"boulders": n * came.size, "frequency": 1.0, "boulders_per_cluster": 1}
+    data = {name: ("scenario", [value]) for name, value in number.items()}
+    data |= {"source_boulders": (("scenario", "source"), np.full((1, came.size), n))}
+    data |= {"line_source_boulders": (("scenario", "line", "source"), came[None, None])}
+    data |= {"line_source_frequency": (("line", "source"), came[None] / number["boulders"])}
+    for name in ("energy_mean", "energy_q95", "energy_q95_low", "energy_q95_high"):
+        data[f"line_source_{name}"] = ("line", "source"), np.ones((1, came.size))
+    for name, values in (("x", came + 0.5), ("y", 0.0 * came), ("frequency", 0 * came + 1.0)):
+        data[f"source_{name}"] = "source", values
+    areas = origin_areas(xr.Dataset(data, attrs=hazard.attrs), "line", 0, 1.0).sort_values("x")
+    reach = number["boulders"] / n * areas[["frequency_low", "frequency_high"]].to_numpy()
+    assert len(areas) == n  # without the area from which none arrives
+    fractions, covered = np.linspace(0.05, 0.95, 181), []
+    for p in fractions:
+        chance = [math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(1, n + 1)]
+        covered.append(np.dot(chance, (reach[:, 0] <= p) & (p <= reach[:, 1])))
+    assert 0.945 < np.mean(covered) < 0.96 and np.min(covered) > 0.92
 
 
 MUST = "must be X,Y or X,Y,RADIUS, radius at most 50 m"

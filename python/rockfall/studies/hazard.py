@@ -99,9 +99,10 @@ def hazard(
 
 def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> pd.DataFrame:
     """Origins of the boulders that reach a place of a hazard, most frequent first: cell centre
-    `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, their `share` of all arriving
-    boulders, the fraction `reach` of the cell's boulders that arrive, and their kinetic energies
-    [J]: `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval `energy_q95_low`,
+    `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, with the limits of its 95 %
+    interval, `frequency_low` and `frequency_high`, their `share` of all arriving boulders, the
+    fraction `reach` of the cell's boulders that arrive, and their kinetic energies [J]:
+    `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval `energy_q95_low`,
     `energy_q95_high`, NaN if too few boulders arrive. The place is the name of a line or object, or
     a circle (x, y) or (x, y, radius) [m], by default as wide as `&hazard object_width`, for which
     the scenarios run again; `arrays` are those of `rockfall.hazard`. A RockfallError for an unknown

@@ -130,11 +130,14 @@ def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
 
 def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
     """Boulders per year that reach a place, and the source areas from which most of them come, with
-    the upper limit of the 95 % quantile of energy; `side` is the side of the areas [m]."""
-    *names, quantile, high = map(str, areas.columns)
+    95 % intervals; `side` is the side of the areas [m]."""
+    *names, quantile, high = map(str, areas.drop(columns=["frequency_low", "frequency_high"]))
     columns = [*(Column(axis, "m", 0) for axis in "xy"), *map(Column, [*names[2:], quantile])]
     rows = [
-        (*(row[name] for name in names), Estimate(row[quantile], high=row[high]))
+        (
+            *(Estimate.of(row, name) if name == "frequency" else row[name] for name in names),
+            Estimate(row[quantile], high=row[high]),
+        )
         for row in areas[:AREAS].to_dict("records")
     ]
     arrive, sources = number(areas["frequency"].sum()), count(areas["cells"].sum(), "source cell")

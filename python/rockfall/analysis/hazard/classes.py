@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rockfall.kernel_rules import count_limits
 #: Class labels by number; the first means that no boulder passes.
 CLASSES = ("none", *keys_of("hazard")["matrix"].allowed.split(", "))
 RESIDUAL = 1
+Each: TypeAlias = float | np.ndarray  # one value, or one per place
 
 
 class Frequencies(NamedTuple):
@@ -39,12 +40,12 @@ class Matrix(NamedTuple):
 
 
 def frequencies(
-    parts: Iterable[tuple[np.ndarray, int, float | np.ndarray, float]],
+    parts: Iterable[tuple[np.ndarray, int | np.ndarray, Each, Each]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
     """Combine scenarios, each with counts, number of boulders, `boulders_per_cluster` (number of
-    boulders that count as one observation; an array has one value per place, in its last
-    dimension), and annual frequency.
+    boulders that count as one observation), and annual frequency of these boulders; arrays have one
+    value per place, the last dimension of the counts.
 
     The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so
     their errors may have the same sign, and other rules would give limits that are too narrow. They

@@ -56,7 +56,7 @@ from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 
-LAYOUT = 2  # version of the file layout
+LAYOUT = 3  # version of the file layout
 
 
 @dataclass

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.hazard.levels import find_place
 from rockfall.analysis.precision.weighted import quantile_interval
+from rockfall.case import case_in
 from rockfall.errors import RockfallError
 from rockfall.result.variables import ENDS
 
@@ -63,16 +65,18 @@ def origin_numbers(
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
+    numbers["source_boulders"] = boulders = np.zeros((len(runs), cells.size), "i4")
     numbers["source_frequency"] = np.zeros(cells.size)
-    for run, weight in zip(runs, weights, strict=True):
-        numbers["source_frequency"][np.searchsorted(cells, run.cells)] += weight * run.boulders
+    for released, run, weight in zip(boulders, runs, weights, strict=True):
+        released[np.searchsorted(cells, run.cells)] = run.boulders
+        numbers["source_frequency"] += weight * released
     for kind, places in runs[0].at.items():
         each = [
             _arriving([run.at[kind][k] for run in runs], weights, cells)
             for k in range(len(places))
         ]  # fmt: skip
         if each:
-            numbers |= {f"{kind}_source_{name}": np.stack([at[name] for at in each])
+            numbers |= {f"{kind}_source_{name}": np.stack([at[name] for at in each], axis=-2)
                         for name in each[0]}  # fmt: skip
     return numbers
 
@@ -80,15 +84,19 @@ def origin_numbers(
 def _arriving(
     runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Annual number of boulders that reach a place from each cell, and the mean and 95 % quantile
-    of their energies with its interval; NaN without boulders, or if only counts are known."""
+    """Numbers of boulders that reach a place from each cell, by run and a year, and the mean and
+    95 % quantile of their energies with its interval; NaN without boulders, or if only counts are
+    known, and then 0 boulders."""
     arrivals = [run for run in runs if run is not None]
+    boulders = np.zeros((len(runs), cells.size), "i4")
     if len(arrivals) < len(runs):
-        return dict.fromkeys(("frequency", *ENERGIES), np.full(cells.size, np.nan))
+        unknown = dict.fromkeys(("frequency", *ENERGIES), np.full(cells.size, np.nan))
+        return {"boulders": boulders} | unknown
     index = [np.searchsorted(cells, run.start) for run in arrivals]
     frequency = np.zeros(cells.size)
-    for of_run, weight in zip(index, weights, strict=True):
-        frequency += weight * np.bincount(of_run, minlength=cells.size)
+    for came, of_run, weight in zip(boulders, index, weights, strict=True):
+        came[:] = np.bincount(of_run, minlength=cells.size)
+        frequency += weight * came
     energy = np.concatenate([run.energy for run in arrivals])
     weight = np.repeat(weights, [run.energy.size for run in arrivals])
     cell = np.concatenate(index)
@@ -98,7 +106,9 @@ def _arriving(
     for k, part in zip(reached, np.split(order, first)[1:], strict=True):
         mean = weight[part] @ energy[part] / weight[part].sum()
         energies[:, k] = mean, *quantile_interval(energy[part], weight[part], LEVEL)
-    return {"frequency": frequency} | dict(zip(ENERGIES, energies, strict=True))
+    return {"boulders": boulders, "frequency": frequency} | dict(
+        zip(ENERGIES, energies, strict=True)
+    )
 
 
 def with_origins(hazard: xr.Dataset, place: str, among: Sequence[str] = SOURCES) -> tuple[str, int]:
@@ -119,6 +129,8 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
     order = np.argsort(-rates, kind="stable")[: np.count_nonzero(rates > 0)]
     columns = {axis: hazard[f"source_{axis}"].values[order] for axis in "xy"}
     columns["frequency"] = rates[order]
+    limits = _limits(hazard, kind, k, np.arange(rates.size))
+    columns |= {name: values[order] for name, values in limits.items()}
     columns["share"] = rates[order] / rates.sum() if order.size else rates[order]
     columns["reach"] = rates[order] / hazard["source_frequency"].values[order]
     for name in ENERGIES:
@@ -126,10 +138,29 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
+def _limits(hazard: xr.Dataset, kind: str, k: int, part: np.ndarray) -> dict[str, np.ndarray]:
+    """Limits of the annual number of boulders that reach a place from each part of the source
+    cells; `part` is the part of each cell. Fixed sources release a known number from each part, so
+    the boulders of a part are the sample; for sampled sources it is all boulders."""
+    released, came = (hazard[f"{name}source_boulders"].values for name in ("", f"{kind}_"))
+    runs = []
+    for s, (n, per_cluster) in enumerate(
+        zip(hazard["boulders"].values, hazard["boulders_per_cluster"].values, strict=True)
+    ):
+        of_part = np.bincount(part, released[s]).clip(1)
+        boulders = of_part if per_cluster == 1 else np.full(of_part.size, n)
+        yearly = hazard["frequency"].values[s] / n * boulders
+        runs.append((np.bincount(part, came[s, k]), boulders, per_cluster, yearly))
+    factor = case_in(hazard.attrs).hazard["frequency_factor"]
+    rates = frequencies(runs, factor)
+    return {"frequency_low": rates.low, "frequency_high": rates.high}
+
+
 def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataFrame:
     """Table of `origins_at`, summed over squares with this side [m]: centre and number (`cells`) of
-    the source cells, and the highest of their `energy_q95` and `energy_q95_high`; the latter is NaN
-    if too few boulders arrive from any of the cells. Squares without arrivals are omitted.
+    the source cells, frequency of the square with its limits, and the highest of the cells'
+    `energy_q95` and `energy_q95_high`; the latter is NaN if too few boulders arrive from any of the
+    cells. Squares without arrivals are omitted.
     """
     import pandas as pd
 
@@ -145,8 +176,8 @@ def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataF
             np.maximum.at(row, part[rates > 0], energies[name][rates > 0])
         columns = {
             "x": np.bincount(part, x) / cells, "y": np.bincount(part, y) / cells, "cells": cells,
-            "frequency": frequency, "share": frequency / rates.sum(),
-            "reach": frequency / np.bincount(part, released),
+            "frequency": frequency, **_limits(hazard, kind, k, part),
+            "share": frequency / rates.sum(), "reach": frequency / np.bincount(part, released),
             "energy_mean": np.bincount(part, np.nan_to_num(mean) * rates) / frequency,
             "energy_q95": highest[0], "energy_q95_high": highest[1],
         }  # fmt: skip

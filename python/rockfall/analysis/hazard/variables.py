@@ -180,9 +180,13 @@ def _sources() -> Iterator[tuple[str, Variable]]:
     for axis in "xy":
         yield f"source_{axis}", Variable(dims, "m", f"{axis} of the centre of a cell with sources")
     yield "source_frequency", Variable(dims, YEARLY, f"boulders {where}")
+    of_runs = "scenario", *dims
+    yield "source_boulders", Variable(of_runs, PART, f"simulated boulders {where}")
     for kind, come in (("line", "reach the line or barrier"), ("object", "hit the object")):
         what = f"annual frequency of boulders {where} and {come}"
         yield f"{kind}_source_frequency", Variable((kind, *dims), YEARLY, what)
+        what = f"simulated boulders {where} and {come}"
+        yield f"{kind}_source_boulders", Variable(("scenario", kind, *dims), PART, what)
         what = f"kinetic energy of the boulders {where} and {come}"
         yield f"{kind}_source_energy_mean", Variable((kind, *dims), "J", f"mean {what}")
         yield from _with_ends(
