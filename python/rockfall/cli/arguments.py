@@ -79,7 +79,7 @@ def _add(
         text = "variant of the case to use; base: the case without its variants"
         _option(parser, "--variant NAME", str, text)
     if writes:
-        _add_overwrite(parser)
+        _switch(parser, "--overwrite", "replace existing outputs, never inputs")
     module = f"rockfall.cli.commands.{module}"
     parser.set_defaults(command=command_of(module, name.replace("-", "_")))
     return parser
@@ -98,10 +98,6 @@ def _option(
 def _switch(parser: argparse._ActionsContainer, names: str, does: str) -> None:
     """Add an option without a value."""
     parser.add_argument(*names.split(), action="store_true", help=does)
-
-
-def _add_overwrite(command: argparse.ArgumentParser) -> None:
-    _switch(command, "--overwrite", "replace existing outputs, never inputs")
 
 
 def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:

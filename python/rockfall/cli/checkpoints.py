@@ -42,20 +42,29 @@ def is_done(
 def study_checkpoints(
     arguments: argparse.Namespace, folder: Path, runs: Iterable[str], study: str
 ) -> list[Checkpoint]:
-    """Checkpoints FOLDER.RUN.checkpoint of runs; existing files are overwritten only on request."""
+    """Checkpoints FOLDER.RUN.checkpoint of runs."""
+    check_interval(arguments)
+    outputs = (folder.with_name(f"{folder.name}.{run}") for run in runs)
+    return [new_checkpoint(arguments, output, study, keep=True) for output in outputs]
+
+
+def check_interval(arguments: argparse.Namespace) -> None:
+    """Refuse a negative time between checkpoints."""
     if not arguments.checkpoint >= 0:
         raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
-    paths = []
-    for run in runs:
-        output = folder.with_name(f"{folder.name}.{run}")
-        checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep=True)
-        if (done := checkpoint.found()) and not arguments.resume:
-            raise RockfallError(
-                f"{checkpoint.path}: contains {done:,} boulders of {study}: continue with "
-                "--resume, or remove it"
-            )
-        paths.append(checkpoint)
-    return paths
+
+
+def new_checkpoint(
+    arguments: argparse.Namespace, output: Path, run: str, keep: bool = False
+) -> Checkpoint:
+    """Checkpoint of an output; an existing file is overwritten only on request."""
+    checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep)
+    if (done := checkpoint.found()) and not arguments.resume:
+        raise RockfallError(
+            f"{checkpoint.path}: contains {done:,} boulders of {run}: continue with --resume, or "
+            "remove it"
+        )
+    return checkpoint
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:

@@ -15,7 +15,7 @@ from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
-from rockfall.html_report.inputs import Parties, doubtful_inputs
+from rockfall.html_report.inputs import Parties, doubtful_inputs, facts_of
 from rockfall.html_report.page import is_pdf, write_page
 from rockfall.html_report.pdf import layout
 from rockfall.html_report.render import Picture, picture, rendered
@@ -135,7 +135,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
     return dict(
         title=title_of(dossier),
         on_paper=True,
-        facts=_facts(hazard, parties),
+        facts=facts_of(hazard, parties),
         author=parties.author,
         question=question(dossier),
         warnings=warnings[:WARNINGS],
@@ -184,17 +184,6 @@ def question(dossier: Dossier) -> str:
     names = [place.name for place in undivided[:MOST]]
     key = "dossier.question_of_variants" if len(dossier.hazards) > 1 else "dossier.question"
     return say(key, places=names)
-
-
-def _facts(hazard: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
-    program, _, _ = str(hazard.attrs["source"]).partition(", ")
-    return [
-        (say("front.project"), parties.project),
-        (say("front.client"), parties.client),
-        (say("front.date_of_the_run"), str(hazard.attrs.get("date_created", ""))[:10]),
-        (say("label.program"), program),
-        (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
-    ]
 
 
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:

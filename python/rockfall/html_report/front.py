@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import xarray as xr
 
-from rockfall.html_report.inputs import Parties
+from rockfall.html_report.inputs import Parties, facts_of
 from rockfall.language import say
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.extent import reached
@@ -113,21 +113,9 @@ def front_of(
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM
     room = Room(NARROW if beside else WIDE, high)
     return Front(
-        _facts(result, parties), warnings, more_warnings, answers, more_answers, shown,
+        facts_of(result, parties), warnings, more_warnings, answers, more_answers, shown,
         more_tables, certainty, more_certainty, room, beside,
     )  # fmt: skip
-
-
-def _facts(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
-    """Parties of the report, and details of the run."""
-    program, _, _ = str(result.attrs["source"]).partition(", ")
-    return [
-        (say("front.project"), parties.project),
-        (say("front.client"), parties.client),
-        (say("front.date_of_the_run"), str(result.attrs["date_created"])[:10]),
-        (say("label.program"), program),
-        (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
-    ]
 
 
 def _lines(texts: str | Sequence[str], kind: str) -> int:

@@ -52,6 +52,18 @@ class Parties(NamedTuple):
     result: str = ""  # checksum of the result file
 
 
+def facts_of(result: xr.Dataset, parties: Parties) -> list[tuple[str, str]]:
+    """Parties of the report, and details of a run or a hazard."""
+    program, _, _ = str(result.attrs["source"]).partition(", ")
+    return [
+        (say("front.project"), parties.project),
+        (say("front.client"), parties.client),
+        (say("front.date_of_the_run"), str(result.attrs.get("date_created", ""))[:10]),
+        (say("label.program"), program),
+        (say("front.result_sha"), parties.result or say("front.not_read_from_a_file")),
+    ]
+
+
 def input_table(result: xr.Dataset, parties: Parties) -> Table:
     """Table of the run's inputs."""
     case = case_of(result)

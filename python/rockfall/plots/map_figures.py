@@ -79,7 +79,11 @@ def trajectories_figure(
     key = [*key_of(result), Line2D([], [], label=say("axis.trajectory"), color=VERMILION, lw=0.7)]
     basemap = (look or Look()).basemap
     sheet = new_sheet(reached(result, terrain), terrain, key, 0.0, basemap, PAGE)
-    _draw_trajectories(sheet.axes, result)
+    from matplotlib.collections import LineCollection
+
+    paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]
+    style: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
+    sheet.axes.add_collection(LineCollection(paths, rasterized=True, **style), autolim=False)
     return _finished(sheet, result)
 
 
@@ -177,15 +181,6 @@ def _draw_classes(
     bar.set(yticks=[])
     bar.set_xlabel(label, labelpad=2)
     bar.spines[:].set_visible(True)
-
-
-def _draw_trajectories(axes: Axes, result: xr.Dataset) -> None:
-    """Draw recorded trajectories in plan, a selection if there are many."""
-    from matplotlib.collections import LineCollection
-
-    paths = [xy.T for xy in spread(vertices_of(result, "x", "y"), MAX_TRAJECTORIES)]
-    style: dict[str, Any] = {"colors": VERMILION, "linewidths": 0.5, "alpha": 0.7}
-    axes.add_collection(LineCollection(paths, rasterized=True, **style), autolim=False)
 
 
 def _draw_stops(axes: Axes, result: xr.Dataset) -> None:

@@ -85,15 +85,10 @@ def _draw_profile(axes: Axes, section: Section) -> None:
     axes.set_ylabel(say("axis.elevation"))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_title(_bases(section))
-
-
-def _bases(section: Section) -> str:
-    """Notes on the boulders used for a section, and on omitted boulders."""
     style = {"part": section.recorded, "n": section.boulders, "within": section.line.within}
     left_out = section.not_kept
     more = [say_count("figures.section_not_kept", left_out)] if left_out else []
-    return "\n".join([say("axis.recorded_of", **style), *more])
+    axes.set_title("\n".join([say("axis.recorded_of", **style), *more]))
 
 
 def _draw_boulders(axes: Axes, section: Section) -> None:

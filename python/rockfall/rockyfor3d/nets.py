@@ -28,6 +28,7 @@ class Net(NamedTuple):
 def barriers(folder: Folder) -> Iterator[Net]:
     """Barriers for all nets; a net in several parts gives a barrier for each part."""
     from scipy.ndimage import label
+    from scipy.spatial import cKDTree
 
     number, energy, height = (folder.read(name) for name in NETS)
     dem = folder.read("dem")
@@ -44,7 +45,7 @@ def barriers(folder: Folder) -> Iterator[Net]:
                 "height": _of_net(folder, "net_height", height[here], name),
                 "capacity": _of_net(folder, "net_energy", energy[here], name),
             }  # fmt: skip
-            yield Net(keys, _off(cells, way))
+            yield Net(keys, int((cKDTree(way).query(cells)[0] > TOUCH).sum()))
 
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
@@ -82,13 +83,6 @@ def longest_way(cells: np.ndarray) -> np.ndarray:
     while way[-1] != start:
         way.append(int(before[way[-1]]))
     return cells[way]
-
-
-def _off(cells: np.ndarray, way: np.ndarray) -> int:
-    """Number of cells that are not adjacent to the path."""
-    from scipy.spatial import cKDTree
-
-    return int((cKDTree(way).query(cells)[0] > TOUCH).sum())
 
 
 def _lengthened(path: np.ndarray) -> np.ndarray:

@@ -76,19 +76,14 @@ def described(arrays: Iterable[Array]) -> dict[str, Any]:
     for array in arrays:
         attrs: dict[str, Any] = {**variables.about(array.group, array.name)}
         if flags := variables.FLAGS.get(array.file_name):
-            attrs |= _flags(flags, array.values.dtype)
+            attrs |= {
+                "flag_values": np.array(list(flags.values()), array.values.dtype),
+                "flag_meanings": " ".join(flags),
+            }
         if array.group == "histogram":
             attrs |= {"units": "1", "long_name": f"rebounds by {attrs['long_name']}"}
         data[array.file_name] = (array.dims, array.values, attrs)
     return data
-
-
-def _flags(meanings: dict[str, int], kind: Any) -> dict[str, Any]:
-    """CF attributes for flag values (in the type of the variable) and meanings."""
-    return {
-        "flag_values": np.array(list(meanings.values()), kind),
-        "flag_meanings": " ".join(meanings),
-    }
 
 
 def sample_variables(tally: Tally) -> dict[str, Any]:

@@ -76,7 +76,10 @@ def read_objects(
         widths = layer.layer.numbers("width", np.nan, missing=True)
         for number, (shape, width) in enumerate(zip(layer.shapes, widths.tolist(), strict=True)):
             _place(objects, number, shape, width, grid)
-        _take_values(objects, layer.layer, thresholds.size + 1)
+        objects.exposure = layer.layer.numbers("exposure", 1.0)
+        objects.value = layer.layer.numbers("value", 1.0)
+        steps = layer.layer.by_intensity(VULNERABILITY, thresholds.size + 1)
+        objects.vulnerability = steps if len(steps) else None
         without_energy = objects.point.tolist()
         objects.exposed = read_exposure(layer.layer, own, thresholds, curves, without_energy)
         used = {*layer.layer.asked, "name"}
@@ -238,14 +241,6 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
         attrs = {"name": "", "object_width": 0.0 if np.isnan(width) else width}
         objects.lines.append(attrs | {"x": x.tolist(), "y": y.tolist()})
         objects.owner = np.append(objects.owner, number)
-
-
-def _take_values(objects: Objects, layer: Layer, intensities: int) -> None:
-    """Read vulnerability, exposure and value, if the layer has them."""
-    objects.exposure = layer.numbers("exposure", 1.0)
-    objects.value = layer.numbers("value", 1.0)
-    steps = layer.by_intensity(VULNERABILITY, intensities)
-    objects.vulnerability = steps if len(steps) else None
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:

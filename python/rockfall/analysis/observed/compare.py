@@ -110,7 +110,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """
     seen = read_observed(*observed, grid=grid_for(result, observed))
     names = line_names(result)
-    _check_lines(seen, names)
+    check_lines(seen, names, "result")
     check_rows(result, "a comparison")
     check_exchanged(seen, result)
     method = case_of(result).surface["method"]
@@ -165,17 +165,17 @@ def site_observations(site: xr.Dataset | Scene) -> Observed | None:
         return None
     grid = site.grid if isinstance(site, Scene) else grid_for(site, files)
     seen = read_observed(*files, grid=grid)
-    _check_lines(seen, [line["name"] for line in case.lines])
+    check_lines(seen, [line["name"] for line in case.lines], "case")
     check_exchanged(seen, site.grid if isinstance(site, Scene) else site)
     return seen
 
 
-def _check_lines(seen: Observed, names: list[str]) -> None:
-    """Refuse observations at lines that the run lacks."""
-    for line, where in seen.lines.items():
+def check_lines(seen: Observed, names: list[str], where: str) -> None:
+    """Refuse observations at lines that are not in the case or result."""
+    for line, place in seen.lines.items():
         if line not in names:
             has = ", ".join(names) or "none"
-            raise RockfallError(f"{where}: line {line}: is not in the result (lines: {has})")
+            raise RockfallError(f"{place}: line {line}: is not in the {where} (lines: {has})")
 
 
 def disagreement(comparison: Comparison) -> Text:

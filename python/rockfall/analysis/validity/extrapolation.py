@@ -68,7 +68,11 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
                 key, numbers = _outside_ratios(values, case_set)
             is_warning = fraction > MAX_OUTSIDE and key != "model.outside_fitted"
             if what == "speed" and table_grounds(values):
-                key = _outside_speeds(values)
+                by_sets = any(
+                    ground.rebounds and ground.model == IMPACT_SETS
+                    for ground in rebounds_by_ground(values)
+                )
+                key = "model.outside_speed_both" if by_sets else "model.outside_thrown"
                 # A single fast impact, such as after a fall, may determine the path.
                 is_warning |= fraction * rebounds > MAX_OUTSIDE * np.size(values["speed_max"])
             text = say(key, part=part, **numbers)
@@ -94,14 +98,6 @@ def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, An
         return "model.outside_tables", {}
     ratios = open_table(shipped_tables()[tables[0]]).size
     return "model.outside_table", {"name": tables[0], "low": ratios[0], "high": ratios[-1]}
-
-
-def _outside_speeds(values: Variables) -> str:
-    """Message and values for rebounds outside the speed range of their tables and impact sets."""
-    by_sets = any(
-        ground.rebounds and ground.model == IMPACT_SETS for ground in rebounds_by_ground(values)
-    )
-    return "model.outside_speed_both" if by_sets else "model.outside_thrown"
 
 
 def faster_than_observed(values: Variables) -> np.ndarray:

@@ -183,20 +183,15 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
     if "table" in surface:
         return zones
     if "default_zone" in surface:
-        return _numbered(zones)
+        new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
+        numbered = []
+        for zone in zones:
+            if "zone" not in zone.properties:
+                new += 1
+                zone = zone._replace(properties={**zone.properties, "zone": new})
+            numbered.append(zone)
+        return numbered
     return zones + _rest(zones, sizes, surface, site.grid)
-
-
-def _numbered(zones: list[Feature]) -> list[Feature]:
-    """Zones with a new number for each zone that has none."""
-    new = max((zone.properties.get("zone", 0) for zone in zones), default=0)
-    numbered = []
-    for zone in zones:
-        if "zone" not in zone.properties:
-            new += 1
-            zone = zone._replace(properties={**zone.properties, "zone": new})
-        numbered.append(zone)
-    return numbered
 
 
 def _rest(

@@ -126,7 +126,8 @@ def _read(
     settings, document = given_groups(case), Document()
     kept: dict[str, Any] = {name: getattr(case, name) for name in REPEATABLE}
     inputs = Inputs(case, grid)
-    polygons = _has_polygon_zones(case)
+    named = case.surface.get("zones", FROM_ARRAY)
+    polygons = case.path(named).suffix.lower() in EXTENSIONS
     uniform = not {"zones", *RADII} & case.surface.keys()
     forms = layer_forms(case, polygons or uniform, grounds)
     layers = dict(document.layers)
@@ -158,11 +159,6 @@ def _fits(features: list[Feature]) -> bool:
         len(features) <= MAX_FEATURES
         and sum(feature.vertices() for feature in features) <= MAX_VERTICES
     )  # fmt: skip
-
-
-def _has_polygon_zones(case: Case) -> bool:
-    named = case.surface.get("zones", FROM_ARRAY)
-    return case.path(named).suffix.lower() in EXTENSIONS
 
 
 def line_features(layer: str, case: Case, form: Form) -> Iterator[Feature]:

@@ -39,7 +39,9 @@ def ground_command(arguments: argparse.Namespace) -> int:
     row = ground.row(arguments.name, arguments.source) if both or output else None
     if row and output:
         _add_row(output, row)
-    print(_summary(ground))
+    parts = [as_text(_table(ground)), *ground.remarks]
+    parts.append(f"Nearest shipped ground of this model: {ground.nearest}.")
+    print("\n".join([*parts, ONE_SLOPE]))
     if row:
         print("", _csv([list(row), list(row.values())]), sep="\n", end="")
         print(*([output] if output else []))
@@ -63,12 +65,6 @@ def _scars(arguments: argparse.Namespace) -> Scars | None:
         {key: values[k if len(values) > 1 else 0] for key, values in given.items()}
         for k in range(count)
     ]
-
-
-def _summary(ground: MeasuredGround) -> str:
-    parts = [as_text(_table(ground)), *ground.remarks]
-    parts.append(f"Nearest shipped ground of this model: {ground.nearest}.")
-    return "\n".join([*parts, ONE_SLOPE])
 
 
 def _table(ground: MeasuredGround) -> Table:

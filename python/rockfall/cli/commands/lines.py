@@ -2,7 +2,7 @@
 """Tables of the lines of a result or hazard, on the terminal and as files."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,10 @@ def lines_command(arguments: argparse.Namespace) -> int:
         _print_hazard(path, table)
         return DONE
     if by is not None:
-        _print_groups(path, by, _edges(arguments.classes), table)
+        result, places = _open(path, table, "")
+        statistics = line_statistics(result, by, _edges(arguments.classes))
+        print(groups_text(statistics, by, result))
+        _write(path, result, dict(zip(places, [statistics], strict=False)))
     elif along is not None:
         _print_profile(path, along, arguments.width, table)
     else:
@@ -97,20 +100,6 @@ def _print_hazard(path: str | Path, table: str | Path | None = None) -> None:
     if place:
         write_csv(period_table(hazard), place)
         print(place)
-
-
-def _print_groups(
-    path: str | Path,
-    by: str,
-    classes: Sequence[float] | None = None,
-    table: str | Path | None = None,
-) -> None:
-    """Print the boulders that pass the lines of a result by source, volume class or block shape.
-    If `table`, a CSV file, is given, write line_statistics of these groups to it."""
-    result, places = _open(path, table, "")
-    statistics = line_statistics(result, by, classes)
-    print(groups_text(statistics, by, result))
-    _write(path, result, dict(zip(places, [statistics], strict=False)))
 
 
 def _print_profile(

@@ -40,7 +40,7 @@ REPORTED = (*IMPRINT, "dem_date", "hazard", "models", "factors")  # options of a
 
 def export_command(arguments: argparse.Namespace) -> int:
     path, folder, imprint = _path(arguments), arguments.folder, _imprint(arguments)
-    chosen = _chosen(arguments)
+    chosen = Chosen(**given_options(arguments, ("formats", "tolerance")))
     added = {"dem": arguments.dem, "hazard": arguments.hazard, **imprint._asdict()}
     for key, value in added.items():
         if value and not arguments.qgis:
@@ -62,11 +62,6 @@ def export_command(arguments: argparse.Namespace) -> int:
         warn_of_results(path)
     print_files(files)
     return DONE
-
-
-def _chosen(arguments: argparse.Namespace) -> Chosen:
-    """Settings of an export from the options."""
-    return Chosen(**given_options(arguments, ("formats", "tolerance")))
 
 
 def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:

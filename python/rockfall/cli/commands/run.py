@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from rockfall.analysis.observed.compare import compare, disagreement, site_obser
 from rockfall.case import Case, read_case
 from rockfall.case.files import input_files
 from rockfall.case.variants import variants
+from rockfall.cli.checkpoints import check_interval, new_checkpoint
 from rockfall.cli.given import given_case, overridden, scene_of, stem_of
 from rockfall.cli.messages import DONE, say, warn
 from rockfall.errors import RockfallError
@@ -25,10 +25,9 @@ from rockfall.result.samples import simulated
 from rockfall.scene.scene import Scene
 from rockfall.simulation.dask import run_on_cluster
 from rockfall.simulation.parts.checkpoint import Checkpoint, checkpoint_of
-from rockfall.simulation.parts.finished import FINISHED, is_finished
+from rockfall.simulation.parts.finished import FINISHED, contains_run
 from rockfall.simulation.parts.lock import locked
-from rockfall.simulation.simulate import Interrupted, simulate, start
-from rockfall.simulation.tally import origin_of
+from rockfall.simulation.simulate import Interrupted, simulate
 from rockfall.studies.run_until import simulate_until, verdicts_of
 from rockfall.text.preview import preview
 from rockfall.text.summary import summary
@@ -85,8 +84,7 @@ def _refuse_contradictions(arguments: argparse.Namespace) -> None:
             raise RockfallError(f"--{word} cannot be combined with --until")
     if arguments.dask is not None and (arguments.resume or arguments.shard is not None):
         raise RockfallError("--dask cannot be combined with --shard or --resume")
-    if not arguments.checkpoint >= 0:
-        raise RockfallError(f"--checkpoint {arguments.checkpoint}: must be >= 0 seconds")
+    check_interval(arguments)
 
 
 def _shard(text: str) -> tuple[int, int]:
@@ -97,16 +95,9 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _checkpoint(arguments: argparse.Namespace, path: Path) -> Checkpoint | None:
-    """Checkpoint of a run; an existing file is overwritten only on request."""
     if arguments.until is not None or arguments.dask is not None:
         return None
-    checkpoint = Checkpoint(path, arguments.checkpoint or math.inf, warn)
-    if (done := checkpoint.found()) and not arguments.resume:
-        raise RockfallError(
-            f"{checkpoint.path}: contains {done:,} boulders of a stopped run: continue with "
-            "--resume, or remove it"
-        )
-    return checkpoint
+    return new_checkpoint(arguments, path, "a stopped run")
 
 
 def _run_to(
@@ -119,9 +110,7 @@ def _run_to(
     scene = scene_of(case, arguments)
     seen = site_observations(scene)  # refuses observations that could not be compared later
     if arguments.resume and path.exists() and not checkpoint_of(path).exists():
-        empty = start(scene, threads=1, shard=shard)
-        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
-        if is_finished(path, origin_of(empty), boulders):
+        if contains_run(path, scene, shard):
             return say(f"{path}: {FINISHED}", DONE)
         if not arguments.overwrite:
             raise RockfallError(f"{path}: {EXISTS}")

@@ -31,11 +31,10 @@ from rockfall.products import report_variants
 from rockfall.result.dataset import write_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.stages import KeptStages
-from rockfall.simulation.parts.finished import FINISHED, is_finished
+from rockfall.simulation.parts.finished import FINISHED, contains_run
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import working
-from rockfall.simulation.simulate import Interrupted, start
-from rockfall.simulation.tally import origin_of
+from rockfall.simulation.simulate import Interrupted
 from rockfall.studies.difference_maps import (
     difference_maps,
     have_passages,
@@ -146,9 +145,7 @@ def _pages(arguments: argparse.Namespace) -> list[str]:
 
 def _are_finished(folder: Path, case: Case, memory: float) -> bool:
     """Return True if the folder has the results of all variants of a case."""
-    for name, variant in variants(case).items():
-        empty = start(read_scene(variant, memory=memory), threads=1)
-        boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
-        if not is_finished(folder / f"{name}.nc", origin_of(empty), boulders):
-            return False
-    return True
+    return all(
+        contains_run(folder / f"{name}.nc", read_scene(variant, memory=memory))
+        for name, variant in variants(case).items()
+    )

@@ -92,7 +92,10 @@ def draw_zones(sheet: Sheet, hazard: xr.Dataset) -> None:
 
 def draw_places(sheet: Sheet, hazard: xr.Dataset) -> None:
     """Draw the lines and barriers of a hazard's case, and the objects."""
-    _draw_lines(sheet, hazard)
+    for is_barrier, name, x, y in _lines(hazard):
+        draw_line(sheet, x, y, LOOKS[is_barrier])
+        if (here := inside(x, y, sheet.extent))[0].size:
+            sheet.labels.put(name, beside(*here), weight="bold", fontsize=SMALL)
     _draw_objects(sheet, hazard)
 
 
@@ -154,19 +157,15 @@ def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
     return around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
 
 
-def _listed(colours: list[str]) -> Any:
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colours)
-
-
 def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
     """Draw class colours; cells without a class are blank."""
+    from matplotlib.colors import ListedColormap
+
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
     style = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
-    draw_image(axes, shown, grid, cmap=_listed(list(colours.values())), **style)
+    draw_image(axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
 
 
 def _key(data: xr.DataArray) -> list[Any]:
@@ -187,14 +186,6 @@ def _lines(hazard: xr.Dataset) -> Iterator[tuple[bool, str, np.ndarray, np.ndarr
             if "x" in group and "diameter" not in group:
                 vertices = np.array(group["x"], float), np.array(group["y"], float)
                 yield is_barrier, str(group.get("name", "")), *vertices
-
-
-def _draw_lines(sheet: Sheet, hazard: xr.Dataset) -> None:
-    """Draw named lines and barriers."""
-    for is_barrier, name, x, y in _lines(hazard):
-        draw_line(sheet, x, y, LOOKS[is_barrier])
-        if (here := inside(x, y, sheet.extent))[0].size:
-            sheet.labels.put(name, beside(*here), weight="bold", fontsize=SMALL)
 
 
 def _draw_objects(sheet: Sheet, hazard: xr.Dataset) -> None:

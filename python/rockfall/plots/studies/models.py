@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from rockfall.language import word
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, new_figure, plain, styled
@@ -48,7 +47,7 @@ def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, 
         rows = here[here["statistic"] == number].set_index("model").reindex(models.names)
         if rows["value"].notna().any():
             value, low, high = (shown.factor * rows[name] for name in ("value", "low", "high"))
-            ends = _ends(value, low, high)
+            ends = np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)
             about_: dict[str, Any] = {"linestyle": "", "marker": "o", "ms": 3.5, "lw": 1}
             axes.errorbar(value, places, xerr=ends, color=colour, mfc=face, **about_)
             if number == statistic:
@@ -58,8 +57,3 @@ def _draw(axes: Axes, models: Models, line: str, quantity: str, statistic: str, 
     axes.set_xlim(left=0)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel(shown.title)
-
-
-def _ends(value: pd.Series, low: pd.Series, high: pd.Series) -> np.ndarray:
-    """Interval lengths on both sides; empty without intervals."""
-    return np.nan_to_num(np.stack([value - low, high - value])).clip(min=0)

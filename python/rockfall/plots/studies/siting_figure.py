@@ -43,7 +43,9 @@ def siting_figure(siting: Siting) -> Figure:
     round_it.axhline(100 * siting.limits.bypass, **LIMIT)
     round_it.set(ylabel="still come [%]", ylim=(0, None))
     for axes in (energy, high, round_it):
-        _mark(axes, siting.table)
+        for choice, linestyle in ((BEST, "-"), (NOT_DISTINGUISHED, ":")):
+            for distance in siting.table["distance"][siting.table["choice"] == choice]:
+                axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0)
     energy.set_title(f"Above {plain(siting.line)}", pad=22)
     round_it.set(xlabel=f"distance from {plain(siting.line)} [m]")
@@ -62,10 +64,3 @@ def _draw(
     unknown = np.isfinite(value) & ~np.isfinite(high)
     style = {"linestyle": "", "marker": "^", "ms": 5, "mfc": "none", "color": colour}
     axes.plot(table["distance"][unknown], value[unknown], **style)
-
-
-def _mark(axes: Axes, table: pd.DataFrame) -> None:
-    """Mark the best alignment, and those that do not differ significantly from it."""
-    for choice, linestyle in ((BEST, "-"), (NOT_DISTINGUISHED, ":")):
-        for distance in table["distance"][table["choice"] == choice]:
-            axes.axvline(distance, color=INK, lw=0.8, linestyle=linestyle, zorder=0)

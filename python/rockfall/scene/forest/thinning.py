@@ -35,7 +35,13 @@ def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> P
     forest, trees = inputs.case.forest, planted.trees
     remain = np.ones(trees.x.size, bool)
     if forest["clear_of_sources"] > 0:
-        remain &= _clear_of(trees.x, trees.y, x, y, forest["clear_of_sources"])
+        from scipy.spatial import KDTree
+
+        sources = KDTree(np.column_stack((x, y)))
+        nearest, _ = sources.query(
+            np.column_stack((trees.x, trees.y)), distance_upper_bound=forest["clear_of_sources"]
+        )
+        remain &= np.isinf(nearest)
     if planted.remain is not None:
         remain &= planted.remain < forest["density_factor"] * _cleared(inputs, trees.x, trees.y)
     if remain.all():
@@ -47,17 +53,6 @@ def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> P
         )
     stand = None if planted.stand is None else planted.stand[remain]
     return Planted(trees.select(remain), None, stand)
-
-
-def _clear_of(
-    x: np.ndarray, y: np.ndarray, source_x: np.ndarray, source_y: np.ndarray, distance: float
-) -> np.ndarray:
-    """Mask of points farther than a distance [m] from all sources, in plan."""
-    from scipy.spatial import KDTree
-
-    sources = KDTree(np.column_stack((source_x, source_y)))
-    nearest, _ = sources.query(np.column_stack((x, y)), distance_upper_bound=distance)
-    return np.isinf(nearest)
 
 
 def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -12,11 +12,20 @@ from rockfall.errors import RockfallError
 from rockfall.io.netcdf import open_netcdf
 from rockfall.result.dataset import DAMAGED, open_result
 from rockfall.result.validate import check_result
+from rockfall.scene.scene import Scene
 from rockfall.simulation.parts.part_file import read_part
-from rockfall.simulation.tally import Origin
+from rockfall.simulation.simulate import start
+from rockfall.simulation.tally import Origin, origin_of
 
 #: Message about an output that stays unchanged.
 FINISHED = "already contains the finished run of this case: nothing was changed"
+
+
+def contains_run(path: Path, scene: Scene, shard: tuple[int, int] = (1, 1)) -> bool:
+    """Return True if a file contains the finished run of a scene, or of its shard."""
+    empty = start(scene, threads=1, shard=shard)
+    boulders = range(empty.before + 1, empty.before + empty.boulders + 1)
+    return is_finished(path, origin_of(empty), boulders)
 
 
 def is_finished(path: Path, origin: Origin, boulders: range) -> bool:

@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from rockfall.analysis.observed.compare import check_lines
 from rockfall.analysis.observed.deposits import MIN_FITTED, at_rest, witnesses
 from rockfall.analysis.observed.marks import Mark
 from rockfall.analysis.observed.observations import Observed
@@ -298,10 +299,7 @@ def _way(frame: Frame, source: int, column: int) -> Take:
 
 def _of_lines(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
     names = line_names(result)
-    for line, where in seen.lines.items():
-        if line not in names:
-            has = ", ".join(names) or "none"
-            raise RockfallError(f"{where}: line {line}: is not in the case (lines: {has})")
+    check_lines(seen, names, "case")
     for (line, quantity), values in seen.samples.items():
         yield Counted(f"{quantity} at {line}", values, _at_line(names.index(line), quantity))
     for row in seen.summaries[seen.summaries["method"] == "observed"].to_dict("records"):

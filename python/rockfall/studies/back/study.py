@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.observed.deposits import witnesses
-from rockfall.analysis.observed.marks import Mark, read_marks, with_lines_at
+from rockfall.analysis.observed.marks import read_marks, with_lines_at
 from rockfall.analysis.observed.observations import Observed, read_observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
 from rockfall.analysis.validity.remarks import model_warnings
@@ -167,7 +167,8 @@ def _read(
     seen = read_observed(*observed, grid=scene.grid)
     check_exchanged(seen, scene.grid)
     marks = read_marks(seen)
-    check_on_terrain(scene, *_places(marks))
+    x, y = (np.array([getattr(mark, axis) for mark in marks]) for axis in "xy")
+    check_on_terrain(scene, [mark.where for mark in marks], x, y)
     scene, marks = with_lines_at(scene, marks)
     base = run_scene(scene)
     scene = replace(scene, case=scene.case.replace(output={"maps": None}))
@@ -265,11 +266,6 @@ class _Rounds:
             pd.DataFrame(records), tuple(notes), enough, noise, read.scene.boulders,
             np.array([part.alone for part in parts]), read.model_warnings,
         )  # fmt: skip
-
-
-def _places(marks: list[Mark]) -> tuple[list[str], np.ndarray, np.ndarray]:
-    x, y = (np.array([getattr(mark, axis) for mark in marks]) for axis in "xy")
-    return [mark.where for mark in marks], x, y
 
 
 def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
