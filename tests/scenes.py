@@ -127,6 +127,12 @@ def grid(z, cell=5.0, west=0.0, south=0.0):
     return Grid(west, south + ny * cell, cell, nx, ny)
 
 
+def cut_below(z, y, cell=5.0):
+    """Part of a slope above a northing, and its grid: boulders end soon after a line there."""
+    z = z[: z.shape[0] - round(y / cell)]
+    return z, grid(z, cell, south=y)
+
+
 def status(result):
     """Status of each boulder as text."""
     names = result.status.attrs["flag_meanings"].split()

@@ -44,10 +44,14 @@ from rockfall.tables.ensemble import (
 )
 from rockfall.tables.lines import in_unit
 from rockfall.text.summary import remark_lines
-from scenes import grid, make_case, rough, sets, write_sets
+from scenes import cut_below, grid, make_case, rough, sets, write_sets
 
-TERRAIN = rough()
+TERRAIN, _ = cut_below(rough(), 260.0)
 LINE = {"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}
+
+
+def place_of(z):
+    return grid(z, south=260.0)
 
 
 def case_of(folder, boulders=100, **groups):
@@ -58,7 +62,7 @@ def case_of(folder, boulders=100, **groups):
 
 
 def vary(case, **more):
-    return rockfall.run_ensemble(case, dem=TERRAIN, transform=grid(TERRAIN), **more)
+    return rockfall.run_ensemble(case, dem=TERRAIN, transform=place_of(TERRAIN), **more)
 
 
 # ---- parts of the variance
@@ -125,7 +129,7 @@ def test_no_shares_of_an_ignorance_that_is_not_there():
 
 
 def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
-    result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=grid(TERRAIN))
+    result = rockfall.run(case_of(tmp_path, 2000), dem=TERRAIN, transform=place_of(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
     for quantity, number in RESULTS.values():
         row = table.loc[quantity]
@@ -147,7 +151,10 @@ def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_
     """Covariances from one pair of runs compared with 160 pairs with other boulders. Both runs have
     the same boulders, over two terrains from two sources, so this is no Monte Carlo error."""
     case = case_of(tmp_path, 160 * 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
-    scenes = [read_scene(case, dem=z, transform=grid(z)) for z in (TERRAIN, rough(seed=2))]
+    scenes = [
+        read_scene(case, dem=z, transform=place_of(z))
+        for z in (TERRAIN, cut_below(rough(seed=2), 260.0)[0])
+    ]
     z, other = (scene.rasters.z for scene in scenes)
     scenes[1] = scenes[1].replace(z=0.05 * other + 0.95 * z)
     chosen = [RESULTS[name] for name in ("fraction", "speed.mean", "speed.q95")]
@@ -220,7 +227,7 @@ def test_where_nothing_matters_there_is_chance_only(tmp_path):
     found = vary(case)
     at = found.isel(line=0)
     assert np.all(abs(at["epistemic_variance"]) < 4 * at["epistemic_variance_error"])
-    result = rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
+    result = rockfall.run(case, dem=TERRAIN, transform=place_of(TERRAIN))
     table = rockfall.line_statistics(result).set_index("quantity")
     for name, (quantity, number) in RESULTS.items():
         row = table.loc[quantity]
@@ -262,7 +269,7 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
         )  # fmt: skip
         again = case.replace(case={"seed": int(drawn["seed"])})
         table = rockfall.line_statistics(
-            rockfall.run(again, dem=TERRAIN, transform=grid(TERRAIN))
+            rockfall.run(again, dem=TERRAIN, transform=place_of(TERRAIN))
         ).set_index("quantity")
         value = found["value"].isel(run=k, line=0).sel(variant=side)
         assert value.sel(result="fraction") == table.loc["speed", "fraction"]
@@ -310,7 +317,7 @@ def test_a_run_takes_one_draw(tmp_path):
     with pytest.raises(
         RockfallError, match=("contains 2 draws of the impact sets: use it in &ensemble")
     ):
-        rockfall.run(case, dem=TERRAIN, transform=grid(TERRAIN))
+        rockfall.run(case, dem=TERRAIN, transform=place_of(TERRAIN))
 
 
 def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
@@ -329,7 +336,7 @@ def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
 
 def shifts(case):
     """Shifts of the eastern sources, in each run and side."""
-    inputs = Uncertain(read_scene(case, dem=TERRAIN, transform=grid(TERRAIN)))
+    inputs = Uncertain(read_scene(case, dem=TERRAIN, transform=place_of(TERRAIN)))
     draws = [[inputs.draw("source", k, side).kept for side in (0, 1)] for k in range(8)]
     return [[one["source_east"] for one in run] for run in draws]
 
@@ -348,7 +355,7 @@ def test_maps_are_of_the_runs_a_and_b(tmp_path, small):
             }
             output = {"maps": ["passages"], "map_extent": "terrain"}
             one = case.replace(case={"seed": int(drawn["seed"])}, release=release, output=output)
-            passed = rockfall.run(one, dem=TERRAIN, transform=grid(TERRAIN))["passages"]
+            passed = rockfall.run(one, dem=TERRAIN, transform=place_of(TERRAIN))["passages"]
             reached.append(passed.values / 100)
     close = {"rtol": 1e-5, "atol": 1e-7}
     assert np.allclose(found["reach_probability_mean"], np.mean(reached, axis=0), **close)
@@ -514,7 +521,7 @@ def test_fields_have_the_variance_and_correlation_they_are_asked_for():
 
 
 def scene_of(folder, z=TERRAIN, **groups):
-    return read_scene(case_of(folder, **groups), dem=z, transform=grid(z))
+    return read_scene(case_of(folder, **groups), dem=z, transform=place_of(z))
 
 
 def test_elevations_keep_their_type_and_what_is_not_known(tmp_path):
@@ -707,7 +714,7 @@ def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkey
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
     found, run = (
-        make(case, dem=TERRAIN, transform=grid(TERRAIN))
+        make(case, dem=TERRAIN, transform=place_of(TERRAIN))
         for make in (rockfall.run_ensemble, rockfall.run)
     )
     remarks = [*remark_lines(run)]

@@ -14,7 +14,7 @@ from rockfall.analysis.precision.intervals import Sources, fraction_interval, so
 from rockfall.analysis.precision.samples import Values
 from rockfall.kernel_rules import fraction_limits
 from rockfall.result.crossings import at_lines, line_values
-from scenes import grid, make_case, rough, sets
+from scenes import cut_below, make_case, rough, sets
 
 LONG = 20_000
 
@@ -29,7 +29,8 @@ def long_run(gallery):
             folder, *sets(), line=line, case={"boulders": LONG, "threads": 0},
             terrain={}, release={"x": 150.0, "y": 380.0},
         )  # fmt: skip
-        return rockfall.run(case, dem=rough(), transform=grid(rough()))
+        z, place = cut_below(rough(), 260.0)
+        return rockfall.run(case, dem=z, transform=place)
 
     return gallery.value("long", make)
 

@@ -24,7 +24,7 @@ from rockfall.studies.run_until import (
     verdicts_of,
 )
 from rockfall.text.summary import summary
-from scenes import grid, make_case, rough, sets
+from scenes import cut_below, make_case, rough, sets
 
 LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
@@ -161,7 +161,7 @@ def slope_case(folder, x=(150.0,), line=LINE, **output):
 
 
 def terrain():
-    return {"dem": rough(), "transform": grid(rough())}
+    return dict(zip(("dem", "transform"), cut_below(rough(), 260.0), strict=True))
 
 
 @pytest.mark.parametrize("x", [(150.0,), (130.0, 140.0, 150.0)])
@@ -240,7 +240,7 @@ def place(tmp_path, monkeypatch):
     from rockfall.io.rasters.geotiff import write_geotiff
 
     monkeypatch.chdir(tmp_path)
-    write_geotiff("dem.tif", rough(dtype="f4"), grid(rough()))
+    write_geotiff("dem.tif", *cut_below(rough(dtype="f4"), 260.0))
     case = slope_case(tmp_path).replace(terrain={"dem": "dem.tif"})
     (tmp_path / "case.nml").write_text(case.text())
     return tmp_path

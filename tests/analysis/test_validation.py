@@ -2,6 +2,8 @@
 """`rockfall validate`: a model agrees with boulders that it generated and disagrees with others; no
 verdict where chance may decide. Weights of boulders enter every statistic."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -49,6 +51,15 @@ def made(case, tmp_path_factory):
     return folder, line, speed
 
 
+@pytest.fixture(scope="module")
+def small(case):
+    """The case with few boulders, in a file."""
+    few = case.replace(case={"boulders": 20})
+    few.name = str(Path(case.name).with_name("few.nml"))
+    Path(few.name).write_text(few.text(), encoding="utf-8")
+    return few
+
+
 def of(found, law, statistic, line=""):
     table = found.table.set_index(["law", "line", "statistic"])
     return table.loc[law, line, statistic]
@@ -93,27 +104,27 @@ def test_each_law_has_the_name_of_what_it_follows(case, made):
         assert of(of_ground, law, "mean").simulated == of(of_table, other, "mean").simulated
 
 
-def test_few_boulders_decide_little(case, made):
+def test_few_boulders_decide_little(small, made):
     folder, _, _ = made
     some = folder / "some.csv"
     pd.read_csv(folder / "stops.csv").iloc[:6].to_csv(some, index=False)
-    found = validate(case, read_observed(some), tables=[], seeds=2)
+    found = validate(small, read_observed(some), tables=[], seeds=2)
     assert of(found, OWN, "std").verdict in (UNDECIDED, BEYOND)
     assert of(found, OWN, "mean").verdict == UNDECIDED
 
 
-def test_printed_numbers_are_compared(case, made, tmp_path):
+def test_printed_numbers_are_compared(small, made, tmp_path):
     _, line, speed = made
     text = f"line,quantity,unit,mean,std,n\n{line},speed,m/s,{speed.mean()},{speed.std()},100\n"
     (tmp_path / "printed.csv").write_text(text)
-    found = validate(case, read_observed(tmp_path / "printed.csv"), tables=[], seeds=2)
+    found = validate(small, read_observed(tmp_path / "printed.csv"), tables=[], seeds=2)
     assert set(found.table.statistic) == {"mean", "std"}
     assert of(found, OWN, "mean", line).observed_error == pytest.approx(speed.std() / 10)
 
 
-def test_the_command_writes_its_table(case, made, tmp_path, capsys):
+def test_the_command_writes_its_table(small, made, tmp_path, capsys):
     folder, _, _ = made
-    command = ["validate", str(case.name), str(folder / "stops.csv"), "--table", "talus"]
+    command = ["validate", small.name, str(folder / "stops.csv"), "--table", "talus"]
     out = tmp_path / "validation.csv"
     out.write_text("of before")
     assert main([*command, "--seeds", "2", "--quiet", "-o", str(out), "--overwrite"]) == 0
@@ -123,11 +134,11 @@ def test_the_command_writes_its_table(case, made, tmp_path, capsys):
     assert main([*command, "--quiet", "-o", str(folder / "stops.csv"), "--overwrite"]) == 2
 
 
-def test_what_cannot_be_compared_is_refused(case, made, tmp_path, capsys, monkeypatch):
+def test_what_cannot_be_compared_is_refused(small, made, tmp_path, capsys, monkeypatch):
     folder, _, _ = made
     monkeypatch.chdir(tmp_path)
     (tmp_path / "apart.csv").write_text("line,quantity,unit,value\nnowhere,speed,m/s,3\n")
-    name, stops = case.name, folder / "stops.csv"
+    name, stops = small.name, folder / "stops.csv"
     few = ["--table", "talus", "--seeds", "2"]
     refuses(["validate", name, "apart.csv", *few], ".*: no observation to compare with.*", capsys)
     refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: must be at least 2 .*", capsys)
