@@ -353,3 +353,38 @@ def test_the_key_of_the_map_lies_on_the_sheet(hazard, language, wide):
     assert box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0
     bottom = figure.axes[0].get_window_extent().y0
     assert all(text.get_window_extent().y1 < bottom for text in key.get_texts())
+
+
+@pytest.mark.parametrize(
+    ("turns", "mirrored"),
+    [(3, True)]
+    + [pytest.param(*how, marks=pytest.mark.all) for how in ((0, True), (1, False), (2, True))],
+)
+def test_turned_and_mirrored_terrain_has_turned_and_mirrored_origins(tmp_path, turns, mirrored):
+    """Paths agree up to rounding errors, because no source is on the edge of a cell."""
+    side = 300.0
+
+    def turned(x, y):
+        points = (np.asarray(x) + 1j * np.asarray(y, float)) - side * (1 + 1j) / 2
+        points = (-points.conj() if mirrored else points) * 1j**turns + side * (1 + 1j) / 2
+        return {"x": points.real.tolist(), "y": points.imag.tolist()}
+
+    z, starts = scenes.rough(60, 60), ([61.0, 101.0, 131.0, 201.0], [281.0] * 4)
+    ends = [50.0, 170.0], [200.0, 180.0]
+    plain = {"x": starts[0], "y": starts[1]}, {"x": ends[0], "y": ends[1]}
+    found = []
+    for release, line, dem in (
+        (*plain, z),
+        (turned(*starts), turned(*ends), np.rot90(z[:, :: -1 if mirrored else 1], turns)),
+    ):
+        groups = {"release": release | {"drop_height": 5.0}, "case": {"boulders": 300}}
+        case = scenes.make_case(
+            tmp_path, *scenes.sets(2.0), line=[{"name": "road"} | line], **groups
+        ).replace(scenario=SCENARIOS)
+        place = {"dem": np.ascontiguousarray(dem), "transform": scenes.grid(dem)}
+        found.append(rockfall.origins(rockfall.hazard(case, **place), "road"))
+    here, there = found
+    here[["x", "y"]] = np.column_stack([*turned(here["x"], here["y"]).values()])
+    here, there = (table.round({"x": 6, "y": 6}).set_index(["x", "y"]) for table in found)
+    assert {*here.index} == {*there.index} and len(here) == 4
+    assert np.allclose(here, there.loc[here.index], rtol=1e-6, equal_nan=True)
