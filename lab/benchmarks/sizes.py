@@ -5,9 +5,9 @@
         [--reliefs 12.75 17.75]
 
 Each table is simulated with blocks of one R_b, on their ground or with another relief [degree], at
-the same strength. The plane of tables chooses between its parts (theory, eq. 5.25). Prints for both
-the fraction of compact boulders that passes 200 m of a plane, with a standard error, and the mean
-speed there.
+the same strength. The plane of tables selects among its parts by boulder and ground (theory, eq.
+5.25). Prints for both the fraction of compact boulders that passes 200 m of a plane, with a
+standard error, and the mean speed there.
 """
 
 import argparse

@@ -284,7 +284,7 @@ contains
       type(crossing_t), intent(in) :: piece
       type(crossing_t), intent(inout) :: all
       real(wp), intent(inout) :: energy     !! maximum energy so far [J]
-      real(wp), intent(inout) :: raised(3)  !! maximum lowest point, centre, upper edge so far [m]
+      real(wp), intent(inout) :: raised(3)  !! maximum heights so far [m]: lowest point, centre, upper edge
       real(wp) :: energy_here
       integer :: fragments
       integer(i1) :: outcome

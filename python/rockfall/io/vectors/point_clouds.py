@@ -212,7 +212,7 @@ def _check_heights(path: str | Path, own: Sequence[Any], records: Sequence[Any])
         if (record.user_id, record.record_id) == ("LASF_Spec", _DESCRIPTION):
             unit = unit_in_words(record.record_data_bytes().decode("latin-1"))
             stated += [Stated(unit, "its text area")] if unit else []
-        elif record.user_id == "liblas":  # WKT from before the LAS standard had it
+        elif record.user_id == "liblas":  # WKT, written before LAS had a record for it
             text = record.record_data_bytes().decode("latin-1")
             stated += [Stated(unit, "its libLAS record") for unit in vertical_units(text)]
     refuse_units(path, stated, lambda factor: _in_metres(Path(path), factor))
