@@ -30,8 +30,8 @@ from slope_case import write_slope
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
-Z = scenes.rough()
-PLACE = {"dem": Z, "transform": scenes.grid(Z)}
+Z, GRID = scenes.cut_below(scenes.rough(), 140.0)
+PLACE = {"dem": Z, "transform": GRID}
 LINES = [
     {"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]},
     {"name": "left", "x": [0.0, 75.0], "y": [330.0, 330.0]},
@@ -250,7 +250,10 @@ MUST = "must be X,Y or X,Y,RADIUS, radius at most 50 m"
 @pytest.mark.parametrize(
     ("place", "why"),
     [
-        ((1e6, 312.5), "x = 1000000, y = 312.5: lies outside the terrain, x 0 to 300, y 0 to 400"),
+        (
+            (1e6, 312.5),
+            "x = 1000000, y = 312.5: lies outside the terrain, x 0 to 300, y 140 to 400",
+        ),
         ((202.5, 202.5), "x = 202.5, y = 202.5: the terrain has no elevation there"),
         ((np.nan, 312.5), f"nan, 312.5: {MUST}"),
         ((127.5, 312.5, 50.5), f"127.5, 312.5, 50.5: {MUST}"),
@@ -268,7 +271,9 @@ def test_places_that_cannot_be_are_refused(hazard, place, why):
 @pytest.mark.usefixtures("beside")
 def test_a_hazard_of_other_inputs_is_refused(hazard):
     with refused("place 97.5, 152.5: inputs or version differ from those of the hazard: rerun it"):
-        rockfall.origins(hazard, CELL, dem=scenes.rough(seed=2), transform=PLACE["transform"])
+        rockfall.origins(
+            hazard, CELL, dem=scenes.rough(ny=len(Z), seed=2), transform=PLACE["transform"]
+        )
 
 
 def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypatch, capsys):

@@ -16,7 +16,7 @@ from same import same_bits
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 W, N = 600000.0, 5000000.0
-CASE = f"""&case boulders_total = 3000, seed = 7, threads = 1 /
+CASE = f"""&case boulders_total = 1000, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
 &impact sets = 'sets.nml' /

@@ -23,8 +23,9 @@ THIRDS = [shapely.box(W, N - y - 133, W + 300, N - y) for y in (0, 133, 266)]
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """Write dem.tif in the current folder."""
+    """Write dem.tif in the current folder; `check` simulates few boulders."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
 

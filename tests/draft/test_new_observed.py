@@ -31,6 +31,7 @@ class Terminal(io.StringIO):
 def slope(tmp_path, monkeypatch):
     """Write dem.tif in the current folder."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)  # of `check`
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
 

@@ -32,14 +32,14 @@ from rockfall.studies.siting import (
 )
 from rockfall.studies.variants import at_line as variant_line
 from rockfall.tables.siting import siting_text
-from scenes import FACTORS, grid, make_case, rough, sets
+from scenes import FACTORS, cut_below, make_case, rough, sets
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
-Z = rough()
+Z, GRID = cut_below(rough(), 120.0)
 site = partial(rockfall.site, factors=FACTORS)
 ROAD = {"name": "road", "x": [0.0, 300.0], "y": [180.0, 180.0]}
-TERRAIN = {"dem": Z, "transform": grid(Z)}
+TERRAIN = {"dem": Z, "transform": GRID}
 
 
 @pytest.fixture(scope="module")
