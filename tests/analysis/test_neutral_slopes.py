@@ -104,8 +104,8 @@ def test_check_tells_of_each_zone_how_much_is_steeper(zoned):
 
 def test_check_tells_both_ends_where_volumes_are_served_by_several_sets(zoned):
     narrow, wide = ({"volume": "normal", "volume_std": std} for std in (0.03, 0.5))
-    assert " (" not in lines(zoned(boulder=narrow, case={"boulders": 3000}))[0]
-    first = lines(zoned(boulder=wide, case={"boulders": 3000}))[0]
+    assert " (" not in lines(zoned(boulder=narrow, case={"boulders": 600}))[0]
+    first = lines(zoned(boulder=wide, case={"boulders": 600}))[0]
     ratio = r"R_b/R_m 2\.[0-9]+ \(1\.[0-9]+ to 2\.[0-9]+\); neutral slope 39 \(45 to 34\) degrees, "
     ratio += r"100% \(0% to 100%\) of cells steeper"
     assert re.search(ratio, first), first

@@ -14,8 +14,8 @@ from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.variables import OUTCOME
 from rockfall.tables.yearly_design import advice, verdicts, yearly_design_text
 
-Z = scenes.rough(gradient=0.6, relief=0.3)
-PLACE = {"dem": Z, "transform": scenes.grid(Z)}
+Z, GRID = scenes.cut_below(scenes.rough(gradient=0.6, relief=0.3), 180.0)
+PLACE = {"dem": Z, "transform": GRID}
 LINE = {"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}
 SCENARIOS = [
     {"name": "often", "frequency": 0.3},
