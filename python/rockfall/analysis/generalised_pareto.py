@@ -8,7 +8,7 @@ for a GPD fitted to clustered values.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 FALSE = 0.05  # rate of falsely rejected thresholds
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
+NEAR = 1e-9  # cost at a root; a millionth of what 95 % intervals of 2000 values allow
 NEAR_ZERO = 1e-6  # |theta| x largest value, below which the GPD counts as exponential
 SHAPES = -0.49, 2.0  # range of the tables in `_p_value`; the covariance of the fit ends at -0.5
 IMHOF = 0.25 + 0.5 * np.arange(400)  # grid for Imhof's integral
@@ -87,6 +88,23 @@ def best_of(theta: float | np.ndarray, excess: np.ndarray) -> tuple[float, float
     log-likelihood per value, up to a constant (Grimshaw 1993)."""
     shape = np.log1p(theta * excess).sum() / excess.size  # `mean` takes three times as long
     return shape, shape / theta, np.log(shape / theta) + shape
+
+
+def root_of(cost: Callable[[float], float], low: float, high: float) -> float:
+    """Place where a cost with opposite signs at `low` and `high` vanishes, by the Illinois method
+    (Dowell and Jarratt 1971). The import of SciPy's methods takes as long as 40 tails."""
+    place, at_low, at_high = high, cost(low), cost(high)
+    for _ in range(100):
+        place = (low * at_high - high * at_low) / (at_high - at_low)
+        at = cost(place)
+        if abs(at) < NEAR:
+            break
+        if at * at_high < 0:
+            low, at_low = high, at_high
+        else:
+            at_low /= 2
+        high, at_high = place, at
+    return place
 
 
 def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:

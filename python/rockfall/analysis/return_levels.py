@@ -22,6 +22,7 @@ from rockfall.analysis.generalised_pareto import (
     best_of,
     fit_gpd,
     lowest_valid,
+    root_of,
     theta_at,
 )
 from rockfall.analysis.line_statistics import with_limits
@@ -206,15 +207,13 @@ def _end(excess: np.ndarray, fit: Fit, weight: float) -> tuple[float, float]:
     lowest = best_of(theta, excess)[2]
 
     def excess_cost(other: float) -> float:
-        loss = best_of(other, excess)[2] - lowest
+        loss = float(best_of(other, excess)[2] - lowest)
         return loss * excess.size * weight - Z**2 / 2
 
     nothing = -1e-9 / excess.max()
     if theta >= nothing or excess_cost(nothing) < 0:
         return np.inf, np.inf
-    from scipy.optimize import brentq
-
-    last = brentq(excess_cost, theta, nothing, xtol=1e-12 / excess.max())
+    last = root_of(excess_cost, theta, nothing)
     return fit.threshold - 1 / theta, fit.threshold - 1 / last
 
 
@@ -292,12 +291,8 @@ def _profiled(
     def spare(place: float) -> float:
         return float(allowed - best_of(theta_at(place, excess), excess)[2])
 
-    from scipy.optimize import brentq
-
     best = math.log1p(fit.shape / fit.scale * excess[-1]) / math.log(k)
-    west, east = (
-        end if spare(end) > 0 else brentq(spare, end, best, xtol=1e-6) for end in (-1.0, MAX_PLACE)
-    )
+    west, east = (end if spare(end) > 0 else root_of(spare, end, best) for end in (-1.0, MAX_PLACE))
 
     def scales(places: np.ndarray) -> np.ndarray:
         """Maximum-likelihood scale for each theta, as a smooth function."""
