@@ -200,17 +200,22 @@ def test_beyond_the_terrain_passing_is_known_between_two_bounds(full):
 def test_distributions_hold_the_boulders_that_pass(full, observed):
     from matplotlib.patches import StepPatch
 
-    upper, lower = draw(full, "line_energy_total", None, observed).axes
+    (panel,) = draw(full, "line_energy_total", None, observed).axes
     energy = (
         at_lines(full)["line_energy_translational"] + at_lines(full)["line_energy_rotational"]
     ).values[0] / 1000
     energy = energy[np.isfinite(energy)]
-    share, edges, _ = upper.findobj(StepPatch)[0].get_data()
+    share, edges, _ = panel.findobj(StepPatch)[0].get_data()
     assert share == pytest.approx(100 * np.histogram(energy, edges)[0] / energy.size)
     assert share.sum() == pytest.approx(100, abs=100 / energy.size + 0.3)
-    rows = [bar.get_children()[0].get_xdata()[0] for bar in lower.containers]
+    rows = [bar.get_children()[0].get_xdata()[0] for bar in panel.containers]
     assert rows == pytest.approx([energy.mean(), 200.0])
-    assert [text.get_text() for text in lower.get_yticklabels()] == ["this run", "observed"]
+    labels = [text.get_text() for text in panel.get_yticklabels(minor=True)]
+    assert labels == ["this run", "observed"]
+    low, high = panel.get_ylim()
+    places = panel.get_yticks(minor=True)
+    assert low < places[1] < places[0] < 0 < min(high, share.max())
+    assert min(panel.get_yticks()) == 0
 
 
 def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
@@ -221,7 +226,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     passed = np.isfinite(at_lines(result)["line_x"].values).sum(axis=1)
     drawn = {one.name: one for one in figures(result) if one.name.startswith("line_speed")}
     assert [*drawn] == ["line_speed_1", "line_speed_2", "line_speed_3"]
-    assert [len(one.draw().axes) for one in drawn.values()] == [16, 16, 6]
+    assert [len(one.draw().axes) for one in drawn.values()] == [8, 8, 3]
     some = {one.name: one for one in figures(result, most_lines=8)}
     assert "The 8 of 19 lines with the most passing boulders" in some["line_speed"].caption
     assert "of 19 lines" not in drawn["line_speed_1"].caption
@@ -247,12 +252,12 @@ def test_a_number_past_all_bounds_gives_a_distribution_too(full, name, value, dr
 def test_samples_and_printed_means_stand_beside_ours(full, observed):
     from matplotlib.patches import StepPatch
 
-    upper, lower = draw(full, "line_speed", None, observed).axes
-    share, edges, _ = upper.findobj(StepPatch)[-1].get_data()
+    (panel,) = draw(full, "line_speed", None, observed).axes
+    share, edges, _ = panel.findobj(StepPatch)[-1].get_data()
     assert share.sum() == pytest.approx(100) and edges[-1] > 39
-    labels = [text.get_text() for text in lower.get_yticklabels()]
+    labels = [text.get_text() for text in panel.get_yticklabels(minor=True)]
     assert labels == ["this run", "published, A", "observed (4)"]
-    spread = [bar.lines[2][0].get_segments()[0][:, 0] for bar in lower.containers]
+    spread = [bar.lines[2][0].get_segments()[0][:, 0] for bar in panel.containers]
     assert spread[1].tolist() == [7.0, 11.0]
     assert np.diff(spread[2]) / 2 == pytest.approx(np.std([4, 9, 11, 40], ddof=1))
 

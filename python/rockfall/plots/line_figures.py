@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -41,6 +41,7 @@ DRAWN = (
 )  # fmt: skip
 DISTANCE = "axis.distance"  # message id of the axis label
 ABREAST = 2  # number of panels side by side
+HISTOGRAM, ROW = 1.9, 0.17  # height of a histogram, and of each row below it [inch]
 MAX_BINS = 60
 MAX_BINS_BELOW = 500  # maximum bins for a distribution that extends far below zero
 BEYOND = 0.998  # quantile at the end of the axis: one in 500 values is beyond
@@ -73,26 +74,21 @@ def distribution_figure(
     abreast = min(ABREAST, len(names))
     deep = -(-len(names) // abreast)
     deepest = max(map(len, rows))
-    tall = 1.9 + 0.17 * deepest
+    tall = HISTOGRAM + ROW * deepest
     figure = new_figure(WIDE, 0.3 + (tall + 0.5) * deep)
     blocks = figure.add_gridspec(deep, abreast)
     panels = []  # shared axes take quadratic time
     for k, name in enumerate(names):
-        block = blocks[k // abreast, k % abreast].subgridspec(
-            2, 1, height_ratios=[1.9, 0.17 * deepest + 0.1], hspace=0
-        )
-        upper, lower = figure.add_subplot(block[0]), figure.add_subplot(block[1])
-        panels.append((upper, lower))
-        _draw_bins(upper, ours[k], theirs[k], edges)
-        _draw_rows(lower, rows[k], deepest)
-        upper.set_title(fill(f"{plain(name)}: {_passing(result, which[k])}", 54))
-        upper.set_ylabel(say("axis.boulders_per", width=width, unit=display.unit))
-        lower.set_xlabel(display.title)
-    high = max(upper.get_ylim()[1] for upper, _ in panels)
-    for upper, lower in panels:
-        upper.set_ylim(0, high)
-        for axes in upper, lower:
-            axes.set_xlim(min(0.0, edges[0]), edges[-1])
+        axes = figure.add_subplot(blocks[k // abreast, k % abreast])
+        panels.append(axes)
+        _draw_bins(axes, ours[k], theirs[k], edges)
+        axes.set_title(fill(f"{plain(name)}: {_passing(result, which[k])}", 54))
+        axes.set_ylabel(say("axis.boulders_per", width=width, unit=display.unit))
+        axes.set_xlabel(display.title)
+        axes.set_xlim(min(0.0, edges[0]), edges[-1])
+    high = max(axes.get_ylim()[1] for axes in panels)
+    for axes, of_line in zip(panels, rows, strict=True):
+        _draw_rows(axes, of_line, deepest, high)
     return figure
 
 
@@ -215,18 +211,27 @@ def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarr
     if theirs.size:
         fraction = 100 * np.histogram(theirs, edges)[0] / theirs.size
         axes.stairs(fraction, edges, color=INK, lw=1, linestyle=(0, (3, 1.5)))
-    axes.tick_params(axis="x", labelbottom=False)
 
 
-def _draw_rows(axes: Axes, rows: list[Row], deepest: int) -> None:
-    """Draw means, with one standard deviation on each side."""
-    for k, row in enumerate(rows):
+def _draw_rows(axes: Axes, rows: list[Row], deepest: int, high: float) -> None:
+    """Draw means, with one standard deviation on each side, in a strip below a histogram of this
+    height. The strip is part of the panel, because a panel of its own takes as long again."""
+    from matplotlib.ticker import MaxNLocator
+
+    class FromZero(MaxNLocator):
+        def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+            return super().tick_values(0, vmax)
+
+    places = -high * (0.05 + ROW * (np.arange(max(deepest, 1)) + 0.5)) / HISTOGRAM
+    for place, row in zip(places, rows, strict=False):
         spread = row.std if np.isfinite(row.std) else 0.0
-        axes.errorbar(row.mean, k, xerr=spread, lw=1, **row.look)
-    axes.set_ylim(max(deepest, 1) - 0.5, -0.5)
-    axes.set_yticks(range(len(rows)), [row.source for row in rows])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
+        axes.errorbar(row.mean, place, xerr=spread, lw=1, **row.look)
+    axes.set_ylim(places[-1] - high * ROW / HISTOGRAM, high)
+    axes.yaxis.set_major_locator(FromZero(5, steps=[1, 2, 2.5, 5, 10]))
+    axes.set_yticks(places[: len(rows)], [row.source for row in rows], minor=True)
+    axes.tick_params(axis="y", which="minor", length=0)
+    axes.axhline(0, color=GREY, lw=0.6)
+    axes.spines["left"].set_bounds(0, high)
 
 
 def _passing(result: xr.Dataset, line: int) -> str:

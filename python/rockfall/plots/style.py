@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -47,6 +47,7 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "rockfall",  # makes files reproducible
 }
 MOST_TICKS = 9  # maximum ticks on an axis; Matplotlib's locators give no more
+FEW_TICKS = 6  # maximum intervals between them, unless a figure sets its own ticks
 POINTS = 72  # points per inch
 PDF = {"Creator": "rockfall", "CreationDate": None}  # metadata, fixed for reproducible files
 
@@ -61,10 +62,26 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
         with matplotlib.rc_context(STYLE):
             figure = draw(*arguments, **options)
+            _thin_ticks(figure)
         _localise_ticks(figure, spoken())
         return figure
 
     return wrapped
+
+
+def _thin_ticks(figure: Figure) -> None:
+    """Draw fewer ticks than Matplotlib's default, which take a third of a figure's time."""
+    from matplotlib.ticker import AutoLocator
+
+    class Thin(AutoLocator):
+        def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+            assert self.axis is not None
+            self.set_params(nbins=min(max(self.axis.get_tick_space(), 1), FEW_TICKS))
+            return super().tick_values(vmin, vmax)
+
+    for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
+        if type(axis.get_major_locator()) is AutoLocator:
+            axis.set_major_locator(Thin())
 
 
 def _localise_ticks(figure: Figure, language: str) -> None:
@@ -118,7 +135,9 @@ def _keep_ticks(figure: Figure) -> None:
     Matplotlib computes them repeatedly."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
         # private attributes, without which figures take longer
-        for name, key in (("_update_ticks", _room), ("_get_ticklabel_bboxes", _place)):
+        for name, key in (
+            ("get_tick_space", _size), ("_update_ticks", _room), ("_get_ticklabel_bboxes", _place)
+        ):  # fmt: skip
             make = getattr(axis, name, None)
             if make is not None:
                 setattr(axis, name, _kept(axis, make, key))
@@ -137,6 +156,11 @@ def _kept(
         return kept[key]
 
     return made
+
+
+def _size(axis: Axis) -> tuple[float, ...]:
+    """Values that determine the available space: size and resolution."""
+    return *axis.axes.bbox.size, axis.figure.dpi
 
 
 def _room(axis: Axis) -> tuple[float, ...]:

@@ -119,7 +119,8 @@ def _draw_polygons(axes: Axes, shapes: np.ndarray, **options: Any) -> None:
     rings = [ring for shape in shapes for ring in (shape.exterior, *shape.interiors)]
     if rings:
         paths = [Path(np.array(ring.coords), closed=True) for ring in rings]
-        axes.add_patch(PathPatch(Path.make_compound_path(*paths), **options))
+        # add_patch would trace the outlines for limits, which a map has already
+        axes.add_artist(PathPatch(Path.make_compound_path(*paths), **options))
 
 
 @styled

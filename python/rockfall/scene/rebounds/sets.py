@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,12 @@ def _errors(text: str, path: Path) -> np.ndarray | None:
     return matrices
 
 
+@lru_cache(maxsize=1)
+def _standard_draws(seed: int) -> np.ndarray:
+    """Standard normal numbers (draws, 9), the same for all angles."""
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal((DRAWS, 9))
+
+
 def restitution(
     mean: np.ndarray, covariance: np.ndarray, angle: float, seed: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -107,8 +114,7 @@ def restitution(
     Only admissible draws count: V_n_out > 0, no gain of energy (theory, chapter 5). R_t is NaN at
     90 degrees.
     """
-    generator = np.random.Generator(np.random.PCG64(seed))
-    draws = mean + generator.standard_normal((DRAWS, 9)) @ covariance_root(covariance).T
+    draws = mean + _standard_draws(seed) @ covariance_root(covariance).T
     t, n = np.cos(np.radians(angle)), -np.sin(np.radians(angle))
     if angle == 90:
         t = 0.0
