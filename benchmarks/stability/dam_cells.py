@@ -18,7 +18,7 @@ import numpy as np
 from affine import Affine
 
 import rockfall
-from rockfall.protection.dams import dams_of
+from rockfall.protection.recorded import dams_of
 from rockfall.result.crossings import at_lines
 
 CASE = Path(__file__).parents[2] / "cases" / "protected-road"

@@ -14,8 +14,7 @@ from rockfall.result.crossings import line_values
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 from rockfall.studies.back import study
-from rockfall.studies.back.posterior import draws_table, posterior_table, warnings
-from rockfall.studies.back.ridges import ridges
+from rockfall.studies.back.posterior import draws_table, posterior_table, ridges, warnings
 from rockfall.studies.ensemble.uncertain_inputs import Uncertain, drawn_scene
 from scenes import grid, make_case, rough, sets
 

@@ -14,7 +14,7 @@ from programs import run_program
 from rockfall.cli import main
 from rockfall.html_report.page import ReportInputs, report
 from rockfall.language import speaking
-from rockfall.protection.dams import dams_of
+from rockfall.protection.recorded import dams_of
 from rockfall.result.crossings import at_lines
 from rockfall.scene.prepare import prepare
 from rockfall.scene.read import read_scene

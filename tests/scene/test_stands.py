@@ -10,7 +10,7 @@ from made import make_layer, refused
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.language import speaking, translated
-from rockfall.protection.stands import stands_of as stands_in
+from rockfall.protection.recorded import stands_of as stands_in
 from rockfall.scene.forest.attributes import NAMES, matching
 from rockfall.scene.read import read_scene
 from rockfall.studies.variants import compare_variants

@@ -59,9 +59,8 @@ from rockfall.plots.left_out import LeftOut
 from rockfall.plots.map_figures import Look
 from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
-from rockfall.protection.dams import dams_of
 from rockfall.protection.design import design
-from rockfall.protection.stands import stands_of
+from rockfall.protection.recorded import dams_of, stands_of
 from rockfall.result.crossings import line_names, sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated

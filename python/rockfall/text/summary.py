@@ -12,8 +12,7 @@ from rockfall.analysis.population import scenario_note
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.protection.barriers import barriers_of
-from rockfall.protection.dams import dams_of
-from rockfall.protection.stands import stands_of
+from rockfall.protection.recorded import dams_of, stands_of
 from rockfall.quantities import QUANTITIES
 from rockfall.result.crossings import line_names
 from rockfall.result.samples import kept_note, simulated

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from rockfall.analysis.design_block import DesignBlock, design_block
 from rockfall.case.files import files_behind, input_files
 from rockfall.case.text import namelist_text
-from rockfall.cli.commands import design_block
 from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE
 from rockfall.errors import RockfallError, need
@@ -39,12 +39,14 @@ from rockfall.simulation.progress import add_steps, working
 from rockfall.studies.barrier_advice import group_of
 from rockfall.studies.siting import CONDITIONS, Siting, site
 from rockfall.tables.design import design_text
+from rockfall.tables.design_block import design_block_text, scenario_text
 from rockfall.tables.siting import siting_text
 from rockfall.tables.yearly_design import yearly_design_text
 
 YEARLY_TABLES = ("loads", "choices", "checks")  # tables of hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
+BLOCK_OPTIONS = ("years", "events", "threshold", "volume_max")  # of a return period only
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
           "max_bypass", "space", "acceptable", "volume", "factors", "costs",
           *sorted(CONDITIONS))  # fmt: skip
@@ -61,10 +63,10 @@ def design_command(arguments: argparse.Namespace) -> int:
             raise RockfallError(
                 f"{others[0]}: {reason} {hazards[0]}: run design for each separately"
             )
-        return _design_hazards(arguments, [*keys, *design_block.OPTIONS])
+        return _design_hazards(arguments, [*keys, *BLOCK_OPTIONS])
     _check_mode(arguments, keys)
     if arguments.return_period is not None:
-        return design_block.design_block_command(arguments)
+        return _design_block(arguments)
     folder, paths = arguments.output, [str(path) for path in arguments.results]
     if arguments.tables:
         check_tables(arguments.tables, arguments.language)
@@ -123,13 +125,45 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
     """Refuse options of the other mode; `--blocks` is allowed in both."""
     is_block = arguments.return_period is not None
-    others = [key for key in keys if key != "blocks"] if is_block else design_block.OPTIONS
+    others = [key for key in keys if key != "blocks"] if is_block else BLOCK_OPTIONS
     rule = "cannot be combined with" if is_block else "requires"
     for key in others:
         if getattr(arguments, key) is not None:
             raise RockfallError(f"--{key.replace('_', '-')} {rule} --return-period")
     if not is_block and not arguments.results:
         raise RockfallError("OUT.nc is required, or --return-period: see rockfall design --help")
+
+
+def _design_block(arguments: argparse.Namespace) -> int:
+    """Print and write the block of a return period."""
+    if arguments.results:
+        raise RockfallError(
+            "--return-period: requires hazards HAZARD.nc or the survey --blocks, not results"
+        )
+    if arguments.blocks is None:
+        raise RockfallError("--return-period requires --blocks, the table of surveyed blocks")
+    folder, inputs = arguments.output, [Path(arguments.blocks)]
+    inputs += [arguments.events] if arguments.events else []
+    if folder:
+        check_folder(folder)
+        check_outputs([folder / name for name in ("design_block.csv", "design_block.nml")], inputs)
+    given = {key: getattr(arguments, key) for key in BLOCK_OPTIONS}
+    block = design_block(arguments.blocks, arguments.return_period, **given)
+    print(design_block_text(block))
+    if folder:
+        print("", *_write_block(block, folder, inputs), sep="\n")
+    return DONE
+
+
+def _write_block(block: DesignBlock, folder: Path, inputs: list[Path]) -> list[Path]:
+    """Write the table of return periods and any scenario: both or none."""
+    with atomic_folder(folder, inputs) as part:
+        write_csv(block.levels, part / "design_block.csv")
+        if block.scenario:
+            text = f"! Written by `rockfall design --return-period`.\n{scenario_text(block)}"
+            (part / "design_block.nml").write_text(text, encoding="utf-8")
+        names = sorted(path.name for path in part.iterdir())
+    return [folder / name for name in names]
 
 
 def site_command(arguments: argparse.Namespace) -> int:
