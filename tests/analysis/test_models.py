@@ -51,7 +51,7 @@ def found(made):
 
 def case_of_zones(folder):
     """Zones with small and with large rocks, and a zone that is a road in every model."""
-    case = make_full_case(folder, case={"boulders": 100})
+    case = make_full_case(folder, case={"boulders": 50})
     ids = np.tile(np.repeat([4, -2, 5], 2), (80, 10))
     make_raster(folder / "zones.tif", ids.astype("i2"), crs="EPSG:32632")
     head = "zone,mean_radius,rg70,rg20,rg10,ground\n"

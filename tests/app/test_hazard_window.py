@@ -27,7 +27,7 @@ from rockfall.tables.yearly_design import loads_table, verdicts  # noqa: E402
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 W, N = 600000.0, 5000000.0
-CASE = f"""&case boulders_total = 600, seed = 7, threads = 1 /
+CASE = f"""&case boulders_total = 300, seed = 7, threads = 1 /
 &terrain dem = 'dem.tif' /
 &surface uniform_mean_radius = 0.25 /
 &impact sets = 'sets.nml' /
