@@ -40,7 +40,7 @@ from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import add_steps, working
 from rockfall.simulation.simulate import Interrupted
 from rockfall.studies.hazard import read_study, run_study, traced
-from rockfall.tables.dossier import Place
+from rockfall.tables.hazard import Place
 from rockfall.text.hazard import hazard_summary, hazard_warnings, origins_text, warning_groups
 
 DOTS = 200  # figure resolution [dots per inch]

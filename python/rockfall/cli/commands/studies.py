@@ -21,8 +21,8 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.io.tables import write_csv
 from rockfall.io.vectors.point_rows import is_point_layer
 from rockfall.plots.studies.convergence_figure import figure
-from rockfall.plots.studies.ensemble_figures import posterior_figure
 from rockfall.plots.studies.models import models_figure
+from rockfall.plots.studies.posterior_figure import posterior_figure
 from rockfall.plots.style import save
 from rockfall.simulation.simulate import StudyInterrupted
 from rockfall.studies.back.files import check_back, write_back
