@@ -147,6 +147,7 @@ def test_steep_cells_and_their_surface(tmp_path, cells, slope):
     case = case_in(
         tmp_path, case={"boulders": 1}, release=release | ({"cells": cells} if cells else {})
     )
+    case = case.replace(impact={"impact_limit": 20})
     scene = read_scene(case, memory=30_000)
     assert scene.windows and 0 < scene.x.size < 6000
     same(run_scene(scene), rockfall.run(case))
@@ -156,11 +157,11 @@ def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
     case = case_in(tmp_path)
     scene = read_scene(case, memory=20_000)
     run_scene(scene)
-    more = replace(scene, case=case.replace(case={"boulders": 23}))
+    more = replace(scene, case=case.replace(case={"boulders": 9}))
     same(run_scene(more), rockfall.run(more.case))
     rules = "share@L<30%"
-    until = run_scene_until(read_scene(case, memory=20_000), rules, 40)
-    same(until, run_until(case, rules, 40))
+    until = run_scene_until(read_scene(case, memory=20_000), rules, 15)
+    same(until, run_until(case, rules, 15))
 
 
 def test_parts_and_checkpoints(tmp_path):

@@ -182,7 +182,7 @@ def test_statistics_are_those_of_the_function(case):
 
 
 def test_limits_of_the_model_are_those_of_the_result(case):
-    ground = case.replace(surface={"ground": "constant_meadow"})
+    ground = case.replace(surface={"ground": "constant_meadow"}, case={"boulders_total": 60})
     with rockfall.open(ground) as session:
         batch = last_of(session)
     result = rockfall.run(ground)
