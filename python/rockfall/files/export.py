@@ -333,10 +333,10 @@ def _cell(text: str) -> str:
     return cell.getvalue()
 
 
-def export_layers(data: xr.Dataset, tolerance: float = TOLERANCE) -> Layers:
-    """Layers of rockfall.gpkg by name, with parabolas drawn to `tolerance` [m]."""
+def export_layers(data: xr.Dataset) -> Layers:
+    """Layers of rockfall.gpkg by name, with parabolas drawn to `TOLERANCE`."""
     data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
-    return _layers(data, _moving(data, tolerance))
+    return _layers(data, _moving(data, TOLERANCE))
 
 
 def _moving(data: xr.Dataset, tolerance: float) -> Sampled | None:

@@ -31,7 +31,7 @@ from rockfall.files.risk_files import has_risk, risk_columns, risk_layers, risk_
 from rockfall.files.segment_files import has_segments, segment_layer, segment_table
 from rockfall.files.vector_style import Style, alike, fill, marker, plain_type, thick
 from rockfall.io.atomic import atomic_folder
-from rockfall.io.netcdf import load_dataset, open_netcdf
+from rockfall.io.netcdf import load_exact, open_netcdf
 from rockfall.io.tables import write_csv
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.maps.classes import classes_of, shown_as
@@ -71,10 +71,7 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 def read_hazard(path: str | Path) -> xr.Dataset:
     """Read a hazard from a file hazard.nc; raises a RockfallError for other files."""
-    try:
-        dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
-    except OSError as error:
-        raise RockfallError(f"{path}: cannot be read as a hazard: {error.strerror}") from error
+    dataset = load_exact(path, "a hazard")
     if "hazard_class" not in dataset:
         raise RockfallError(f"{path}: is not a hazard file: hazard_class is missing")
     if (layout := dataset.attrs.get("hazard_layout")) != LAYOUT:

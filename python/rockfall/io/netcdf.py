@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import netCDF4
     import xarray as xr
 
-Mode = Literal["r", "w", "x", "a"]
+Mode = Literal["r", "w", "x"]
 _LOCKING = "HDF5_USE_FILE_LOCKING"
 
 CACHE = 2**20  # cache of a variable [bytes]; the default in netCDF is 16 MB or more
@@ -79,28 +79,35 @@ def check_letters(path: str | Path) -> None:
         ) from error
 
 
-def open_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
-    """Open a netCDF-4 file, or a group of it, with xarray; `decoding` goes to `open_dataset`."""
+def open_dataset(path: str | Path, **decoding: Any) -> xr.Dataset:
+    """Open a netCDF-4 file with xarray; `decoding` goes to `open_dataset`."""
     import xarray as xr
 
     add_accessor()
-    store = xr.backends.NetCDF4DataStore(open_netcdf(path), group=group)
+    store = xr.backends.NetCDF4DataStore(open_netcdf(path))
     return xr.open_dataset(store, **decoding)
 
 
-def load_dataset(path: str | Path, group: str | None = None, **decoding: Any) -> xr.Dataset:
+def load_dataset(path: str | Path, **decoding: Any) -> xr.Dataset:
     """Load a netCDF-4 file into memory and close it; arguments as in `open_dataset`."""
-    with open_dataset(path, group, **decoding) as data:
+    with open_dataset(path, **decoding) as data:
         return data.load()
 
 
-def write_compressed(
-    data: xr.Dataset, path: str | Path, level: int, group: str | None = None, mode: Mode = "w"
-) -> None:
-    """Write a dataset as compressed netCDF-4, or as a group of an existing file (mode "a")."""
+def load_exact(path: str | Path, what: str) -> xr.Dataset:
+    """Load a file with its values as stored; errors say that it cannot be read as `what`."""
+    try:
+        return load_dataset(path, mask_and_scale=False, decode_times=False)
+    except OSError as error:
+        reason = error.strerror or error
+        raise RockfallError(f"{path}: cannot be read as {what}: {reason}") from error
+
+
+def write_compressed(data: xr.Dataset, path: str | Path, level: int) -> None:
+    """Write a dataset as compressed netCDF-4."""
     import xarray as xr
 
     packed = {name: {"zlib": True, "complevel": level} for name in data}
-    with open_netcdf(path, mode) as file:
-        store = xr.backends.NetCDF4DataStore(file, group=group, mode=mode)
+    with open_netcdf(path, "w") as file:
+        store = xr.backends.NetCDF4DataStore(file, mode="w")
         data.dump_to_store(store, encoding=packed)

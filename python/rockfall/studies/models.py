@@ -25,7 +25,7 @@ from rockfall.analysis.precision.paired import (
 )
 from rockfall.case import Case
 from rockfall.errors import RockfallError
-from rockfall.io.netcdf import load_dataset
+from rockfall.io.netcdf import load_exact
 from rockfall.language import packed, say, unpacked
 from rockfall.quantities import percent
 from rockfall.result.contents import Contents
@@ -115,11 +115,7 @@ def write_models(models: Models, path: str | Path) -> None:
 
 def read_models(path: str | Path) -> Models:
     """Read models from a file written by `write_models`."""
-    try:
-        dataset = load_dataset(path, mask_and_scale=False, decode_times=False)
-    except OSError as error:
-        reason = error.strerror or error
-        raise RockfallError(f"{path}: cannot be read as models: {reason}") from error
+    dataset = load_exact(path, "models")
     if "models_layout" not in dataset.attrs:
         raise RockfallError(f"{path}: is not a models.nc of `rockfall models`")
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
