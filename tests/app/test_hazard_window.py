@@ -123,6 +123,15 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
         for own, table in zip(shown["tables"][:2], tables, strict=True):
             assert own["rows"] == [row for row in table["rows"] if row[0] == name] != []
         assert len(shown["tables"]) == (4 if name == "road" else 2)
+    houses(page, hazard=True, origin="600152.5,4999802.5")
+    shown = page.until("origins", place="600152.5,4999802.5")
+    found = rockfall.origins(hazard, (600152.5, 4999802.5))
+    assert len(found) > 0 and shown["error"] == ""
+    for column in ("x", "y", "frequency", "share"):
+        assert shown["arrays"][column].tolist() == found[column].tolist()
+    assert len(shown["tables"]) == 2 and len(shown["arrays"]["curve_energy"]) > 0
+    houses(page, hazard=True, origin="0.0,0.0")
+    assert "lies outside the terrain" in page.until("origins", place="0.0,0.0")["error"]
     houses(page, hazard=True, origin="nobody")
     assert "nobody" in page.until("origins", place="nobody")["error"]
 

@@ -101,7 +101,7 @@ export class CaseWindow {
       onSelect: (id) => this.onSelect(id),
       propertiesOf: (layer) => propertiesOf(layer, forms, this.store, this.results.cell),
       onSection: (section) => this.want({ section }),
-      onBeside: (pixel) => this.hazard.choose(this.view.objectAt(pixel)),
+      onBeside: (pixel) => this.hazard.choose(this.view.objectAt(pixel) || this.view.placeAt(pixel)),
       onReplaced: (count) => this.shell.say(say('app.replaced', { n: count })),
     });
     this.toolbar = new Toolbar(this.tools, (tool) => {

@@ -65,6 +65,7 @@ export class Hazard {
       this.showNet(this.net);
       this.refresh();
     } else if (isOf(message, 'origins')) {
+      this.panel.tell('');
       this.view.origins.show(message);
       this.panel.showOrigins(message);
     } else return false;

@@ -3,6 +3,7 @@
 sources of the boulders that reach a place.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -11,6 +12,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import exceedance
+from rockfall.analysis.hazard.origins import SOURCES, origins_at
 from rockfall.analysis.objects.at_risk import AtRisk
 from rockfall.analysis.objects.segments import MIN_LENGTH
 from rockfall.app.messages import Message, binary_message, text_message
@@ -20,6 +22,7 @@ from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.io.rasters.arrays import grid_of, north_up
 from rockfall.io.rasters.grid import Grid
+from rockfall.io.tables import plain_decimal
 from rockfall.language import speaking, word
 from rockfall.plots.cartography.rasters import merged
 from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
@@ -27,7 +30,8 @@ from rockfall.protection.design import design
 from rockfall.protection.yearly import YearlyDesign, yearly_design
 from rockfall.quantities import round_step
 from rockfall.result.crossings import line_names
-from rockfall.studies.hazard import origins, read_study, run_study
+from rockfall.scene.frames import GROUPS
+from rockfall.studies.hazard import read_study, run_study, traced
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
 from rockfall.tables.hazard import object_table, period_tables, scenario_table, stretch_tables
@@ -108,20 +112,33 @@ def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
     return [*yearly_check_tables(own), *choice_tables(own)]
 
 
-def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fields: Any) -> bytes:
+def point_of(hazard: xr.Dataset, place: str) -> tuple[float, ...]:
+    """Coordinates of a place "X,Y" [m]; empty for the name of a line or object."""
+    named = any(place in hazard[kind].values for kind in SOURCES if kind in hazard.dims)
+    words = [] if named else place.split(",")
+    numbers = tuple(map(plain_decimal, words))
+    return numbers if len(words) == 2 and all(map(math.isfinite, numbers)) else ()
+
+
+def origins_message(
+    hazard: xr.Dataset | None, place: str, language: str, frames: Mapping[str, Any], **fields: Any
+) -> bytes:
     """Message `origins`: centres of the cells from which boulders reach a place, with the class of
     each cell's contribution; levels by return period, and frequency by energy [kJ] with limits
-    (`curve_...`). For an unknown place, the message has an `error`."""
+    (`curve_...`). For an unknown place, the message has an `error`. For a point "X,Y" [m], the
+    scenarios run again; lines, barriers and dams are in the case of the hazard, not in `frames`."""
     fields |= {"place": place, "error": "", "parts": [], "tables": []}
     if hazard is None or not place:
         return binary_message("origins", {}, **fields | {"place": ""})
     try:
-        table = origins(hazard, place)
+        layers = {name: frame for name, frame in frames.items() if name not in GROUPS}
+        hazard, kind, k = traced(hazard, point_of(hazard, place) or place, **layers)
+        table, name = origins_at(hazard, kind, k), str(hazard[kind].values[k])
     except RockfallError as error:
         return binary_message("origins", {}, **fields | {"error": str(error)})
     with speaking(language):
         classes, words = parts_and_words(table)
-        tables = *period_tables(hazard, place), *stretch_tables(hazard, place)
+        tables = *period_tables(hazard, name), *stretch_tables(hazard, name)
         fields["tables"] = [*map(table_entry, tables)]
     fields["parts"] = [
         [str(text), colour, int(np.count_nonzero(classes == k))]
@@ -130,7 +147,7 @@ def origins_message(hazard: xr.Dataset | None, place: str, language: str, **fiel
     arrays = {name: table[name].to_numpy("f8") for name in ("x", "y", "frequency", "share")}
     arrays |= {"class": classes.astype("u1")}
     if fields["tables"]:
-        curve = exceedance(hazard, place).assign(energy=lambda rows: rows["energy"] / 1000)
+        curve = exceedance(hazard, name).assign(energy=lambda rows: rows["energy"] / 1000)
         arrays |= {f"curve_{name}": curve[name].to_numpy("f8") for name in curve}
     fields["cell"] = grid_of(hazard["hazard_class"])[0].cell
     fields["total"] = float(table["frequency"].sum())

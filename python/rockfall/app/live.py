@@ -9,7 +9,7 @@ from typing import Any
 import xarray as xr
 
 from rockfall.analysis.lines.section import PATHS
-from rockfall.app.asked import hazard_message, hazard_of, origins_message
+from rockfall.app.asked import hazard_message, hazard_of, origins_message, point_of
 from rockfall.app.edited.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.edited.features import Frame
 from rockfall.app.edited.places import entry_of, without_files
@@ -280,10 +280,20 @@ class Live:
             self._tell_origins()
 
     def _tell_origins(self) -> None:
-        if self._hazard is not None:
-            place, fields = self.view.origin, {"revision": self.revision}
+        """Report the sources of the place in view, until the document or the view changes."""
+        if self._hazard is None or self._made is None:
+            return
+        place, revision = self.view.origin, self.revision
+        if point_of(self._hazard, place):
+            self._send("hazard", text_message("hazard_begun", revision=revision))
+        try:
+            with stopped_by(lambda: self._cancel.is_set() or self._pending.view is not None):
+                told = self._hazard, place, self.language, self._made[1]
+                self._send("origins", origins_message(*told, revision=revision))
+        except (Stopped, Interrupted):
+            self._told_origin = ""
+        else:
             self._told_origin = place
-            self._send("origins", origins_message(self._hazard, place, self.language, **fields))
 
     def _begin_aside(self, variant: Document) -> None:
         """Start the run of a variant for comparison."""

@@ -210,6 +210,11 @@ export class MapView {
     return String(found[0]?.get('name') ?? '');
   }
 
+  /** Coordinates of a point as X,Y [m], as in the place of a view. */
+  placeAt(pixel: number[]): string {
+    return this.map.getCoordinateFromPixel(pixel).map((value) => value.toFixed(1)).join(',');
+  }
+
   fitTerrain(): void {
     this.moved = true;
     this.fit(this.terrainExtent());
