@@ -294,7 +294,7 @@ def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
 
 
 def hops(scene: Scene, folder: Path) -> Iterator[Row]:
-    """Cost of a boulder with ever shorter hops, with the default limit of contacts."""
+    """Cost of a boulder with ever shorter hops, with the default impact limit."""
     limit = 100_000
     case = scene.case(folder, 25, impact={"impact_limit": limit})
     result = rockfall.run(case, **scene.arrays())

@@ -251,7 +251,7 @@ def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
 def test_who_reaches_the_limit_of_contacts_is_said(tmp_path):
     assert end_texts(tmp_path, ends("impact_limit", count=1)) == []
     (text,) = end_texts(tmp_path, ends("impact_limit", has_crossed=True))
-    assert text.startswith("2 of 100 boulders (2.0 %) were still moving at the limit of contacts")
+    assert text.startswith("2 of 100 boulders (2.0 %) were still moving at the impact limit")
 
 
 @pytest.mark.parametrize(
@@ -376,8 +376,8 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
     ]
     speed, energy, run_out = (round(-row.error) for row in known)
     followed = (
-        f" followed laboratory-spheres, from spheres: on talus speeds {speed} %, energies "
-        f"{energy} %, on pasture run-outs {run_out} % too low"
+        f" followed laboratory-spheres, from spheres. Too low: talus speeds ({speed} %) and "
+        f"energies ({energy} %), pasture run-outs ({run_out} %)"
     )
     assert [one.text for one in found] == [part + followed for part in said]
     assert all(one.is_warning for one in found)

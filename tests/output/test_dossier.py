@@ -451,7 +451,7 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     ("language", "expected"),
-    [("en", "155 of 450 m lie outside"), ("fr", "1 tronçons sur 8 dépassent le terrain")],
+    [("en", "155 of 450 m lie outside"), ("fr", "1 tronçons sur 8 s'étendent au-delà du terrain")],
 )
 def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, language, expected):
     """A third of the line, up to the outer cell centres, a road segment and half of a house."""

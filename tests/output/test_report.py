@@ -219,7 +219,7 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
     order = [
         "cliff: 0 boulders passed, fewer than 100",
         "30 of 300 boulders (10.0 %) left the terrain",
-        "6 of 300 boulders (2.0 %) reached the limit of contacts",
+        "6 of 300 boulders (2.0 %) reached the impact limit",
         "131 of 1,000 rebounds (13.1 %) had R_b/R_m outside 0.5 to 5.5",
         "Terrain, ground, sources and volumes are taken as given",
         "The impact set is the user's own",

@@ -278,7 +278,7 @@ module rockfall_variables
       variable_t("status", "absorbed", "word", "", "met material that absorbs"), &
       variable_t("status", "left_domain", "word", "", "left the terrain between its outer cell centres"), &
       variable_t("status", "impact_limit", "word", "", &
-                 "still moving at the limit of contacts"), &
+                 "still moving at the impact limit"), &
       variable_t("status", "hit_nodata", "word", "", "met terrain without elevation"), &
       variable_t("status", "stopped_by_tree", "word", "", "lost its energy at a tree"), &
       variable_t("status", "stopped_by_barrier", "word", "", "lost its energy at a barrier"), &

@@ -134,7 +134,7 @@ def left_terrain(result: xr.Dataset) -> np.ndarray:
 
 
 def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Mask of boulders that did not come to rest: they left the terrain, or reached the contact
+    """Mask of boulders that did not come to rest: they left the terrain, or reached the impact
     limit.
     """
     return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])

@@ -65,7 +65,7 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on released boulders that are not representative: they left the known terrain before
-    a line, reached the contact limit, or stayed at their source. Their effect is that fractions
+    a line, reached the impact limit, or stayed at their source. Their effect is that fractions
     and frequencies are too low. If no rows are kept, a remark notes that their number is
     unknown."""
     if "status" not in values:
