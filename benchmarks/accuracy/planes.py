@@ -235,19 +235,19 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         *wrap(
             f"This page compares rebound models on planes: {boulders:,} boulders for each number, "
             f"released {DROP:g} m above a plane, {DISTANCE:g} m (in plan) uphill of the line. "
-            "R_b/R_m is constant and boulders turn past the aspect. Tables of impacts use compact "
-            f"blocks, with R_b/R_m = {RATIO_OF_TABLES} where a size is needed. Of sets other than "
-            f"`{'`, `'.join(FULL)}` the page has neutral slopes only. "
+            "R_b/R_m is constant and boulders may turn past the aspect. Impact tables use compact "
+            f"blocks, with R_b/R_m = {RATIO_OF_TABLES} where a size is needed. For sets other than "
+            f"`{'`, `'.join(FULL)}` only neutral slopes are given. "
             "`benchmarks/accuracy/planes.py` writes the page and its figure.",
             100,
         ),
         "",
         *wrap(
-            f"± is the standard error, of fractions at most {50 / np.sqrt(boulders):.1f} %; - "
+            f"± is the standard error (of fractions: at most {50 / np.sqrt(boulders):.1f} %); - "
             "marks numbers that too few boulders support. On the **neutral slope** boulders that "
             "go straight down neither gain nor lose speed in the long run; those that turn descend "
             "less steeply. On steeper planes they accelerate without a terminal velocity. *Flown* "
-            "slopes are measured on boulders of the program, the others follow from the set.",
+            "slopes are measured on simulated boulders; the others are computed from the set.",
             100,
         ),
         "",
