@@ -37,9 +37,9 @@ KEPT = 3_000  # number of contacts in each part that become records
 
 
 class Plane(NamedTuple):
-    """Parts of a plane: dimensionless ground strengths, and slopes of the relief."""
+    """Plane of impact tables, with a part for each ground strength and slope of the relief."""
 
-    strengths: tuple[float, ...]
+    strengths: tuple[float, ...]  # dimensionless: N
     reliefs: tuple[float, ...]  # slopes of the relief [degree]
     throws: int  # throws per part
     seed: int  # seed of the first part

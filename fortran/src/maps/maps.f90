@@ -552,7 +552,7 @@ contains
       end do
    end subroutine count_bins
 
-   !> Count a boulder for another requested quantity, in a cell to which `count_bins` has assigned a slot.
+   !> Count a boulder in the histogram of one quantity; `count_bins` assigned the slot of the cell before.
    subroutine count_bin(maps, quantity, i, r, value)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: quantity, i, r

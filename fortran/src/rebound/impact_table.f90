@@ -207,8 +207,8 @@ contains
       has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> R_b [m] of the largest boulders covered by a column of a table, at the median strength; NaN if size does not
-   !> matter or is R_b/R_m.
+   !> Maximum R_b [m] covered by a table column, at the median ground strength. NaN on hard ground, where size does
+   !> not matter, and for columns by R_b/R_m.
    pure real(wp) function largest_block(largest_size, strength, strength_radius)
       real(wp), intent(in) :: largest_size               !! largest size of a column [-]
       real(wp), intent(in) :: strength, strength_radius  !! as in yielding_ground_t [Pa], [m]

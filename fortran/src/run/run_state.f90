@@ -495,7 +495,7 @@ contains
       type(crossings_t), intent(in) :: crossings(:)
       integer, intent(in) :: thread, threads   !! number of this thread, and of all threads
       integer, allocatable :: first(:), boulder(:), place(:)
-      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! crossings that are added together
+      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! of a batch of crossings
       integer :: source(at_once), line, k, m, n
 
       allocate (first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)))

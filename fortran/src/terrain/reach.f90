@@ -17,7 +17,7 @@ module rockfall_reach
       real(wp) :: level = 0.0_wp           !! elevation below which blocks can be reached [m]
       logical, allocatable :: reached(:, :)
       integer, allocatable :: stack(:, :)  !! column and row of each block
-      integer :: n = 0                     !! size of the stack
+      integer :: n = 0                     !! number of blocks on the stack
    end type flood_t
 
 contains

@@ -337,7 +337,8 @@ class _Likelihood:
         return 2 * float(cost.min() + self.dated * math.log(period) - self.least)
 
     def limits(self, excess: float, period: float) -> tuple[float, float]:
-        """Limits of the 95 % interval: 0 if it reaches the threshold, infinite if unbounded."""
+        """Limits of the 95 % interval of the excess: the lower limit is 0 if the interval reaches
+        the threshold, the upper limit is infinite if the interval is unbounded."""
         allowed = Z**2 * (1 + BARTLETT / self.n)
 
         def surplus(place: float) -> float:

@@ -108,8 +108,8 @@ def offered_objects(folder: Path, given: Given) -> list[Offer]:
 
 
 def objects_message(offer: Offer | None, grid: Grid) -> Message:
-    """Message `objects`: names as in a hazard, and shapes; empty without an offer. Raises a
-    RockfallError for an unreadable layer."""
+    """Message `objects`: name and shape of each object of the chosen layer, none if `offer` is
+    None. Names are those of hazard results. Raises a RockfallError for an unreadable layer."""
     import shapely
 
     remarks: list[str] = []

@@ -41,7 +41,8 @@ class Geographic(NamedTuple):
 
 
 def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
-    """Transformation to degrees; `what` is the product that needs it, for messages."""
+    """Transformation to longitude and latitude [degree]; `what`, the product that needs it, is
+    for messages."""
     from rasterio.crs import CRS
 
     if wkt is None:

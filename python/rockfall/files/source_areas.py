@@ -18,16 +18,13 @@ if TYPE_CHECKING:
 
 
 class SourceTable(NamedTuple):
-    """Sources of a result: positions (n, 2) [m]; for each source, the number of its feature in the
-    source layer (from 1), the number of boulders, and their maximum plan distance [m] (None if
-    unknown); and names of features ("" for a result without a layer).
-    """
+    """Sources of a result."""
 
-    places: np.ndarray
-    feature: np.ndarray
-    boulders: np.ndarray
-    furthest: np.ndarray | None
-    names: tuple[str, ...]
+    places: np.ndarray  # positions (n, 2) [m]
+    feature: np.ndarray  # number of each source's feature in the source layer, from 1
+    boulders: np.ndarray  # number of boulders of each source
+    furthest: np.ndarray | None  # their maximum plan distance [m]; None if unknown
+    names: tuple[str, ...]  # names of features; "" for a result without a layer
 
 
 def are_cells(data: xr.Dataset) -> bool:

@@ -42,17 +42,14 @@ class Second(NamedTuple):
 
 @dataclass(frozen=True)
 class Dossier:
-    """Hazards by variant ("" for a case without variants); frequencies at lines and objects, as in
-    the table of `rockfall.yearly_variants`, with their `place` (line, barrier or object); return
-    period [year] to which the answers refer; model warnings of the runs; hazard of the first
-    variant by a second model that suits its ground; and costs of variants."""
+    """Contents of a dossier."""
 
-    hazards: Mapping[str, xr.Dataset]
-    frequencies: pd.DataFrame
-    period: float = YEARS
-    warnings: tuple[str, ...] = ()
-    second: Second | None = None
-    costs: Mapping[str, float] = field(default_factory=dict)
+    hazards: Mapping[str, xr.Dataset]  # by variant; "" for a case without variants
+    frequencies: pd.DataFrame  # of `rockfall.yearly_variants`, with the `place` of each line
+    period: float = YEARS  # return period of the answers [year]
+    warnings: tuple[str, ...] = ()  # model warnings of the runs
+    second: Second | None = None  # hazard of the first variant by a second model
+    costs: Mapping[str, float] = field(default_factory=dict)  # by variant
 
     @property
     def first(self) -> xr.Dataset:

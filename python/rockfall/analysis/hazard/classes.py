@@ -43,9 +43,9 @@ def frequencies(
     parts: Iterable[tuple[np.ndarray, int | np.ndarray, Each, Each]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
-    """Combine scenarios, each with counts, number of boulders, `boulders_per_cluster` (number of
-    boulders that count as one observation), and annual frequency of these boulders; arrays have one
-    value per place, the last dimension of the counts.
+    """Combine scenarios. Each has four members: counts (..., places), the number of boulders, the
+    number of boulders that count as one observation, and the annual frequency [1/year] that these
+    boulders represent; all but the counts are scalars or arrays (places,).
 
     The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so
     their errors may have the same sign, and other rules would give limits that are too narrow. They

@@ -57,9 +57,11 @@ def exceedance_numbers(
     factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
     """Hazard variables at places, by name without the prefix: energies and heights by return
-    period with their limits, and counts above each level of `EXCEEDED`, from the boulders of each
-    run that pass each place (None if only counts are known). `runs` has a sample for each place of
-    each run. `factor` is as in `rockfall.analysis.hazard.classes.frequencies`."""
+    period with their limits, and counts above each level of `EXCEEDED`.
+
+    `passing` has the boulders that pass each place in each run, None if only counts are known.
+    `runs` has a sample for each place of each run. `factor` is as in
+    `rockfall.analysis.hazard.classes.frequencies`."""
     places = [*zip(*passing, strict=True)]
     by_place = [*zip(*runs, strict=True)]
     values: dict[str, np.ndarray] = {}

@@ -84,9 +84,9 @@ def origin_numbers(
 def _arriving(
     runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Numbers of boulders that reach a place from each cell, by run and a year, and the mean and
-    95 % quantile of their energies with its interval; NaN without boulders, or if only counts are
-    known, and then 0 boulders."""
+    """Boulders that reach a place from each cell: number in each run, annual frequency, and mean
+    and 95 % quantile of their energies, the quantile with its interval. Energies are NaN for cells
+    without such boulders. If only counts are known, numbers are 0 and all other values NaN."""
     arrivals = [run for run in runs if run is not None]
     boulders = np.zeros((len(runs), cells.size), "i4")
     if len(arrivals) < len(runs):

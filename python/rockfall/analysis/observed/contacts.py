@@ -24,13 +24,13 @@ VALUES = {  # observed quantity -> maps of its values in cells, the maximum last
 
 
 def at_places(result: xr.Dataset, name: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Map values in the cells at places [m]; NaN outside the map."""
+    """Map values in the cells that contain points x, y [m]; NaN outside the map."""
     values, grid = north_up(result[name])
     return grid.at(values, x, y)
 
 
 def reach_at(result: xr.Dataset, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Reach probability in the cells at places [m], from the available map; NaN outside it."""
+    """Reach probability in the cells that contain points x, y [m]; NaN outside the map."""
     name = next(name for name in REACH if name in result)
     reach = at_places(result, name, x, y)
     return reach / simulated(result) if name == "passages" else reach

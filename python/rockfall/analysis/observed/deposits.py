@@ -82,16 +82,14 @@ class Rest(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Kernel parameters: the number of neighbours that sets the width, and the number of boulders
-    for which it is valid; the width in log volume (infinite if volumes are ignored); the deposit
-    area [m2]; the cell size [m]; and True if block shapes count."""
+    """Kernel parameters."""
 
-    neighbours: float
-    boulders: int
-    of_volume: float
-    area: float
-    cell: float
-    by_shape: bool = False
+    neighbours: float  # number of neighbours that sets the width
+    boulders: int  # number of boulders for which `neighbours` is valid
+    of_volume: float  # width in log volume; infinite if volumes are ignored
+    area: float  # deposit area [m2]
+    cell: float  # cell size [m]
+    by_shape: bool = False  # True if block shapes count
 
     @property
     def floor(self) -> float:

@@ -46,8 +46,8 @@ def mixed(source: Sources) -> np.ndarray:
 
 
 def known_of(number: np.ndarray, source: Sources) -> Sources:
-    """Sources of the first boulders of `mixed`: strata only if all sources have equal numbers,
-    because otherwise the selection of sources is random."""
+    """Sources of the first boulders of `mixed`. They are strata only if each source has the same
+    number of boulders; otherwise the number from each source is random."""
     whole = number.size == source.number.size
     if source.sampled or whole or not np.ptp(np.bincount(number, minlength=source.count)):
         return Sources.of(number, source.sampled)

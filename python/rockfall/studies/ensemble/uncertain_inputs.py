@@ -368,10 +368,18 @@ def has_rocks(sizes: np.ndarray) -> bool:
 
 
 def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, float]]:
-    """Read joint draws of inputs from a CSV file, a draw in each row. Columns: factors radius_1
-    ... (for each row of the zone table), volume and volume_std, drop_height, strength_1, relief_1
-    ... (for each ground that has them); source_east, source_north [m]; set, from 0; and draw, a
-    number that is ignored. A group of columns may be missing, but only entirely."""
+    """Read joint draws of inputs from a CSV file with one draw in each row.
+
+    Groups of columns, each complete or absent:
+
+    - radius_1, radius_2, ...: factors for the rows of the zone table;
+    - volume, volume_std; drop_height: factors;
+    - strength_1, relief_1, strength_2, ...: factors for the grounds that have these parameters;
+    - source_east, source_north [m];
+    - set: index, from 0.
+
+    A column draw is allowed but ignored.
+    """
     groups = (
         [f"radius_{i + 1}" for i in range(radii)], ["volume", "volume_std"], ["drop_height"],
         ["source_east", "source_north"], ["set"],
