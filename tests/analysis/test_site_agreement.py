@@ -135,7 +135,10 @@ def front_of(page):
 def test_what_cannot_be_compared_is_refused_before_the_run(place, capsys):
     for text, fault in (
         ("distance\nfar\n", "seen.csv: line 2: distance"),
-        ("line,quantity,unit,value\nnowhere,speed,m/s,3\n", "line nowhere: is not in the result"),
+        (
+            "line,quantity,unit,value\nnowhere,speed,m/s,3\n",
+            "line nowhere: is not in the case (lines: L)",
+        ),
     ):
         Path("seen.csv").write_text(text)
         Path("seen.nml").write_text(Path("case.nml").read_text() + CASE)

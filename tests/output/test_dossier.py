@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Dossier: each value on page 1 is in its tables and comes from Python, a place has the same
-frequency in all products, and pages are few and full in every language."""
+frequency in all products, and pages are few and signed in every language."""
 
 import re
 import shutil
@@ -22,6 +22,9 @@ from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import LANGUAGES, speaking
+from rockfall.plots.cartography.sheet import Room
+from rockfall.plots.hazard import close_map
+from rockfall.plots.hazard.hazard_figures import places_extent
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.dataset import write_result
 from rockfall.result.variables import OUTCOME
@@ -202,13 +205,8 @@ def test_what_remains_is_a_table_of_what_is_known(made):
     assert [[*row] for row in priced.texts()] == [["today", "-"], ["net", "5,000"]]
 
 
-@pytest.mark.all
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_the_pages_are_few_and_full(made, monkeypatch, language):
-    """At most eight pages, with the signature on the first. Text after page 1 fills more than half
-    of each page except the last text page."""
-    from weasyprint import HTML
-
+def pages_of(made, monkeypatch, language):
+    """HTML of the pages, typeset as a PDF would be."""
     folder, _ = made
     hazards = {name: read_hazard(folder / f"hazard_{name}.nc") for name in ("today", "with net")}
     frequencies = pd.read_csv(folder / "frequencies.csv", dtype={"statistic": str})
@@ -216,20 +214,51 @@ def test_the_pages_are_few_and_full(made, monkeypatch, language):
     pages = []
     monkeypatch.setattr(dossier_page, "write_page", lambda page, _: pages.append(page))
     leave_pictures_blank(monkeypatch)
+    from weasyprint import HTML
+
     from rockfall.dossiers import designs_of
     from rockfall.html_report.inputs import Parties
 
     found = Dossier(hazards, frequencies)
     given = dossier_page.Given(Parties("P 1", "Client", "Author"))
     dossier_page.write_dossier_page(found, designs_of(found), given, "dossier.pdf", language)
-    document = HTML(string=pages[0]).render()
+    return pages[0], HTML(string=pages[0]).render()
+
+
+@pytest.mark.all
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_pages_are_few_and_signed(made, monkeypatch, language):
+    page, document = pages_of(made, monkeypatch, language)
     assert len(document.pages) <= 8
     assert "signature" in document.pages[0].anchors
     assert [round(page.width) for page in document.pages[:2]] == [794, 794]  # A4
     assert round(document.pages[-1].width) == 1587  # A3
     with speaking(language):
-        words = first_page(pages[0])
+        words = first_page(page)
     assert language == "en" or "boulders" not in words
+
+
+@pytest.mark.parametrize(
+    ("high", "coarsest", "number"), [(70.0, 5000.0, 0), (70.0, 1.0, 1), (300.0, 5000.0, 1)]
+)
+def test_the_map_is_on_page_1_if_its_places_fit(made, monkeypatch, high, coarsest, number):
+    monkeypatch.setattr(dossier_page, "FIRST", high)
+    for most in ("HOUSES", "ADVICE", "WARNINGS"):  # leaves room on page 1
+        monkeypatch.setattr(dossier_page, most, 0)
+    monkeypatch.setattr(close_map, "COARSEST", coarsest)
+    _, document = pages_of(made, monkeypatch, "en")
+    assert [k for k, page in enumerate(document.pages) if "map" in page.anchors] == [number]
+
+
+def test_a_map_of_part_of_the_area_shows_objects_and_the_reached_part_of_lines(made):
+    hazard = read_hazard(made[0] / "hazard_today.nc")
+    west, east, south, north = places_extent(hazard)
+    houses = shapely.total_bounds(HOUSES)
+    assert west <= houses[0] and south <= houses[1] and east >= houses[2] and north >= houses[3]
+    passed = hazard["hit_frequency"].values > 0
+    x = hazard["x"].values[passed.any(axis=0)]
+    assert west >= min(x.min(), houses[0]) and east <= max(x.max(), houses[2])
+    assert not close_map.is_whole(hazard, None, Room(1.0, 1.5))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

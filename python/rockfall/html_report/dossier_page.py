@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier of a case as pages: page 1 with question, answer and signature, then the map, the
-barrier, the variants, all places, the inputs, and the hazard map sheet."""
+"""Dossier of a case as pages: page 1 with question, answer, signature and, if it fits, the map;
+then the barrier, the variants, all places, the inputs, and the hazard map sheet."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rockfall.html_report.render import Picture, picture, rendered
 from rockfall.html_report.summary import yearly_answers
 from rockfall.language import Text, say, speaking, word
 from rockfall.plots.cartography.sheet import Room
-from rockfall.plots.hazard.close_map import close_map
+from rockfall.plots.hazard.close_map import close_map, is_whole, shows_places
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet
 from rockfall.plots.hazard.origin_map import origin_map, origin_place
@@ -47,10 +47,11 @@ from rockfall.tables.dossier import (
 from rockfall.tables.hazard import Place, places_of
 from rockfall.text.hazard import limits_of_hazard
 
-MAP = Room(180 / 25.4, 246 / 25.4)  # map on page 2, with the title below
+MAP = Room(180 / 25.4, 246 / 25.4)  # map on a page of its own, with the title below
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
 PLACES = (6, 4, 2)  # maximum places in a table of page 1, reduced until the signature fits
-LOWEST, TITLE = 95.0, 22.0  # minimum height of the closing figure, and height of its title [mm]
+FIRST, CLOSING = 70.0, 95.0  # minimum height of the maps below page 1 and below the last text [mm]
+TITLE = 22.0  # height of their titles [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # maximum sentences on page 1
 
 
@@ -80,22 +81,35 @@ def write_dossier_page(
 
 def _fitted(page: str, content: dict[str, Any], dossier: Dossier, terrain: Terrain | None) -> str:
     """Fit the signature to the first sheet and a page to at most `SHEETS` sheets, with fewer table
-    rows if necessary. Add a map of the sources if there is room at the end, or a spare sheet."""
-    fitted, sections, most = layout(page, "end"), content["sections"], iter(ROWS)
+    rows if necessary. Move the map to the first sheet if it has room, and add a map of the sources
+    if there is room at the end, or a spare sheet."""
+    fitted, sections, most = layout(page), content["sections"], iter(ROWS)
     hazard, places = dossier.first, iter(PLACES)
     while not fitted.is_signed and (rows := next(places, 0)):
         content["tables_first"] = [_in_lines(table) for table in first_tables(dossier, rows)]
         page = rendered("dossier.html.j2", closing=None, **content)
-        fitted = layout(page, "end")
+        fitted = layout(page)
+    room = _room(fitted.below["answered"], FIRST)
+    if fitted.is_signed and room and shows_places(hazard, terrain, room):
+        content |= dict(map=_map(dossier, terrain, room), on_first=True)
+        page = rendered("dossier.html.j2", closing=None, **content)
+        fitted = layout(page)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
         page = rendered("dossier.html.j2", closing=None, **content)
-        fitted = layout(page, "end")
+        fitted = layout(page)
     if place := origin_place(hazard):
         spare = fitted.sheets < SHEETS
-        closing = _closing(hazard, terrain, place, fitted.below, spare)
+        closing = _closing(hazard, terrain, place, fitted.below["end"], spare)
         page = rendered("dossier.html.j2", closing=closing, **content)
     return page
+
+
+def _room(left: float, lowest: float) -> Room | None:
+    """Room for a map with its title in the remaining height [mm] of a sheet, if the map is at least
+    `lowest` [mm] high."""
+    high = left - TITLE
+    return Room(MAP.wide, high / 25.4) if high >= lowest else None
 
 
 def _cut(section: Section, most: int) -> Section:
@@ -116,10 +130,9 @@ def _closing(
 ) -> Picture | None:
     """Map of the sources for the remaining height [mm] on the last text page, or for a spare
     sheet; None if neither has room."""
-    high = left - TITLE
-    if high < LOWEST and not spare:
+    room = _room(left, CLOSING) or (MAP if spare else None)
+    if room is None:
         return None
-    room = Room(MAP.wide, high / 25.4) if high >= LOWEST else MAP
     title = say("dossier.origin", name=place.name)
     drawn = origin_map(hazard, terrain, place, room)
     return picture(drawn, title, say("dossier.origin_caption", name=place.name), on_paper=True)
@@ -143,7 +156,8 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
         answers=list(answers(dossier, designs)),
         tables_first=[_in_lines(table) for table in first_tables(dossier)],
         certainty=_certainty(),
-        map=picture(close_map(hazard, given.terrain, MAP), _map_title(dossier), "", on_paper=True),
+        map=_map(dossier, given.terrain, MAP),
+        on_first=False,
         sections=list(pages.values()),
         figures=dict(_figures(dossier)),
         sheet=picture(sheet, say("sheet.title"), "", on_paper=True),
@@ -161,6 +175,14 @@ def first_tables(dossier: Dossier, most: int = MOST) -> Iterator[Table]:
 def _in_lines(table: Table) -> Table:
     """Table with each number and its interval on one line."""
     return table._replace(rows=[[*map(in_line, row)] for row in table.texts()])
+
+
+def _map(dossier: Dossier, terrain: Terrain | None, room: Room) -> Picture:
+    """Map of the hazard zones at a scale that shows houses."""
+    drawn = close_map(dossier.first, terrain, room)
+    whole = is_whole(dossier.first, terrain, room)
+    caption = "" if whole else say("dossier.map_around")
+    return picture(drawn, _map_title(dossier), caption, on_paper=True)
 
 
 def _map_title(dossier: Dossier) -> str:

@@ -82,23 +82,23 @@ def _noted(paint: Callable[..., None]) -> Callable[..., None]:
 
 
 class Layout(NamedTuple):
-    """Number of sheets of a typeset page, the height [mm] below an anchor on its sheet, and whether
-    the signature is on the first sheet."""
+    """Number of sheets of a typeset page, the height [mm] below each anchor on its sheet, and
+    whether the signature is on the first sheet."""
 
     sheets: int
-    below: float
+    below: dict[str, float]
     is_signed: bool
 
 
-def layout(page: str, anchor: str) -> Layout:
+def layout(page: str) -> Layout:
     """Compute the layout of an HTML page without writing the page."""
     sheets = _laid_out(page).pages
-    below = [
-        (sheet.height - sheet.anchors[anchor][1]) / CSS_PIXELS - BOTTOM
+    below = {
+        anchor: (sheet.height - place[1]) / CSS_PIXELS - BOTTOM
         for sheet in sheets
-        if anchor in sheet.anchors
-    ]
-    return Layout(len(sheets), max(below, default=0.0), SIGNATURE in sheets[0].anchors)
+        for anchor, place in sheet.anchors.items()
+    }
+    return Layout(len(sheets), below, SIGNATURE in sheets[0].anchors)
 
 
 def _laid_out(page: str) -> Document:

@@ -95,7 +95,7 @@ def load_dataset(path: str | Path, **decoding: Any) -> xr.Dataset:
 
 
 def load_exact(path: str | Path, what: str) -> xr.Dataset:
-    """Load a file with its values as stored; errors say that it cannot be read as `what`."""
+    """Load a file with its values as stored; errors name `what` the file is expected to be."""
     try:
         return load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard zones on a full page, large enough to distinguish houses."""
+"""Hazard zones, large enough to distinguish houses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ import xarray as xr
 
 from rockfall.plots.cartography.sheet import INCH, Room, finish, inner_size, new_sheet, round_scale
 from rockfall.plots.extent import Extent
-from rockfall.plots.hazard.hazard_figures import draw_zones, extent_of, zone_key
+from rockfall.plots.hazard.hazard_figures import (
+    draw_zones,
+    extent_of,
+    places_extent,
+    zone_key,
+)
 from rockfall.plots.style import styled
 from rockfall.result.trajectories import Terrain
 
@@ -25,28 +30,43 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
     """Map of the zones, lines, barriers and objects of a hazard at 1:1,000 to 1:5,000. If the full
     map needs a smaller scale, only the area around objects and lines is shown."""
     key = zone_key(hazard)
-    wide, high = inner_size(room, key)
-    extent = extent_of(hazard, terrain)
-    west, east, south, north = extent
-    scale = round_scale(max((east - west) / wide, (north - south) / high) / INCH)
-    metres = INCH * min(max(scale, FINEST), COARSEST)
+    west, east, south, north = extent_of(hazard, terrain)
     middle = np.array([west + east, south + north]) / 2
+    scale = max(_scale((west, east, south, north), hazard, room), FINEST)
     if scale > COARSEST:
-        middle = _middle(hazard, middle)
-    sides = np.array([wide, high]) * metres * (1 - 1e-9)  # prevents rounding to the next scale
+        scale, middle = COARSEST, _middle(hazard, middle)
+    # prevents rounding to the next scale
+    sides = np.array(inner_size(room, key)) * scale * INCH * (1 - 1e-9)
     sheet = new_sheet(_around(middle, sides, terrain), terrain, key, room=room)
     draw_zones(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
     return sheet.figure
 
 
-def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
-    """Centre of the objects, or of the cells with the highest class."""
-    import shapely
+def is_whole(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> bool:
+    """Return True if the close map in this room shows all places that boulders reach."""
+    return _scale(extent_of(hazard, terrain), hazard, room) <= COARSEST
 
-    if "object" in hazard.dims:
-        shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
-        west, south, east, north = shapely.total_bounds(shapes)
+
+def shows_places(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> bool:
+    """Return True if the close map in this room shows all objects, and lines where boulders
+    arrive."""
+    places = _scale(places_extent(hazard), hazard, room)
+    return places <= COARSEST or is_whole(hazard, terrain, room)
+
+
+def _scale(extent: Extent, hazard: xr.Dataset, room: Room) -> float:
+    """Denominator of the round scale at which an extent fits into the room; NaN for no extent."""
+    wide, high = inner_size(room, zone_key(hazard))
+    west, east, south, north = extent
+    rough = max((east - west) / wide, (north - south) / high) / INCH
+    return round_scale(max(rough, 1.0)) if np.isfinite(rough) else np.nan
+
+
+def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
+    """Centre of objects and lines, or of the cells with the highest class."""
+    west, east, south, north = places_extent(hazard)
+    if np.isfinite(west):
         return np.array([west + east, south + north]) / 2
     classes = hazard["hazard_class"].values
     rows, columns = np.nonzero(classes == classes.max())

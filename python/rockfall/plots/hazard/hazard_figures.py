@@ -147,15 +147,41 @@ def begun(hazard: xr.Dataset, terrain: Terrain | None, key: list[Any], room: Roo
 
 def extent_of(hazard: xr.Dataset, terrain: Terrain | None) -> Extent:
     """Extent that includes all places reached by boulders, and the objects."""
+    x, y = _reached(hazard)
+    west, east, south, north = _objects_extent(hazard)
+    x, y = np.append(x, [west, east]), np.append(y, [south, north])
+    x, y = x[np.isfinite(x)], y[np.isfinite(y)]
+    return around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
+
+
+def places_extent(hazard: xr.Dataset) -> Extent:
+    """Extent of the objects, and of lines where boulders arrive; NaN if there are none."""
+    x, y = _reached(hazard)
+    reached = (x.min(), x.max(), y.min(), y.max()) if x.size else (0.0, 0.0, 0.0, 0.0)
+    boxes = [_objects_extent(hazard)]
+    for is_barrier, _, line_x, line_y in _lines(hazard):
+        here_x, here_y = inside(line_x, line_y, reached)
+        if not is_barrier and here_x.size:
+            boxes.append((here_x.min(), here_x.max(), here_y.min(), here_y.max()))
+    west, east, south, north = np.array(boxes).T
+    return np.fmin.reduce(west), np.fmax.reduce(east), np.fmin.reduce(south), np.fmax.reduce(north)
+
+
+def _reached(hazard: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates x of columns and y of rows with a cell that boulders reach."""
+    passed = hazard["hit_frequency"].values > 0
+    return hazard["x"].values[passed.any(axis=0)], hazard["y"].values[passed.any(axis=1)]
+
+
+def _objects_extent(hazard: xr.Dataset) -> Extent:
+    """Extent of the objects; NaN if there are none."""
     import shapely
 
-    passed = hazard["hit_frequency"].values > 0
-    x, y = hazard["x"].values[passed.any(axis=0)], hazard["y"].values[passed.any(axis=1)]
-    if "object" in hazard.dims:
-        shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
-        west, south, east, north = shapely.total_bounds(shapes)
-        x, y = np.append(x, [west, east]), np.append(y, [south, north])
-    return around(x, y, grid_of(hazard["hazard_class"])[0].cell, terrain)
+    if "object" not in hazard.dims:
+        return np.nan, np.nan, np.nan, np.nan
+    shapes = shapely.from_wkt(hazard["object_geometry"].values.astype(str))
+    west, south, east, north = shapely.total_bounds(shapes)
+    return west, east, south, north
 
 
 def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray) -> None:
