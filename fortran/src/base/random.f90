@@ -41,7 +41,7 @@ module rockfall_random
    integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
    integer, parameter :: tree_within_word = 2   !! for_tree: position within the class; its last bit selects the side
    integer, parameter :: cone_word = 1          !! for_breakage: angle to the velocity of the boulder
-   integer, parameter :: around_word = 2        !! for_breakage: direction around that velocity
+   integer, parameter :: around_word = 2        !! of for_breakage: direction around that velocity
 
    integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! recommended for Philox; 7 rounds are the minimum that passes all tests
