@@ -5,7 +5,8 @@ doi:10.16904/envidat.34) compared with the program, by rebound models:
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
         [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100] [--write]
 
-FOLDER contains release_points.csv, observed_deposition.csv, block_metadata.csv and terrain.asc
+FOLDER, or its subfolder tschamut2014, contains the files release_points.csv,
+observed_deposition.csv, block_metadata.csv and terrain.asc,
 derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
 data/processed/tschamut2014). Models are those of benchmarks.physics.laws; the matrix with R_m = 0.2
 m is always run. With --axes, tables are simulated for the published size of each block.
@@ -63,10 +64,17 @@ class Run:
     rest: np.ndarray
 
 
+def _data(folder: Path) -> Path:
+    """Folder of the site's files: a subfolder with the name of its archive, or the folder itself,
+    as in `benchmarks.field_data`."""
+    own = folder / "tschamut2014"
+    return own if own.is_dir() else folder
+
+
 def observed(folder: Path, half: str) -> list[Run]:
     """Runs of a half, in the order of their names."""
-    _, _, starts = read_table(folder / "release_points.csv")
-    _, _, rests = read_table(folder / "observed_deposition.csv")
+    _, _, starts = read_table(_data(folder) / "release_points.csv")
+    _, _, rests = read_table(_data(folder) / "observed_deposition.csv")
     rest = {row.cells["trajectory_id"]: row for row in rests}
     rows = sorted(starts, key=lambda row: row.cells["trajectory_id"])[HALVES[half] :: 2]
 
@@ -87,7 +95,7 @@ def observed(folder: Path, half: str) -> list[Run]:
 
 def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
     """Stand-in for the terrain."""
-    lines = (folder / "terrain.asc").read_text().splitlines()
+    lines = (_data(folder) / "terrain.asc").read_text().splitlines()
     head = {name.lower(): float(value) for name, value in (line.split() for line in lines[:5])}
     first = 6 if lines[5].lower().startswith("nodata") else 5
     z = np.array([[float(one) for one in line.split()] for line in lines[first:]])
@@ -141,7 +149,7 @@ def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
 
 def by_axes(folder: Path, ground: str, tables: Path) -> Law:
     """Tables of a ground for the published size of each block."""
-    for row in read_table(folder / "block_metadata.csv")[2]:
+    for row in read_table(_data(folder) / "block_metadata.csv")[2]:
         shape = SHAPE_OF_BLOCK[row.cells["block_id"]]
         axes = sorted((float(row.cells[f"size_{axis}_m"]) for axis in "xyz"), reverse=True)
         lab = {"ground": ground, "shape": "axes", "throws": THROWS}
