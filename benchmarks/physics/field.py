@@ -104,9 +104,10 @@ def relief_laws(name: str) -> Iterator[Law]:
 
 def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[str]) -> list[Law]:
     """The matrix, impact tables, the first table with other reliefs, classical grounds, and
-    additionally requested models."""
+    requested models, which replace others of the same name."""
     shipped = [table(f"table {name}={name}") for name in tables]
-    return [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
+    laws = [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
+    return [*{law.name: law for law in laws}.values()]
 
 
 def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
