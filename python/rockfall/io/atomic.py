@@ -25,8 +25,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path with the same name; rename it to `path` if the block succeeds, and
     remove it if the block fails. It is in a new folder next to `path` that only its owner can
     access, so that other users of a shared folder cannot place a link there. If renaming fails (on
-    Windows, over an open file), the file is kept next to `path`.
-    """
+    Windows, over an open file), the file is kept next to `path`."""
     path = Path(path)
     try:
         with _temporary(path.parent) as (place, stays):
@@ -49,10 +48,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
-    """Yield a temporary folder. If the block succeeds, move its files to `folder`, the file `last`
-    at the end; if the block fails, change nothing. If an old file cannot be replaced (on Windows,
-    an open file), the new files are kept in a folder next to `folder`.
-    """
+    """Yield a temporary folder. If the block succeeds, move its files to `folder`, `last` after
+    all others; if it fails, change nothing. `inputs` are never overwritten. If an old file
+    cannot be replaced (on Windows, an open file), the new files are kept in a folder next to
+    `folder`."""
     folder = Path(folder)
     check_folder(folder, tries=False)
     new = kept = None
@@ -88,8 +87,7 @@ def atomic_folder(
 def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
     """Yield a new folder that only its owner can access, and a list of files that must stay in it;
     if the list is empty, the folder is removed afterwards. First, remove folders left by killed
-    processes on this machine, unless they contain the only copy of a replaced file.
-    """
+    processes on this machine, unless they contain the only copy of a replaced file."""
     machine = socket.gethostname().encode()  # other machines of a cluster may ignore locks
     for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
         with suppress(OSError), open(left, "r+b") as file:
@@ -147,8 +145,7 @@ def not_replaced(error: OSError) -> str:
 
 def keep_next_to(path: Path, new: Path) -> Path:
     """Move a file or folder that cannot replace `path` next to it, as NAME-2, NAME-3, ... On a
-    file system that cannot rename, it stays in place.
-    """
+    file system that cannot rename, it stays in place."""
     names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     kept = next(name for name in names if not os.path.lexists(name))
     try:

@@ -123,7 +123,7 @@ def _tag_bytes(file: BinaryIO, size: int, wanted: int, wanted_kind: int) -> tupl
 
 
 def companions(path: Path) -> list[Path]:
-    """Companion files: masks, world files, tables."""
+    """Files that share the stem of `path`, such as masks, world files and tables."""
     stem, folder = f"{path.stem}.".lower(), path.parent
     names = [name for name in os.listdir(folder) if name.lower().startswith(stem)]
     return [folder / name for name in names if name != path.name]

@@ -28,10 +28,8 @@ os.environ.setdefault(_LOCKING, "FALSE")
 
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
-    """Open a netCDF-4 file. Raises a RockfallError for files that are not regular, for names that
-    netCDF cannot open, and for classic netCDF: with a header that claims too much, the library
-    would allocate too much memory and abort the process.
-    """
+    """Open a netCDF-4 file. Raises a RockfallError for a file that is not regular, a name that
+    netCDF cannot open, or classic netCDF, whose header could make the library abort the process."""
     import netCDF4
 
     check_regular(path)
@@ -40,7 +38,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
         command = shlex.join(["nccopy", "-k", "nc4", str(path), str(new)])
         raise RockfallError(f"{path}: is classic netCDF: convert it to netCDF-4 by {command}")
     check_letters(path)
-    # absolute: netCDF takes other names for addresses
+    # absolute, because netCDF may read another name as a URL
     name = os.path.abspath(path)
 
     class Named(netCDF4.Dataset):
@@ -95,7 +93,7 @@ def load_dataset(path: str | Path, **decoding: Any) -> xr.Dataset:
 
 
 def load_exact(path: str | Path, what: str) -> xr.Dataset:
-    """Load a file with its values as stored; errors name `what` the file is expected to be."""
+    """Load a file with its values as stored; `what` describes the expected file in messages."""
     try:
         return load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:

@@ -19,9 +19,9 @@ from rockfall.system import replace, reserve
 TEMPORARY = ".rockfall-"  # prefix of temporary folders
 RESULT_NAME = re.compile(r"(\.nc|(^|\.)part\d+of\d+)$")
 EXISTS = "already exists; not overwritten (--overwrite replaces it)"
-#: Free space [bytes] below which a disk counts as full: some libraries undo their last writes.
+#: Free space [bytes] below which a failed write is blamed on a full disk.
 LEFT_FREE = 2**24
-#: Permission to replace files; calls from scripts imply it.
+#: Whether existing files may be replaced; scripts may by default.
 _replacing: ContextVar[bool] = ContextVar("replacing", default=True)
 
 
@@ -50,8 +50,7 @@ def check_output(
 ) -> None:
     """Refuse an output path before the work starts: an input, an existing file (unless
     `overwriting` allows it), a folder, or a file in a missing folder; with `tries`, also a path
-    without write permission. After the work, finished files are kept wherever possible.
-    """
+    without write permission. After the work, finished files are kept wherever possible."""
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():
@@ -70,9 +69,7 @@ def _check_place(path: Path, folder: Path) -> None:
 
 
 def _try_renaming(folder: Path) -> None:
-    """Try the final steps of writing. OSError if new folders and files are not permitted, or if
-    the file system cannot replace a file by renaming.
-    """
+    """Try to create a folder and a file, and to replace a file by renaming; raises OSError."""
     descriptor, target = tempfile.mkstemp(dir=folder, prefix=TEMPORARY)
     os.close(descriptor)
     try:
@@ -96,8 +93,7 @@ def check_space(path: Path, size: int) -> None:
 
 def check_outputs(paths: Iterable[Path], inputs: Iterable[str | Path] = ()) -> None:
     """Refuse to overwrite an input (under any name), a folder, a device or, unless `overwriting`
-    allows it, any existing file.
-    """
+    allows it, any existing file."""
     taken = [path for path in paths if os.path.lexists(path)]
     read = {_identity(path) for path in inputs if os.path.exists(path)} if taken else set()
     for path in taken:

@@ -31,8 +31,7 @@ _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff2
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the cells of each non-blank line. Cells are separated by commas or
-    semicolons; escaping by `spreadsheet_text` is undone.
-    """
+    semicolons; escaping by `spreadsheet_text` is undone."""
     line = 1
     check_text_file(path)
     check_table(path)
@@ -102,9 +101,8 @@ class Row(NamedTuple):
 
 
 def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
-    """Position of a table's header, its columns in lower case, and its rows: at least one, each as
-    long as the header.
-    """
+    """Return the header's position (for messages), the columns in lower case, and the rows of a
+    table. Refuse a table without rows, or with rows of another length than the header."""
     lines = table_rows(path)
     number, header = next(lines, (1, []))
     columns = [name.lower() for name in header]
@@ -116,7 +114,7 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
 def read_columns(
     path: str | Path, needed: Iterable[str]
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Position of each row of a table, and the texts by column (object arrays)."""
+    """Return the position of each row (for messages), and the texts by column (object arrays)."""
     where, columns, rows = read_table(path)
     check_needed(where, columns, needed)
     check_columns(where, columns, columns)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Coordinate reference systems: names, equality, model requirements, CF (1.8, appendix F)."""
+"""Coordinate reference systems: names, comparison, checks, transformations, CF attributes (1.8)."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _source(system: pyproj.CRS) -> pyproj.CRS:
 
 
 def _same_datum(a: pyproj.CRS, b: pyproj.CRS) -> bool:
-    """Return True unless both datums are known and differ."""
+    """Return True if both datums are known and have the same name, or one has no name."""
     if a.datum is None or b.datum is None:
         return False
     names = a.datum.name, b.datum.name
@@ -85,8 +85,7 @@ def _same_datum(a: pyproj.CRS, b: pyproj.CRS) -> bool:
 
 
 def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
-    """Return True if two projections of the same ellipsoid give the same coordinates, within
-    `_NEAR`, at some places near their centre."""
+    """Return True if two projections of the same ellipsoid agree near their centres."""
     import pyproj
 
     if not (a.is_projected and b.is_projected):
@@ -101,7 +100,7 @@ def _same_coordinates(a: pyproj.CRS, b: pyproj.CRS) -> bool:
 
 
 def _body(system: pyproj.CRS) -> tuple[float, float, float]:
-    """Ellipsoid, and the prime meridian relative to the antimeridian, so that it is never 0."""
+    """Semi-major axis [m], inverse flattening, and prime meridian + pi [rad], which is never 0."""
     ellipsoid, meridian = system.ellipsoid, system.prime_meridian
     assert ellipsoid is not None and meridian is not None
     greenwich = meridian.longitude * float(meridian.unit_conversion_factor)
@@ -127,7 +126,7 @@ def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
-    """Coordinates of points [degree from the prime meridian of the system]."""
+    """Projected coordinates of points given in degrees from the system's prime meridian."""
     import pyproj
 
     base = system.geodetic_crs
@@ -151,7 +150,7 @@ def transformation(crs: CRS, grid: Grid) -> Transformation:
 
 
 def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
-    """Transformation from a system to longitude and latitude (WGS 84), the best within `bounds`."""
+    """Transformation from a system to longitude and latitude (WGS 84) that is best in `bounds`."""
     import pyproj
 
     return _best_way(_pyproj(in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
@@ -186,8 +185,8 @@ def _best_way(
     if np.isfinite(corners).all():
         (west, east), (south, north) = corners
         area = pyproj.transformer.AreaOfInterest(west, south, east, north)
-    # Outside the area of a datum shift, PROJ would leave out the shift of 100 m or more. Applying
-    # it is more accurate; a datum without a name has no shift.
+    # Outside the area of a datum shift, PROJ would omit a shift of 100 m or more. Applying it is
+    # more accurate. A datum without a name has no shift.
     for within, allow_ballpark in ((area, False), (None, False), (area, True)):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # suppress PROJ's warning about a missing grid
@@ -202,8 +201,8 @@ def _best_way(
     )
 
 
-#: Command that converts a raster to metres: to a plan system (None: unchanged), with heights
-#: multiplied by a factor.
+#: Returns a command that converts a raster to metres, given a plan system (None: unchanged) and a
+#: factor for its heights.
 Cure = Callable[[str | None, float], str]
 
 
@@ -240,8 +239,8 @@ def check_metres(
 def _plan_refusal(
     grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
 ) -> RockfallError:
-    """Message that refuses plan coordinates in a unit other than the metre, and elevations in
-    another unit (None: metres, or not stated), with the commands that convert both."""
+    """Error for plan coordinates not in metres, with the command that converts them. `heights` is
+    the elevation unit if it must be converted too."""
     assert grid.crs is not None
     both = f", elevations in {heights.name}" if heights else ""
     problem = (
@@ -309,7 +308,7 @@ def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
 
 
 def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
-    """Units of plan coordinates and heights (not angles): None if missing, metre if undefined."""
+    """Units of plan coordinates (degrees have a NaN factor) and of heights (None if not given)."""
     plan, heights = METRE, None
     for axis in crs.axis_info:
         factor, name = axis.unit_conversion_factor, axis.unit_name
@@ -377,10 +376,10 @@ def length_scale(grid: Grid) -> float:
 
 
 def grid_mapping(crs: CRS) -> dict[str, Any]:
-    """Attributes of a CF grid mapping variable for the horizontal part of a system (given a
-    vertical part, readers would scale counts and energies as heights). The complete system is in
-    `crs_wkt` (WKT 2) and `spatial_ref` (WKT 1, for older programs); CF parameters are added if they
-    are equivalent. `vertical_datum` is the name of the vertical datum, if any."""
+    """Attributes of a CF grid mapping variable. They give only the horizontal system, because
+    readers would apply a vertical unit to counts and energies. `crs_wkt` (WKT 2) and `spatial_ref`
+    (WKT 1, for older programs) define it completely; CF parameters are added if equivalent, and
+    `vertical_datum` if there is a vertical system."""
     texts = crs.to_wkt(version="WKT2_2019"), crs.to_wkt()
     if texts not in _MAPPINGS:
         _MAPPINGS[texts] = _grid_mapping(crs)
@@ -430,7 +429,7 @@ def _parameters(crs: pyproj.CRS) -> dict[str, Any]:
 
 
 def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
-    """System with the ellipsoidal formulas that CF requires, also on a sphere."""
+    """System with the ellipsoidal formulas that CF requires, even on a sphere."""
     import pyproj
 
     description = system.to_json_dict()
@@ -457,7 +456,7 @@ def _degrees(crs: CRS, x: list[float], y: list[float]) -> tuple[list[float], lis
     import pyproj
 
     nowhere = [math.nan] * len(x)
-    if max(map(abs, (*x, *y))) > 1e8:  # for these, PROJ would never return
+    if max(map(abs, (*x, *y))) > 1e8:  # PROJ never returns for such values
         return nowhere, nowhere
     try:
         to_degrees = pyproj.Transformer.from_crs(_pyproj(crs), "EPSG:4326", always_xy=True)

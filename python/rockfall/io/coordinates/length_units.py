@@ -75,8 +75,8 @@ def unit_of(text: str) -> Unit:
 
 
 def unit_in_words(text: str) -> Unit | None:
-    """Elevation unit in a sentence; None if there is none, or if metres occur too. A number before
-    a unit is a size, such as a cell size."""
+    """Elevation unit in a sentence; None without one, or if metres occur too. A number before a
+    unit is ignored as a size, such as a cell size."""
     spelled = text.lower()
     if _METRE_WORDS.search(spelled):
         return None
@@ -105,8 +105,7 @@ def unit_of_code(code: int) -> Unit | None:
 
 
 def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
-    """Elevation units in the attributes or tags of a raster: from a unit attribute that does not
-    refer to its cells, or from the words of a description."""
+    """Elevation units in a unit attribute, except those of cell sizes, or in a description."""
     stated = []
     for key, value in attributes.items():
         name = key.lower()

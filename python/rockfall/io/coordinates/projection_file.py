@@ -66,7 +66,7 @@ def vertical_units(text: str) -> list[Unit]:
 
 
 def _unit_of_heights(word: str) -> Unit | None:
-    """Unit in a line Zunits: a name, NO, or a number of units per metre."""
+    """Unit on a `Zunits` line: a name, NO, or the number of units per metre."""
     if word.upper() in ("NO", "NONE"):
         return None
     try:

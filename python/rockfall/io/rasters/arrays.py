@@ -73,8 +73,8 @@ def check_elevations(name: str, z: np.ndarray) -> None:
 
 
 def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
-    """Return True if any cell in the rows from `row` on has an elevation; refuse implausible
-    elevations."""
+    """Return True if any cell has an elevation; refuse implausible elevations. `row` is the raster
+    row of `z[0]`, for messages."""
     is_known = False
     for rows in row_blocks(z.shape):
         absurd = np.argwhere(np.abs(z[rows]) > MAX_ELEVATION)

@@ -51,7 +51,7 @@ class AsciiCells:
         nodata = -9999.0 if self.nodata is None else self.nodata
         for rows, block in self._whole_rows():
             if rows.start >= box.stop_row and box.stop_row < self.shape[0]:
-                return  # read the whole file, because invalid text may follow
+                return  # if the box ends at the last row, read on: invalid text may follow
             first, stop = max(rows.start, box.row), min(rows.stop, box.stop_row)
             if first < stop:
                 block = block[first - rows.start : stop - rows.start, box.columns]
@@ -102,7 +102,7 @@ def is_ascii_grid(path: str | Path) -> bool:
 
 
 def open_ascii(path: str) -> AsciiCells:
-    """Read the header, whose lines have a key and a value."""
+    """Read the header of an ESRI ASCII grid."""
     values: dict[str, float] = {}
     start, line = 0, 1
     with open(path, "rb") as file:

@@ -44,8 +44,7 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 
 def packing_note(path: str | Path) -> list[str]:
-    """Remark on a scale or offset in a companion file, which the raster file alone does not show;
-    in netCDF files packing is explicit."""
+    """Remark on a scale or offset from a companion file, which users may not know of."""
     remarks: list[str] = []
     with open_raster(path) as raster:
         add_packing_note(raster, remarks)

@@ -155,7 +155,8 @@ class Box:
 
 
 def flaw_of(transform: Affine | Transform, far: int) -> str:
-    """Reason why cells cannot form a grid with at most `far` cells per side; "" if they can."""
+    """Reason why cells cannot form a grid; "" if they can. `far` is the larger number of cells per
+    side."""
     t = transform
     if not 0 < abs(t.a) < np.inf:
         return f"cells have the size {t.a:g}: must be > 0"

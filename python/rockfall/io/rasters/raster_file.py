@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rasterio.io import DatasetReader
 
 _CACHE = 32  # [MB] a row of tiles of a wide raster; GDAL would use 5 % of the memory
-_BLOCK = 2**24  # cells in a tile, or maximum cells of a raster read at once
+_BLOCK = 2**24  # maximum cells in a tile, or in a raster that is read at once
 
 
 class Cells(Protocol):
@@ -127,7 +127,7 @@ class RasterFile:
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Yield blocks (rows in memory, values, valid mask), north-up, valid until the next."""
+        """Yield blocks north-up: (rows in memory, values, valid mask), valid until the next."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
@@ -141,8 +141,8 @@ class RasterFile:
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
-        """Command that resamples this file to dem_suffix.tif, with holes as nodata instead of 0.
-        Values are unpacked and multiplied by a factor, which `rio warp` does not do."""
+        """Command that resamples this file to dem_SUFFIX.tif, with holes as nodata instead of 0.
+        Values are unpacked and multiplied by `factor` first, because `rio warp` does neither."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -168,7 +168,7 @@ class RasterFile:
         return f"{command} && rio edit-info {out} --crs {quote(crs_argument(crs))}"
 
     def _beside(self, suffix: str) -> str:
-        """Quoted name of a file in the same folder."""
+        """Quoted name of a new file in the same folder."""
         path = Path(self.path.replace(".nc:", "_"))
         return quote(str(path.with_name(f"{path.stem}_{suffix}.tif")))
 

@@ -158,7 +158,7 @@ def _taken_apart(
             yield own, entity
             continue
         for insert in entity.multi_insert() if entity.mcount > 1 else [entity]:
-            if next(of_blocks) >= MAX_PARTS:  # includes empty blocks
+            if next(of_blocks) >= MAX_PARTS:  # its block may be empty
                 raise RockfallError(f"its blocks have more than {MAX_PARTS:,} entities")
             yield from _taken_apart(insert.virtual_entities(), own, depth + 1, of_blocks)
 

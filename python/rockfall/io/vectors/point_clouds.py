@@ -30,7 +30,7 @@ from rockfall.limits import MAX_ELEVATION, MAX_REAL
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
-#: Reads chunks (n, 3) [m] from a file.
+#: Yields chunks (n, 3) [m] of a file.
 Chunks = Iterator[np.ndarray]
 
 LASER = (".las", ".laz")
@@ -143,7 +143,7 @@ def _together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, n
 
 
 def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct squares, with the values of each summed in order."""
+    """Distinct squares, and the sum of each square's values in their order."""
     if not len(squares):
         return squares, values
     order = np.argsort(squares, kind="stable")
@@ -279,7 +279,7 @@ def _check_header(path: str | Path) -> None:
 
 
 def _chunk_points(path: str | Path, offset: int, size: int) -> int:
-    """Number of points in a LAZ file, followed by those of its first chunks; -1 if invalid."""
+    """Number of chunks in a LAZ file, each with an uncompressed first point; -1 if invalid."""
     with open(path, "rb") as file:
         file.seek(offset)
         (table,) = _PLACE.unpack(file.read(_PLACE.size).ljust(_PLACE.size, b"\0"))

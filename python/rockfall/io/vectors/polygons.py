@@ -17,7 +17,7 @@ from rockfall.language import remark
 
 SLIVER = 0.01  # fraction of the smaller polygon: smaller overlaps are drawing errors
 SPARSE = 8  # spacing of the first samples [cells]
-HALF = 0.5  # fraction of a zone's or stand's area: maps often extend beyond a DEM
+HALF = 0.5  # minimum fraction of a zone's or stand's area: maps often extend beyond a DEM
 #: [m] Displacement of borders to the east and north: far below survey accuracy, far above
 #: rounding, and in a direction in which no border is drawn.
 ASIDE = (1e-6, 1.618034e-6)
@@ -81,8 +81,8 @@ def note_outside(
 
 
 def empty_polygons(cells: np.ndarray, shapes: np.ndarray, grid: Grid) -> np.ndarray:
-    """Mask of polygons that contain no cell centre, given the polygon number (from 1) of each
-    cell. Most polygons appear in some cell; the others are searched within their bounds."""
+    """Mask of polygons that contain no cell centre, given the polygon number (from 1) of each cell.
+    Polygons missing in a sample of cells are searched within their bounds."""
     import shapely
 
     held = np.zeros(len(shapes) + 1, bool)

@@ -18,7 +18,7 @@ _BOOKKEEPING = frozenset({
 _MARKS = (99.9, 99.99, 127.0, 255.0, 999.0, 999.9, 9999.0, 32767.0, 65535.0, 99999.0)
 _APART = 0.5  # ratio of the largest other number to the mark; above it, the mark counts as data
 _NO_NUMBERS = frozenset({"name", "zone", "x", "y"})  # columns without a check for marks
-_CLOSE = 0.7  # minimum similarity of misspelt names, as of valeur and value
+_CLOSE = 0.7  # minimum similarity of misspelt names, such as valeur for value
 _MAX_NAMED = 5
 
 
