@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """SHA-256 of the decoded kernel inputs, independent of file formats.
 
-The checksum of a named file does not cover its companion files (tables of a shapefile, tiles of a
-mosaic, masks). Rows are hashed in order, so terrain read in windows has the same checksums as the
-complete raster.
+The checksum of a file in the case does not cover its companion files (tables of a shapefile, tiles
+of a mosaic, masks). Rows are hashed in order, so that a terrain read in windows has the same
+checksums as the complete raster.
 """
 
 import hashlib

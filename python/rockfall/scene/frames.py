@@ -71,8 +71,8 @@ class FrameFiles:
 def frame_files(
     frames: Mapping[str, Any], store: FrameFiles | None = None
 ) -> Iterator[dict[str, Path]]:
-    """Write frames to files by name, for the block or the lifetime of their store. In errors, the
-    names of frames replace file names."""
+    """Write frames to files; yield the files by name. They are removed after the block, or with
+    `store`. In errors, the names of frames replace those of files."""
     own = store or FrameFiles()
     try:
         files = own.write(frames)
@@ -86,8 +86,7 @@ def frame_files(
 
 
 def of_frames(text: str, files: Mapping[str, Path]) -> str:
-    """Replace the names of temporary files in a text by the names of their frames; a remark stays
-    a remark."""
+    """Replace file names in a text by the names of the frames; a remark stays a remark."""
     if isinstance(text, Text) and text.key == "input.remark":
         return _of_frames(text, files)
     for name, file in files.items():
@@ -107,8 +106,8 @@ def with_frames(
     read: Callable[[Case], Scene],
     store: FrameFiles | None = None,
 ) -> Scene:
-    """Read the scene of a case with layers from frames, by name. Layers in GROUPS are added to the
-    case; the others (zones, trees, stands, clearings, sources) replace those of the case."""
+    """Read the scene of a case with layers from frames. Layers in GROUPS are added to the case;
+    others (zones, trees, stands, clearings, sources) replace its own."""
     keys = {name: _key(name, frame) for name, frame in frames.items() if name not in GROUPS}
     if "zones" in frames and _says_ground(frames["zones"], case.surface["zone_field"]):
         case = case.replace(surface={"table": None})

@@ -31,7 +31,7 @@ class Ground:
     spikes: int = 0  # number of cells above or below all neighbours
     spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # largest spike: x, y and height [m]
     integers: bool = True  # True if all elevations are integers
-    steps: int = 0  # then: bends along rows and columns that the next cell reverses
+    steps: int = 0  # if so: bends along rows and columns that the next cell reverses
     spans: int = 0  # number of places checked for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # slope tangents at SAMPLES cells
     bends: list[np.ndarray] = field(default_factory=list)  # changes of the tangents there (2, n)
@@ -161,8 +161,8 @@ def ground_of(rasters: Rasters) -> Ground:
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
-    """Numbers of places where sizes (Rg70, Rg20, Rg10 in order) decrease and where they increase;
-    equal sizes count as neither."""
+    """Numbers of places where Rg70, Rg20, Rg10 (in this order) decrease, and where they do not;
+    equal or missing sizes count as neither."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))
@@ -201,8 +201,8 @@ def _ground_numbers(band: Rasters, at: tuple[np.ndarray, np.ndarray]) -> np.ndar
 
 
 def _samples(band: Rasters, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the sample cells in a box, evenly spaced over the whole terrain, that
-    have elevations, as do their eight neighbours."""
+    """Rows and columns of the sample cells in a box, evenly spaced over the whole terrain. Cells
+    without an elevation, or next to such a cell, are omitted."""
     grid = band.grid
     step = max(1, int(np.sqrt(grid.nx * grid.ny / SAMPLES)))
     rows = np.arange(max(1, -(-box.row // step) * step), min(box.stop_row, grid.ny - 1), step)

@@ -16,7 +16,7 @@ from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
-ARRAYS: dict[str, list[str]] = {}  # type ("" for alternatives) -> dimensions, units, name
+ARRAYS: dict[str, list[str]] = {}  # name -> type ("" for alternatives), units, ...
 while _text := _core.table_row("scene", len(ARRAYS) + 1).decode().strip():
     _name, *ARRAYS[_name] = _text.split("|")
 NO_TERRAIN = np.zeros((1, 1), "f4")  # placeholder for a scene read in windows
@@ -67,7 +67,7 @@ class KernelScene:
 
 
 def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0) -> int:
-    """Handle of a new scene with these arrays, not yet built."""
+    """Handle of a new scene with these arrays; the kernel has not built it yet."""
     grid, (row, column) = rasters.grid, rasters.at
     nodes, first = (grid.nx, grid.ny), (column + 1, row + 1)
     handle = _core.new_scene(grid.west, grid.north, grid.cell, nodes, first, draw)

@@ -36,8 +36,8 @@ class Inputs:
     def blocks(
         self, key: str, what: str, dtype: Any, box: Box | None = None, smooth: bool = True
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Yield blocks of rows, in any order, of a raster on the DEM cells, from the given array
-        or the file in the case. For `smooth` see `aligned_blocks`."""
+        """Yield blocks of rows, in any order, of a raster on the DEM cells, from the given array or
+        the case's file. For `smooth` see `aligned_blocks`."""
         given = self.arrays.pop(key, None)
         if given is None:
             group = next(row.group for row in file_keys() if row.name == key)
@@ -71,9 +71,8 @@ def take_inputs(
     uses: tuple[Any, ...],
     make: Callable[[Inputs], T],
 ) -> T:
-    """Run a reading stage and return its result. Its checksums and remarks are added to the
-    inputs, and arrays that it used are removed. Its result depends on the grid, all arrays, and the
-    objects in `uses`."""
+    """Run a reading stage and return its result. Add its checksums and remarks to the inputs, and
+    remove the arrays that it used. The result depends on the grid, all arrays, and `uses`."""
 
     def read(case: Case) -> tuple[T, Inputs]:
         own = Inputs(case, inputs.grid, dict(inputs.arrays))

@@ -60,7 +60,7 @@ def _groups() -> list[str]:
 
 
 def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
-    """If a single layer feature is invalid, raise an error that identifies it."""
+    """If a single layer feature is invalid, raise the error with its file and number."""
     for group, several in drawn.items():
         for feature in several:
             alone = copy.copy(case)

@@ -34,7 +34,7 @@ OF_RASTERS = {field.name for field in fields(Rasters)}
 
 @dataclass
 class Findings:
-    """Warnings about a scene, shared with scenes derived from it."""
+    """Warnings about a scene; scenes derived from it share them."""
 
     warnings: list[InputWarning] | None = None  # see `plausible.input_warnings`; None: not checked
     beyond: LinesBeyond = field(default_factory=dict)  # filled with the warnings
@@ -62,7 +62,7 @@ class Scene(Sources):
         return own | {"stages": FRESH}
 
     def replace(self, **changes: Any) -> Scene:
-        """Copy of the scene with different values for itself or its rasters."""
+        """Copy of the scene with changed fields of itself or its rasters."""
         cells = {key: changes.pop(key) for key in OF_RASTERS & changes.keys()}
         rasters = replace(self.rasters, **cells) if cells else self.rasters
         return replace(self, **{"rasters": rasters} | changes)
@@ -74,7 +74,7 @@ class Scene(Sources):
 
     @property
     def grounds(self) -> tuple[GroundRule, ...]:
-        """Grounds; None if all use the impact sets."""
+        """Grounds; empty if all use the impact sets."""
         return self.rasters.grounds
 
     @property
@@ -118,8 +118,8 @@ class Scene(Sources):
 
     @property
     def source_shape(self) -> np.ndarray | None:
-        """Number of the block shape of each source's boulders, from 1 (0: as in the case). None if
-        no source gives a shape, or no ground has an impact table."""
+        """Block shape (number from 1) of each source's boulders; 0: as in the case. None if no
+        source gives a shape, or no ground has an impact table."""
         features, own = self.features, self.source_boulders
         if all(ground.model not in TABLES for ground in self.grounds):
             return None
@@ -165,7 +165,8 @@ class Scene(Sources):
         return self.frequency if total and self.frequency is not None else self.area
 
     def survey(self) -> Survey:
-        """Survey the terrain; error for a source from which no boulder can start."""
+        """Data about the terrain that a run needs. Raises an error for a source from which no
+        boulder can start."""
         if self.windows:
             return self.windows.survey
         uses = (self.rasters.z,)
@@ -199,8 +200,8 @@ class Scene(Sources):
         return range(int(first), int(last) + 1)
 
     def around(self, first: int, boulders: int) -> tuple[Scene, int]:
-        """Scene with the rasters for boulders from number `first`, and the number of boulders that
-        it covers: the scene itself, or a window of the terrain."""
+        """Scene with the rasters for boulders from number `first` (the whole scene, or a window),
+        and the number of boulders for which it is valid, at most `boulders`."""
         windows = self.windows
         if windows is None:
             return self, boulders

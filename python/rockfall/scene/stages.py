@@ -27,15 +27,16 @@ class Stages:
         make: Callable[[Case], T],
         reads: bool = True,
     ) -> T:
-        """Result of `make` for the case; it depends on the objects `uses` and files it `reads`."""
+        """Result of `make(case)`, which depends only on the case, the objects `uses`, and files if
+        `reads`."""
         return make(case)
 
     def find(self, name: str, uses: tuple[Any, ...]) -> Any:
-        """Result cached by `keep` for the same objects; None if there is none."""
+        """Result stored by `keep` with the same objects; None if there is none."""
         return None
 
     def keep(self, name: str, uses: tuple[Any, ...], result: Any) -> None:
-        """Cache a result that depends only on these objects."""
+        """Store a result that depends only on these objects."""
 
 
 FRESH = Stages()
@@ -55,7 +56,7 @@ class _Kept:
         return len(self.uses) == len(uses) and all(map(is_, self.uses, uses))
 
     def holds(self, case: Case, uses: tuple[Any, ...]) -> bool:
-        """Return True if the stage would give the same result again."""
+        """Return True if the case, the objects and the files are unchanged."""
         return (
             self.is_of(uses)
             and all(getattr(case, group) == value for group, value in self.seen.items())
@@ -64,7 +65,7 @@ class _Kept:
 
 
 class KeptStages(Stages):
-    """Stages whose results are cached between readings."""
+    """Stages that keep their results between readings."""
 
     def __init__(self, kept: dict[str, _Kept] | None = None) -> None:
         self._kept = kept or {}

@@ -37,7 +37,7 @@ from rockfall.language import remark
 from rockfall.scene.layers import Inputs, file_checksum
 from rockfall.scene.parts import Rasters
 
-#: Angle [degree] by which tables of a smaller relief err safely (docs/howto/own-ground.md).
+#: Reduction of relief [degree] that errs on the safe side (docs/howto/own-ground.md).
 SAFER = 2.0
 
 
@@ -122,15 +122,15 @@ def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dic
 
 
 def _chooses_ground(case: Case) -> bool:
-    """Return True if the case gives the ground for zones and cells without one."""
+    """Return True if the case chooses a ground for zones and cells that have none."""
     keys = "form", usual_key(case)
     return "ground" in case.surface or any(is_given(case, "impact", key) for key in keys)
 
 
 def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
-    """Remarks on a ground if the relief or strength for all its boulders is outside the simulated
-    tables, or the relief is not calibrated. Ground harder than the hardest table behaves like it,
-    because it does not yield."""
+    """Remarks on a ground whose relief or strength is outside the simulated tables for all
+    boulders, or whose relief is not calibrated. Ground harder than the hardest table does not yield
+    either, so it gets no remark."""
     if rule.plane is None:
         return
     ground, radii = rule.plane.ground, np.array(rule.plane.radii)
@@ -225,7 +225,7 @@ def _check_sizes(
 
 
 def _used(rasters: Rasters) -> set[tuple[int, int]]:
-    """0-based pairs of material and ground that occur in some cell."""
+    """0-based pairs (material, ground) that occur in some cell."""
     if rasters.cell_ground is None:
         used = [0] if rasters.zone is None else rasters.used_zones().tolist()
         grounds = rasters.material_ground

@@ -23,8 +23,8 @@ RIM = 4  # [cells] margin of a window that boulders may not enter if the raster 
 
 
 class Windows:
-    """Windows with a given number of cells, or more if a source needs it. Keeps the window in
-    memory and the survey of all rows."""
+    """Window of a large terrain, of at most `cells` unless a single source needs more; keeps its
+    rasters in memory, and the survey of all rows."""
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
         self.cells, self.bytes = cells, cells * cell_bytes  # size and memory of a window
@@ -33,12 +33,12 @@ class Windows:
         self.margins = np.full(4, max(RIM, math.isqrt(cells) // 8))
         self.reading = 0.0  # CPU time for reading windows [s]
         self.owner: Any = None  # scene whose window is in memory
-        self.window: Any = None  # this scene with the window's rasters
+        self.window: Any = None  # that scene with the window's rasters
         self.sources = range(0)  # indices of the window's sources
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Move the window to the longest run of sources that fits, at least one source."""
+        """Move the window to source `first` and as many later ones as fit; return its box."""
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
         north, west, south, east = self.margins
@@ -54,7 +54,7 @@ class Windows:
         return self.box
 
     def widen(self, grid: Grid, x: np.ndarray, y: np.ndarray) -> None:
-        """Enlarge windows on the sides where boulders left the current window [m]."""
+        """Enlarge the margins on the sides where boulders left the window, at x, y [m]."""
         box = self.box
         row, column = (grid.north - y) / grid.cell, (x - grid.west) / grid.cell
         left = np.array([
@@ -70,7 +70,8 @@ class Windows:
 
 
 def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
-    """Yield all rows in bands of about this number of cells, with the adjacent rows."""
+    """Yield all rows in bands of about `cells` cells: rasters with adjacent rows, and the band's
+    box."""
     ny, nx = inputs.grid.shape
     rows = max(1, cells // nx - 2 * RIM)
     for first in range(0, ny, rows):

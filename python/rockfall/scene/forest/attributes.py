@@ -67,7 +67,7 @@ class Attributes(NamedTuple):
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Name of an attribute in the layer, in which several may match; None if it is missing."""
+        """Name of an attribute in the layer; None if missing. Refuse several matches."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(
@@ -95,8 +95,8 @@ class Attributes(NamedTuple):
         return [None if (raw := plain(value)) is None else str(raw) for value in self.columns[name]]
 
     def numbers(self, key: str, needed: np.ndarray) -> np.ndarray | None:
-        """Numbers of an attribute, checked against limits and required where `needed`; None if the
-        layer lacks it."""
+        """Numbers of an attribute; None if the layer lacks it. Refuse numbers outside the limits,
+        and missing numbers where `needed`."""
         name = self.own_name(key)
         if name is None:
             return None

@@ -130,7 +130,7 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factors of random species, from the percentage of conifers and tree numbers."""
+    """Toughness factors of species drawn from the percentage of conifers and the tree number."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

@@ -28,7 +28,7 @@ MAX_STEMS = 1e8  # maximum stems in a forest
 THINNEST = 20.0  # stems per hectare (22 m apart); fewer are single trees, not a stand
 DECIMALS = 2  # decimals of a diameter in cm
 NARROW, WIDE = 0.05, 1.0  # standard deviation / mean of diameters; real stands have 0.2 to 0.7
-DENSER, REMAINS = 0, 1  # indices of the random numbers for the stand of a stem and for thinning
+DENSER, REMAINS = 0, 1  # indices of the random numbers for stands and thinning
 
 
 class Cells(NamedTuple):
@@ -39,7 +39,7 @@ class Cells(NamedTuple):
 
 
 def made_trees(inputs: Inputs) -> tuple[Planted, Stands | None]:
-    """Generate trees from the stem density of a case; return them with any stands of its layer."""
+    """Generate trees from the stem densities of a case; return them and the stands of its layer."""
     grid, table, seed = inputs.grid, read_species(inputs), inputs.case.forest["seed"]
     stands = read_stands(inputs, table)
     columns = {row: trees for row, trees in _columns(inputs, stands) if trees.size}
@@ -102,7 +102,8 @@ def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.nd
 
 
 def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield blocks of rows of stems per hectare, from a raster or the densest stand in a cell."""
+    """Yield blocks of rows: stems per hectare, from a raster or from the densest stand in each
+    cell."""
     if stands is None:
         yield from _blocks(inputs, "stems")
         return
@@ -180,7 +181,7 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
 
 
 def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
-    """Raster values at the trees, or the uniform value."""
+    """Values at the trees, from a raster or uniform."""
     values = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
         in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))

@@ -15,7 +15,7 @@ from rockfall.scene.stages import FRESH, Stages
 def read_forest(
     inputs: Inputs, x: np.ndarray, y: np.ndarray, stages: Stages = FRESH
 ) -> tuple[Trees | None, tuple[Stand, ...]]:
-    """Trees and stands of a case with sources at `x`, `y`; (None, []) without trees."""
+    """Trees and stands of a case whose sources are at `x`, `y` [m]; (None, ()) without trees."""
     if not inputs.case.has_forest:
         return None, ()
     planted, stands = take_inputs(stages, "planted", inputs, (), _planted)

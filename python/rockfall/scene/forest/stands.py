@@ -34,7 +34,7 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand layer
 WHOLE = 1.0  # tolerance for the sum of a stand's species [%]
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # smaller: in m-2, m, fractions?
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # smaller: in 1/m2, m, or a fraction?
 
 
 class Mixture(NamedTuple):
@@ -132,8 +132,8 @@ def _note_units(
     with_trees: np.ndarray,
     names: Sequence[str],
 ) -> None:
-    """Add a remark on each value whose unit is doubtful in some stands; a unit that is wrong in
-    all stands is reported with the trees."""
+    """Add a remark on each value with a doubtful unit in some of the stands; a unit that is wrong
+    in all of them is reported with the trees."""
     for key, smallest in SMALLEST.items():
         own = np.where(with_trees, values.get(key, 0.0), 0.0)
         odd = np.flatnonzero((own > 0) & (own <= smallest))
@@ -159,7 +159,8 @@ def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
 def _check_given_once(
     inputs: Inputs, path: Path, attributes: Attributes, key: str, values: Any, needed: bool
 ) -> None:
-    """Raise an error for values given both by the layer and the case, or by neither."""
+    """Refuse a value that both the layer and the case give, or that neither gives although
+    `needed`."""
     forest = inputs.case.forest
     given = [name for name in (key, f"uniform_{key}") if name in forest]
     if values is not None and given:

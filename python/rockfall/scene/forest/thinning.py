@@ -24,14 +24,15 @@ def is_thinned(case: Case) -> bool:
 
 
 def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
-    """Random numbers that decide which of `n` listed trees remain; None if all do."""
+    """Random number of each of `n` listed trees, which decides whether it remains; None without
+    thinning."""
     if not is_thinned(case):
         return None
     return _core.stand_numbers(case.forest["seed"], n, 1, np.ones(n, "i4"), 2, n)[1]
 
 
 def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> Planted:
-    """Stems that remain, away from sources at `x`, `y`."""
+    """Remove stems near the sources at `x`, `y` [m], and by thinning; return the others."""
     forest, trees = inputs.case.forest, planted.trees
     remain = np.ones(trees.x.size, bool)
     if forest["clear_of_sources"] > 0:

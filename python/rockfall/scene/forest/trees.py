@@ -11,7 +11,7 @@ HECTARE = 1.0e4  # m2
 MAX_DBH = 1000.0  # [cm]
 MAX_DENSITY = 1e6  # stems per hectare
 SQUARE = 25.0  # side of the squares [m] that count as forest if they contain a stem
-STEM = 32  # bytes per stem in the kernel, beyond these arrays
+STEM = 32  # bytes per stem in the kernel, in addition to these arrays
 
 
 class Trees(NamedTuple):
@@ -52,7 +52,7 @@ class Stand(NamedTuple):
 
     @property
     def density(self) -> float:
-        """Stems per hectare; 0 outside the terrain."""
+        """Stems per hectare; 0 if the stand is outside the terrain."""
         return self.stems / self.area if self.area > 0 else 0.0
 
 

@@ -13,9 +13,11 @@ SPEEDS = 1001  # number of speeds tried at a time
 
 
 class Splits(NamedTuple):
-    """Fragments of n blocks: area ratios (n,); fragment volumes [m3] (n, max_fragments), padded
-    with 0; volumes of fines [m3] (n,); and whether `&breakage max_fragments` limited the fragments
-    (n,). An unbroken block is its own only fragment."""
+    """Fragments of n blocks. An unbroken block is its own only fragment.
+
+    Area ratios (n,), fragment volumes [m3] (n, max_fragments) padded with 0, volumes of fines [m3]
+    (n,), and whether `&breakage max_fragments` limited the fragments (n,).
+    """
 
     area_ratio: np.ndarray
     volumes: np.ndarray
@@ -24,15 +26,15 @@ class Splits(NamedTuple):
 
 
 def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
-    """Split n blocks of these volumes [m3] with energies [J] normal to the ground, (n,), using the
-    `&breakage` group of a case whose boulders break."""
+    """Split n blocks, given their volumes [m3] and energies normal to the ground [J], both (n,),
+    with the `&breakage` group of a case whose boulders break."""
     volumes = np.zeros((case.breakage["max_fragments"], len(volume)), order="F")
     ratio, fines, capped = _core.split_blocks(in_kernel(case), volume, energy, volumes)
     return Splits(ratio, volumes.T, fines, capped.astype(bool))
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Normal impact speed [m/s] above which a block breaks, within 1e-6; inf if too small."""
+    """Lowest normal impact speed [m/s] that breaks a block, within 1e-6; inf if it is too small."""
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)

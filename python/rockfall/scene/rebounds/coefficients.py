@@ -24,7 +24,7 @@ class Coefficients(NamedTuple):
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
     speed_range: np.ndarray  # (2, 5): incident speeds of the fitted impacts [m/s]
-    angle_range: np.ndarray  # (2, 5): their incidence angles from the surface [degree]
+    angle_range: np.ndarray  # incidence angles of the fitted impacts, from the surface [degree]
 
 
 class SetFile(NamedTuple):
@@ -40,8 +40,8 @@ class SetFile(NamedTuple):
         return hashlib.sha256(self.text).hexdigest()
 
     def read(self, turning: str) -> tuple[Coefficients, int]:
-        """Numbers of the sets, including those required by a turning rule, and the number of draws
-        in the file. A RockfallError names file, group and key."""
+        """Return the numbers of the sets, including those that a turning rule requires, and the
+        number of draws in the file. Raises a RockfallError with file, group and key."""
         *values, ranges, draws, code, message = _core.read_sets(
             *kernel_text(self.text, self.name), turning, self.draw
         )

@@ -8,7 +8,7 @@ import numpy as np
 from rockfall._core import rockfall_f2py as _core
 
 INERTIA_FACTOR = _core.constant("inertia_factor")  # I/(m R_b^2) of a sphere
-MAX_DRAWS = int(_core.constant("max_draws"))  # maximum draws of a rebound; then it is limited
+MAX_DRAWS = int(_core.constant("max_draws"))  # maximum draws of a rebound; the last is then limited
 MIN_NORMAL = _core.constant("min_normal")  # V_n of a limited rebound / incident speed
 
 _Volume = TypeVar("_Volume", float, np.ndarray)
@@ -26,7 +26,7 @@ def energy(v: np.ndarray) -> np.ndarray:
 
 
 def kinetic_energy(mass: np.ndarray, speed: np.ndarray, spin: np.ndarray) -> np.ndarray:
-    """Kinetic energy (n,) [J] from masses [kg], speeds and W [m/s]."""
+    """Kinetic energy (n,) [J] from masses [kg], speeds [m/s] and W [m/s], each (n,)."""
     if not speed.size:
         return speed
     return _core.kinetic_energies(mass, np.stack([speed, 0 * speed, 0 * speed]), spin)

@@ -10,7 +10,7 @@ from rockfall.scene.kernel_scene import KernelScene
 
 
 class Survey:
-    """Terrain data needed before a run, collected from all rows."""
+    """Terrain data that a run needs in advance, collected from all rows."""
 
     def __init__(self, case: Case, grid: Grid, minima: np.ndarray | None = None) -> None:
         """`minima` are the block minima of all rows, if already known."""
@@ -25,10 +25,7 @@ class Survey:
 
     def take(self, kernel: KernelScene, first: int, stop: int) -> None:
         """Add rows `first` to `stop` - 1 of the raster; the kernel's scene must contain them and
-        four more rows on either side.
-
-        Raises an error for a source from which no boulder can start.
-        """
+        four more rows on either side. Refuse a source from which no boulder can start."""
         minima = np.empty((1, 1)) if self._known else self.minima  # placeholder
         kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, minima, self.head))
 

@@ -119,7 +119,7 @@ def values_of(case: Case, features: Features | None) -> np.ndarray | None:
 
 @cache
 def _key(name: str) -> tuple[str, str]:
-    """Group and name of the case key for an attribute."""
+    """Group and name of the case key that corresponds to an attribute."""
     name = "velocity" if name in VELOCITY else "volume_mean" if name == "volume" else name
     groups = ("boulder", "release", "scenario")
     return next((group, name) for group in groups if name in keys_of(group))
@@ -213,9 +213,8 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 
 def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """Check that each distribution has exactly the numbers that it needs, by the rules of
-    &boulder. Features with the same keys are checked together, except those with extreme spreads
-    and ranges."""
+    """Check that each distribution has exactly the numbers that it needs, by the rules of &boulder.
+    Only one feature per set of keys is checked, and those with extreme spreads and ranges."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     given_features = set(np.flatnonzero(law > 0)[firsts].tolist())
@@ -247,7 +246,8 @@ def _check_shapes(case: Case, table: Table, shape: np.ndarray | None) -> None:
 
 
 def _check_source(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
-    """Check that the boulders of a source are defined only once."""
+    """Refuse boulders defined by both attributes and rasters, and a feature without a required
+    volume."""
     density, says = ~np.isnan(given[:, DENSITY]), facts(case, "boulder", "release")
     if says.by_raster and (law.any() or density.any()):
         k = int(np.argmax((law > 0) | density))

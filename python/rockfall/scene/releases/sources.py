@@ -32,7 +32,7 @@ SIDES = ("d1", "d2", "d3")
 SHAPES = int(_core.constant("shapes"))  # number of block shapes
 SPHERE = int(_core.constant("sphere"))  # number of the default shape
 MAX_SIDE = 1e3  # [m]
-APART = 1000.0  # suspicious ratio of a frequency to the next smaller one
+APART = 1000.0  # suspicious ratio of the largest frequency to the next
 MAX_NAMED = 5  # maximum features listed in a message
 
 
@@ -117,8 +117,8 @@ def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources
 
 @dataclass
 class Unknown:
-    """Number of cells declared as sources by a raster or polygons, and the number of those where
-    no boulder can start, because elevations in or around them are missing."""
+    """Number `n` of source cells from a raster or polygons, and number `part` of those without the
+    elevations that a start needs."""
 
     part: int = 0
     n: int = 0
@@ -203,7 +203,7 @@ def _with_attributes(
 
 
 def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
-    """Add a remark if a frequency is far above all others, such as a return period."""
+    """Add a remark if a frequency is far above all others: it may be a return period."""
     ordered = np.unique(frequency[frequency > 0])
     if ordered.size > 1 and (ratio := ordered[-1] / ordered[-2]) >= APART:
         k = int(np.nanargmax(frequency))
@@ -212,7 +212,7 @@ def _note_unequal(inputs: Inputs, table: Table, frequency: np.ndarray) -> None:
 
 
 def _note_axes(inputs: Inputs, table: Table) -> None:
-    """Add a remark if block axes differ so much that their units may differ."""
+    """Add a remark on block axes that differ too much to be in the same unit."""
     if (axes := axes_of(table)) is not None:
         ratio = np.nan_to_num(axes[0] / axes[2])
         if ratio.max() > MAX_AXIS_RATIO:
@@ -285,8 +285,8 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
-    """Number of the block shape nearest to the axes (3, n) of each source's boulders; None if the
-    case gives shapes, with a remark if these differ."""
+    """Number of the block shape nearest to the axes (3, n) of each source's boulders. If the case
+    gives shapes: None, with a remark on different axes."""
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
     if BY_SOURCE in given:
@@ -331,8 +331,8 @@ def _cells(
     lowest: ExtremeCount,
     unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield blocks of rows of a box that are positive in source cells. Records their values, and
-    counts the cells where no boulder can start."""
+    """Yield blocks of rows of a box, positive in source cells. Record the raster values, and count
+    the cells without the elevations that a start needs."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
         blocks = ((rows, polygons[rows]) for rows in parts)
@@ -356,7 +356,7 @@ def _cells(
 def _on_known(
     inputs: Inputs, band: Rasters, rows: slice, block: np.ndarray, unknown: Unknown
 ) -> np.ndarray:
-    """Source cells of a block where boulders can start; the other source cells are counted."""
+    """Mask the source cells of a block where boulders can start; count the others."""
     row, column = np.nonzero(block > 0)
     places = inputs.grid.x[column], inputs.grid.y[rows][row]
     is_start = can_start(band, *places) if row.size else np.ones(0, bool)

@@ -21,11 +21,11 @@ from rockfall.scene.surface import radius_over_rg
 NO_DATA = (127, 255, 32767, 65535, 2147483647)  # maxima of integer raster types
 DENSITIES = (1000.0, 4000.0)  # [kg/m3] from porous tuff to ores
 GRAVITIES = (1.35, 1.62, 3.71, 8.87, 9.81)  # [m/s2] Titan, Moon, Mars, Venus, Earth
-LATITUDE = 0.006  # relative variation of the Earth's gravity with latitude
-DROP = 50.0  # [m] after a longer free fall, the lower point should be the source
+LATITUDE = 0.006  # relative variation of gravity on the Earth
+DROP = 50.0  # [m] free fall; after a longer one, its lower end should be the source
 SPEED = 50.0  # [m/s] maximum at release
 VOLUME = 150.0  # [m3] 6.6 m across; larger boulders are rare, and 0.15 m3 in litres is 150
-TRUNCATED = 0.02  # relative increase of a normal mean by truncation at zero
+TRUNCATED = 0.02  # maximum relative increase of a normal mean by truncation at zero
 EXPONENT = 1.0  # surveys give 0.4 to 0.9, exponents of the density are 1.4 to 1.9
 STOP = 5.0  # [m/s] maximum stop_speed; a boulder this fast does not stop
 FLATTEST, STEEPEST = 2.0, 90.0  # [degree] limits of rest_angle; 2 rad are 115 degrees
@@ -50,7 +50,7 @@ RG_FULL = 100.0  # [m] code for water in Rockyfor3D
 
 
 def boulder_rules(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about the start of boulders, their properties, and the ground on their path."""
+    """Warnings about releases, boulders, rocks on the slope, and trees."""
     for rule in (
         _release, _source_cells, _source_points, _densities, _volumes, _exponents, _spreads, _stops,
         _gravity, _rocks,
@@ -126,7 +126,7 @@ def _densities(scene: Scene) -> Iterator[InputWarning]:
 class _Volumes(NamedTuple):
     """Volume distribution of a case, scenario or feature."""
 
-    group: str  # group for which a single warning is issued
+    group: str  # each group gets at most one warning
     where: str
     keys: Mapping[str, Any]
 
@@ -181,8 +181,7 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on exponents that are probably those of the density, larger by 1 than the exponent
-    of the number of larger boulders."""
+    """Warnings on exponents above those of surveys: probably of the density, larger by 1."""
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -201,10 +200,8 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on normal distributions whose mean changes by truncation at zero, and on lognormal
-    distributions that are wider than a normal distribution may be; among features, on the
-    relatively widest.
-    """
+    """Warnings on normal distributions whose mean increases through truncation at zero, and on
+    lognormal distributions wider than a normal one may be; of the features, only on the widest."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")
@@ -253,8 +250,8 @@ def _rocks(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _order(scene: Scene) -> Iterator[InputWarning]:
-    """Warning on Rg values in the wrong order nearly everywhere, with larger values for more
-    frequent obstacles. Published tables have this in some zones (Bourrier et al. 2009, table 1)."""
+    """Warning on Rg values that decrease from Rg70 to Rg10 nearly everywhere. Published tables have
+    this order in some zones (Bourrier et al. 2009, table 1)."""
     ground = scene.ground
     if scene.case.surface["method"] == "B":
         return
@@ -274,8 +271,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on block shapes that have no effect, or no weight with impact tables, and on axes in
-    mixed units."""
+    """Warnings on block shapes without share or effect, and on axes in mixed units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Valid but implausible inputs of a scene, with a line for each that gives its literal meaning.
+"""Warnings about valid but implausible inputs of a scene, each with the literal meaning of the
+input.
 
-Impossible inputs raise an error when read. Limits are far from usual values, because false
-warnings also do harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
+Impossible inputs raise an error when read. Limits are far from usual values, because false warnings
+also do harm. Each limit is defined once, with its reason, in `rockfall.scene.rules`.
 """
 
 import warnings
@@ -43,7 +44,7 @@ def input_warnings(scene: Scene) -> list[InputWarning]:
 
 
 def _found(scene: Scene, rules: Callable[[Scene], Iterator[T]], uses: tuple[str, ...]) -> list[T]:
-    """Findings of these rules for the case and these parts of a scene."""
+    """Results of these rules for the case; cached until the case or the parts `uses` change."""
 
     def apply(case: Case) -> list[T]:
         return [*rules(scene if case is scene.case else replace(scene, case=case))]
@@ -58,14 +59,14 @@ def implausible(scene: Scene) -> list[str]:
 
 
 def warn_of(scene: Scene) -> None:
-    """Issue the text lines as Python warnings, attributed to the caller's caller."""
+    """Issue the warnings as Python warnings at the line that called the caller."""
     for line in implausible(scene):
         warnings.warn(line, stacklevel=3)
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on lines off the terrain: wholly, partly, or with a far vertex. The kernel refuses
-    lines farther away."""
+    """Warnings on lines with parts or vertices off the terrain. The kernel refuses lines farther
+    away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)
@@ -87,8 +88,8 @@ def _lines(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _lines_beyond(scene: Scene) -> Iterator[tuple[str, list[list[float]]]]:
-    """Key of each line, and its stretches off the terrain, where no boulder moves: outside the
-    squares between four cell centres with elevations."""
+    """Key of each line, and its stretches off the terrain, outside the squares between four known
+    cell centres."""
     grid = scene.grid
     for line in scene.case.lines:
         x, y = np.array(line["x"]), np.array(line["y"])
@@ -106,8 +107,8 @@ def _lines_beyond(scene: Scene) -> Iterator[tuple[str, list[list[float]]]]:
 
 
 def _are_known(scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Mask of these nearby cells that have elevations, as have their neighbours to the east, south
-    and south-east; in memory or from the file."""
+    """Mask of cells with elevations, also in their neighbours to the east, south and south-east.
+    The cells must be close together if the terrain is read in windows."""
     if not row.size:
         return np.empty(0, bool)
     z, north, west = scene.rasters.z, 0, 0
@@ -120,13 +121,13 @@ def _are_known(scene: Scene, row: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 def _read(scene: Scene) -> Iterator[InputWarning]:
-    """Remarks of the readers with their places."""
+    """Remarks recorded while reading, as warnings."""
     for remark in scene.remarks:
         assert isinstance(remark, Text)
         yield InputWarning(remark.values["where"], remark.values["text"])
 
 
-#: Rules, and the scene parts that they use in addition to the case.
+#: Rules, and the parts of a scene that they use in addition to the case.
 RULES: dict[Rules, tuple[str, ...]] = {
     _lines: ("grid", "rasters"),
     dem_rules: ("rasters",),

@@ -15,13 +15,13 @@ NET = 15.0  # [m] nets are up to 10 m high, walls hardly higher
 CAPACITY = 20_000.0  # [kJ] twice the capacity of the strongest tested nets
 WEAK = 5.0  # [kJ] minimum capacity or threshold: a stone has more, values in MJ are smaller
 DAM = 30.0  # [m] rockfall dams are up to about 25 m high
-FLAT = 15.0  # [degree] minimum slope of a dam face; a height-to-width ratio is a small number
+FLAT = 15.0  # [degree] minimum slope of a dam face; smaller: a height-to-width ratio?
 LOG = 120.0  # [cm] thicker logs are not felled across slopes
 CREST = 20.0  # [m] maximum crest_width
 CLIFF = 10.0  # [m] maximum cliff_length
 APART = 1000.0  # suspicious ratio of a frequency to the next smaller one
 SHIFT = 100.0  # [m] maximum source_shift
-LOWERED = 0.8  # fraction of the requested height; below it, the crest has another cause
+LOWERED = 0.8  # minimum fraction of the requested crest height
 THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
 PERIOD = 1.0  # [year] minimum return period of hazard classes; frequencies are below 1
 #: Maxima [1/year]: a boulder every few weeks, per source and year, per metre of cliff and year.
@@ -55,7 +55,7 @@ def _barriers(scene: Scene) -> Iterator[InputWarning]:
 def _twins(
     members: Sequence[Mapping[str, Any]], key: Callable[[Mapping[str, Any]], Hashable]
 ) -> Iterator[tuple[str, str]]:
-    """Names of members with equal keys: the first, and each repetition."""
+    """Pairs of names: the first member with a key, and each later member with an equal key."""
     first: dict[Hashable, str] = {}
     for member in members:
         name = first.setdefault(key(member), member["name"])
@@ -124,7 +124,8 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """Warning on a frequency far above others with the same `frequency_per`: a return period?"""
+    """Warning on a frequency far above others with the same `frequency_per`: perhaps a return
+    period."""
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

@@ -17,15 +17,15 @@ LOW, HIGH = -9000.0, 9000.0  # elevations [m] below the deepest sea slopes, abov
 GAP = 300.0  # [m] gap between the lowest and the next elevation; no terrain has one this large
 USUAL = (0.0, -1.0, -99.0, -999.0, -9999.0)  # common nodata values
 USUAL_GAP = 20.0  # [m] gap for these values; lakes and seas have shores
-MOST = 0.5  # maximum fraction of nodata cells; a plain below a cliff may cover more
-FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # degrees: west, east, south, north
+MOST = 0.5  # maximum fraction of cells for these values; a plain at 0 m may cover more
+FULL_CIRCLE = (-180.0, 360.0, -90.0, 90.0)  # [degree] west, east, south, north
 SMALL_CELL = 0.1  # [degree] 11 km
 WALL = 50.0  # tangent of 89 degrees; only coordinates in degrees give such a mean slope
-STEEP = 60.0  # [degree] no terrain has a steeper median; 28 degrees become this in feet
+STEEP = 60.0  # [degree] maximum median slope; 28 degrees become this if elevations are in feet
 #: [degree] Median and 90 % quantile of slopes: hardly any 500 m of the Alps reach them, but
 #: mountains of 21 and 37 degrees do if their elevations are in feet.
 FEET = (52.0, 68.0)
-SCALE = 0.03  # scale error; projections have less within their country
+SCALE = 0.03  # maximum scale error; national projections have less
 STEPS = 0.05  # fraction of places with bends in integer elevations: the elevations are rounded
 FINE = (0.2, 2.5)  # [m] coarser cells follow the slope; finer cells come from a laboratory
 #: [degree] Turns this large between cells, on a slope of 34 degrees, reduce the number of boulders
@@ -62,14 +62,15 @@ def _nodata(scene: Scene) -> Iterator[Text]:
 
 
 def _low(scene: Scene) -> Iterator[Text]:
-    """Warning on elevations between land and a nodata value, as resampling near voids produces."""
+    """Warning on elevations below all land but above nodata, as resampling near voids produces."""
     low, deep = scene.ground.low, scene.ground.deep
     if LOW < low.value < LOWEST_LAND and not (low.count == deep and low.next - low.value > GAP):
         yield say("input.too_low", n=deep, land=LOWEST_LAND, lowest=low.value)
 
 
 def _spikes(scene: Scene) -> Iterator[Text]:
-    """Warning on single cells that differ from all neighbours, unless reported above."""
+    """Warning on single cells far above or below all neighbours, unless they are reported as
+    nodata."""
     ground = scene.ground
     if not ground.spikes or ground.low.value < LOWEST_LAND or -ground.high.value >= HIGH:
         return
