@@ -39,7 +39,7 @@ from rockfall.tables.yearly_design import advice, choice_tables, loads_table, ve
 from rockfall.tables.yearly_design import check_tables as yearly_check_tables
 
 MAX_CELLS = 1001  # along a side of the class map
-SEGMENTS = 20  # approximate number of segments of all drawn lines; more lines have none
+SEGMENTS = 20  # approximate number of segments along all drawn lines; none if there are more lines
 
 
 def table_entry(table: Table) -> dict[str, Any]:
@@ -61,8 +61,8 @@ def net_message(result: xr.Dataset, net: str, language: str, **fields: Any) -> M
 
 
 def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None, grid: Grid) -> xr.Dataset:
-    """Hazard of a case with layers, as computed by `rockfall.hazard`: at the objects of `offer`,
-    and on segments of a round length along the lines drawn on the terrain."""
+    """Hazard of a case with layers, as from `rockfall.hazard`, for the objects of `offer`, and for
+    segments of a round length along the drawn lines."""
     import shapely
 
     given = AtRisk([*offer.files], [*offer.layers]) if offer else AtRisk()
@@ -123,10 +123,10 @@ def point_of(hazard: xr.Dataset, place: str) -> tuple[float, ...]:
 def origins_message(
     hazard: xr.Dataset | None, place: str, language: str, frames: Mapping[str, Any], **fields: Any
 ) -> bytes:
-    """Message `origins`: centres of the cells from which boulders reach a place, with the class of
-    each cell's contribution; levels by return period, and frequency by energy [kJ] with limits
-    (`curve_...`). For an unknown place, the message has an `error`. For a point "X,Y" [m], the
-    scenarios run again; lines, barriers and dams are in the case of the hazard, not in `frames`."""
+    """Message `origins`: cells from which boulders reach a place, with the class of their
+    contribution; levels by return period; frequency by energy [kJ], with limits (`curve_...`). An
+    unknown place gives an `error`. For a point "X,Y" [m] the scenarios run again; their lines,
+    barriers and dams are in the case of the hazard, not in `frames`."""
     fields |= {"place": place, "error": "", "parts": [], "tables": []}
     if hazard is None or not place:
         return binary_message("origins", {}, **fields | {"place": ""})

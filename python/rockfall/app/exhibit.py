@@ -44,7 +44,7 @@ class Exhibit:
 
     language = LANGUAGES[0]
     revision = 0
-    scenarios = 0  # number that can be run
+    scenarios = 0  # a stored result has none to run
     offer: Offer | None = None
 
     def __init__(self, result: xr.Dataset, file: Path | None, send: Send | None = None) -> None:

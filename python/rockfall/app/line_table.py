@@ -72,7 +72,7 @@ def _without_maps(result: xr.Dataset) -> Contents:
 
 
 def _known(row: dict[str, float], name: str, factor: float = 1.0) -> float | None:
-    """A number, or None instead of NaN: this saves a search for NaN in large messages."""
+    """A number in display units, or None instead of NaN, which saves a search of large messages."""
     value = factor * float(row.get(name, math.nan))
     return value if math.isfinite(value) else None
 
@@ -95,8 +95,8 @@ def _numbers(name: str, row: dict[str, float], sample: Sample) -> dict[str, Any]
 
 
 def _histogram(sample: Sample) -> tuple[list[int], float, float]:
-    """Counts in equal bins from 0 (or a negative minimum) to the maximum, with both ends; None
-    without passing boulders in memory."""
+    """Counts in equal bins, and the ends of their range: 0 (or a negative minimum) and the maximum.
+    No counts if the sample has no values in memory."""
     if not isinstance(sample, Values) or not sample.n:
         return [], 0.0, 1.0
     values = sample.values

@@ -53,7 +53,7 @@ class Live:
         maps = document.settings.get("output", {}).get("maps", [])
         self.view = View(next((name for name in maps if name in self.maps), FIRST_MAP))
         self.error: Refused | None = None  # error of the latest edit
-        self.offer: Offer | None = None  # selected objects at risk
+        self.offer: Offer | None = None  # selected objects at risk, if any
         self._send, self._wake, self._cancel = send, Condition(), Event()
         self._closing = Event()
         self._pending = _Pending(document=document)
@@ -66,15 +66,15 @@ class Live:
         self._progress: Progress | None = None
         self._aside: Progress | None = None  # run of a variant for comparison
         self._made: tuple[Case, dict[str, Any]] | None = None  # case and layers of the document
-        self._hazard: xr.Dataset | None = None  # hazard of the current result
+        self._hazard: xr.Dataset | None = None  # hazard of the current result, if any
         self._is_hazard_due, self._told_origin = False, ""
         self._compared: list[Document] = []  # variants waiting for their run
         self._thread = Thread(target=self._work, name="live", daemon=True)
 
     @property
     def maps(self) -> list[str]:
-        """Maps that can be displayed; maps by source are excluded if partial runs, taken in the
-        order of sources, would not be representative samples."""
+        """Maps that the page can show. Maps by source are excluded if partial runs, which follow
+        the order of sources, would not be representative."""
         documents = self.site.variants.documents.values()
         states = (self.site.opened, *(document.settings for document in documents))
         forest = any("forest" in settings for settings in states)
@@ -191,7 +191,7 @@ class Live:
         self._send("terrain", self._ground.message())
 
     def _step(self) -> None:
-        """Do pending work, or advance the run."""
+        """Do pending work, else advance the run."""
         with self._wake:
             while not self._closed and not self._has_work():
                 self._wake.wait()
@@ -262,7 +262,7 @@ class Live:
             self._made, self._is_hazard_due = (made.case, frames), self.view.hazard
 
     def _run_hazard(self) -> None:
-        """Run the scenarios of the document, until the document changes."""
+        """Run the scenarios, unless the document changes meanwhile."""
         assert self._made is not None
         self._is_hazard_due = False
         fields = {"revision": self.revision}
@@ -280,7 +280,8 @@ class Live:
             self._tell_origins()
 
     def _tell_origins(self) -> None:
-        """Report the sources of the place in view, until the document or the view changes."""
+        """Send the sources of the selected place, unless the document or the place changes
+        meanwhile."""
         if self._hazard is None or self._made is None:
             return
         place, revision = self.view.origin, self.revision

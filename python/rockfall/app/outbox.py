@@ -9,7 +9,7 @@ from pathlib import Path
 from rockfall.app.messages import Message
 from rockfall.language import LANGUAGES
 
-#: For some kinds of messages, the kinds of waiting messages that they replace.
+#: Kinds of waiting messages that a new message replaces, by its kind.
 REPLACED = {
     "batch": ("batch", "lines"),
     "state": ("state", "batch", "lines", "trajectories", "section", "net", "hazard", "origins"),

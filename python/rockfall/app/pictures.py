@@ -29,7 +29,7 @@ from rockfall.scene.scene import Scene
 MAX_HEIGHTS, MAX_SHADE = 1001, 2001  # maximum cells along a side: 3-D view, map
 MAX_OVERLAY = 1001
 MAX_TRAJECTORIES = 1000
-MAX_LINES = 30  # with statistics in each message; with more lines, those in view
+MAX_LINES = 30  # lines with statistics in each message; of more lines, only those in view
 MAX_STOPS, MAX_SOURCES, MAX_TREES = 5000, 20_000, 20_000
 WIDE = 100.0  # ratio of largest to smallest value above which a map gets a log scale
 BY_SOURCE = ("sources", "reach_probability_by_source")  # maps computed source by source
@@ -188,8 +188,8 @@ def trajectory_message(
 
 
 def _points(path: Trajectory, ground: Ground) -> np.ndarray:
-    """Points (n, 6) of a trajectory: x, y, z, time, speed and gravity at both ends of each piece.
-    The page draws a parabola between them, or a straight line without gravity."""
+    """Points (n, 6) at the ends of each piece of a trajectory: x, y, z, time, speed and gravity.
+    Between them, the page draws a parabola, or a straight line without gravity."""
     place = np.arange(path.x.size) % POINTS
     chosen = (place == 0) | (place == POINTS - 1)
     plan = ground.relative(path.x[chosen], path.y[chosen])

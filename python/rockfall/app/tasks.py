@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products of a saved case. The case is run from the start, without live tallies. The result is
-written alone, or with a report or layers. A run for the result alone uses the checkpoints of
-`rockfall run`, so either program can resume it."""
+"""Products of a saved case: its result alone, or with a report or layers. The case runs from the
+start, without live tallies. A run for the result alone uses the checkpoints of `rockfall run`, so
+that either program can resume it."""
 
 import time
 import warnings
@@ -48,7 +48,7 @@ def outputs(task: str, name: str) -> list[str]:
 
 
 def unfinished(folder: Path) -> dict[str, int]:
-    """Names and numbers of boulders of the stopped runs in a folder, latest first."""
+    """Names of the stopped runs in a folder, latest first, and their numbers of boulders."""
     suffix = str(checkpoint_of(Path(".nc")))
     files = [file for file in folder.glob(f"*{suffix}") if file.is_file()]
     files.sort(key=lambda file: file.stat().st_mtime, reverse=True)

@@ -69,9 +69,8 @@ class _Version(argparse.Action):
 def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
-    """Add a command that reads a file, `what`, from a module in this folder. Most commands have
-    options to overwrite outputs and to select a variant of the case.
-    """
+    """Add a command from a module in this folder; `what` is the file that it reads. Most commands
+    get options to overwrite outputs and to select a variant of the case."""
     parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         parser.add_argument(what.lower(), metavar=what, type=Path)
@@ -166,9 +165,7 @@ def _add_draft(commands: _Commands) -> None:
         float,
         "nodata beyond this distance; default: three mean point spacings, 0 for grids",
     )
-    _option(
-        points, "--crs CODE", str, "CRS of the points, or of a DEM without one, such as EPSG:2056"
-    )
+    _option(points, "--crs CODE", str, "CRS of points or a DEM without a CRS, such as EPSG:2056")
     text = "point classes of .las and .laz; default: 2, ground"
     _option(points, "--classes N", int, text, nargs="+")
     text = "thin point clouds to one mean point in each square of M metres"
@@ -231,14 +228,14 @@ def _add_runs(commands: _Commands) -> None:
     text = "create a case from the inputs of an AvaFrame folder: DEM, REL, INFRA"
     avaframe = _add(commands, "draft", "import-avaframe", text, "DIR")
     _option(avaframe, "-o --output CASEDIR", Path, required=True)
-    _option(avaframe, "--crs CODE", str, "CRS of a DEM without one, such as EPSG:31287")
+    _option(avaframe, "--crs CODE", str, "CRS of the DEM, if its file has none")
     _option(avaframe, "--ground GROUND", str, "ground of the slope; default: ask on the terminal")
     avaframe.add_argument(
         "--no-forest", action="store_true", help="ignore the forest raster in RES"
     )
     text = "write a Slurm job array for a case, with a merge job"
     slurm = _add(commands, "parts", "slurm", text, "CASE")
-    slurm.add_argument("folder", metavar="DIR", type=Path, help="for jobs, parts, result (created)")
+    slurm.add_argument("folder", metavar="DIR", type=Path, help="output folder (created)")
     _option(slurm, "--shards N", int, "number of jobs in the array", required=True)
     slurm.add_argument("--program", default="python", help="program: python (default) or batch")
     _option(slurm, "--threads N", int, "threads per job; default: 4", default=4)
@@ -354,7 +351,7 @@ def _add_dossier(commands: _Commands) -> None:
     _option(dossier, "-o --output DIR", Path, "default: CASE_dossier")
     _add_imprint(dossier, "on page 1")
     _add_objects(dossier)
-    text = "of the loads, and of boulders that pass the barrier: 10, 30, 100 (default), 300, 1000"
+    text = "return period of loads and of passing boulders: 10, 30, 100 (default), 300, 1000"
     _option(dossier, "--return-period YEARS", float, text, default=100.0)
     _option(dossier, "--costs CSV", Path, COSTS)
     _switch(dossier, "--one-model", "do not run a second rebound model for the first variant")

@@ -14,7 +14,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 
 
 def check_study_folder(folder: Path, files: Iterable[str], inputs: Iterable[str | Path]) -> None:
-    """Refuse a folder to which these files cannot be written, before the runs start."""
+    """Refuse a folder where these files cannot be written, before the runs start."""
     check_folder(folder)
     if not folder.resolve().parent.is_dir():
         raise RockfallError(f"{folder}: folder {folder.parent} does not exist")
@@ -57,7 +57,7 @@ def check_interval(arguments: argparse.Namespace) -> None:
 def new_checkpoint(
     arguments: argparse.Namespace, output: Path, run: str, keep: bool = False
 ) -> Checkpoint:
-    """Checkpoint of an output; an existing file is overwritten only on request."""
+    """Checkpoint of an output; an existing one is refused without `--resume`."""
     checkpoint = Checkpoint(output, arguments.checkpoint or math.inf, warn, keep)
     if (done := checkpoint.found()) and not arguments.resume:
         raise RockfallError(

@@ -17,7 +17,7 @@ from rockfall.cli.messages import DONE, FAULT, REFUSED, say
 from rockfall.errors import RockfallError
 from rockfall.interrupts import exit_status, stoppable
 
-#: Objects between garbage collections, which by default take a tenth of a report's time.
+#: Garbage collection thresholds; with the defaults it takes a tenth of a report's time.
 RARELY = 50_000, 20, 20
 _NO_MEMORY = "not enough memory for this case: `rockfall check` estimates what it needs"
 

@@ -62,7 +62,7 @@ def with_overrides(case: Case, arguments: argparse.Namespace) -> Case:
 
 
 def scene_of(case: Case, arguments: argparse.Namespace) -> Scene:
-    """Scene of a case, with warnings about doubtful inputs."""
+    """Read the scene of a case, and print warnings about doubtful inputs."""
     scene = read_scene(case, memory=memory_of(arguments))
     _warn_of(scene)
     return scene

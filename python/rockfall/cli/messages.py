@@ -50,9 +50,7 @@ def warnings_told() -> Iterator[list[str]]:
 
 
 def print_files(paths: Sequence[Path]) -> None:
-    """Print the files that a command wrote, one per line; if there are many in a folder, they are
-    grouped by kind.
-    """
+    """Print the files that a command wrote, one per line, or grouped by kind if there are many."""
     if len(paths) <= MOST_FILES or len({path.parent for path in paths}) > 1:
         print(*paths, sep="\n")
         return

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The edited document, its site (the unedited parts of a case), and the case with layers made from
-both, identical for a live run and for files."""
+both. A live run and saved files use the same case."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -49,8 +49,8 @@ class Variants:
     groups: list[dict[str, Any]] = field(default_factory=list)  # groups as in the case file
     cases: dict[str, Case] = field(default_factory=dict)
     base: Document | None = None  # the case without variants
-    documents: dict[str, Document] = field(default_factory=dict)  # displayable variants
-    others: dict[str, str] = field(default_factory=dict)  # group that prevents display
+    documents: dict[str, Document] = field(default_factory=dict)  # variants that the page can show
+    others: dict[str, str] = field(default_factory=dict)  # variant -> group that prevents display
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Site:
     grid: Grid
     settings_forms: dict[str, Form]
     layer_forms: dict[str, Form]
-    opened: Settings  # state when opened; keys that name files keep their values
+    opened: Settings  # settings when opened; their file names cannot be edited
     kept: dict[str, Any] = field(default_factory=dict)  # groups and keys not sent to the page
     mode: str = "case"
     variants: Variants = field(default_factory=Variants)
@@ -123,7 +123,7 @@ class Site:
 
 
 class Runnable(NamedTuple):
-    """A case with layers; the file of `sources` and `zones` is `FROM_ARRAY`."""
+    """A case and its layers; in the case, the files of `sources` and `zones` are `FROM_ARRAY`."""
 
     case: Case
     layers: dict[str, Layer]
@@ -176,8 +176,8 @@ def _release_from(sources: list[Feature], release: dict[str, Any]) -> None:
 
 
 def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list[Feature]:
-    """Drawn zones, plus zones with the uniform ground of the case on the rest of the terrain; all
-    are numbered if there is a default zone."""
+    """Drawn zones, and zones with the uniform ground of the case on the rest of the terrain. If the
+    case has a default zone instead, all drawn zones get numbers."""
     sizes = {key: surface.pop(key) for key in SIZES if key in surface}
     surface["zones"] = FROM_ARRAY
     if "table" in surface:
@@ -197,7 +197,8 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 def _rest(
     zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
 ) -> list[Feature]:
-    """Polygons of the terrain outside zones; the reader refuses invalid zones later."""
+    """Zones outside the drawn zones; none if a drawn zone is invalid, which the reader refuses
+    later."""
     import shapely
 
     radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Features drawn on the map: checks of the data sent by the page, and layers made from them,
-identical in a live run and in a saved file."""
+"""Features drawn on the map: checks of the data sent by the page, and layers made from them. A live
+run and saved files use the same layers."""
 
 from __future__ import annotations
 
@@ -118,7 +118,8 @@ def _coordinates(kind: str, given: Any, place: dict[str, str]) -> Any:
 
 
 def positions(given: Any, least: int, place: dict[str, str]) -> list[list[float]]:
-    """Vertices sent by the page; Refused, with their place, if fewer than `least`."""
+    """Vertices sent by the page; raises Refused, with their place, if invalid or fewer than
+    `least`."""
     if not isinstance(given, list) or not least <= len(given) <= MAX_VERTICES:
         raise Refused(say("app.server_wrong_shape"), **place)
     return [_position(vertex, place) for vertex in given]

@@ -23,7 +23,7 @@ DRAWN = {
     "release": {"x", "y", "points", "points_layer", "polygons", "polygons_layer", "name_field"},
     "surface": {"zones_layer", "zone_field"},
 }
-GROUND_KEYS = {("surface", "ground")}  # ground names that would open another file
+GROUND_KEYS = {("surface", "ground")}  # keys whose names could open another file
 PLACES = OF_LAYER - {"name"}  # keys of lines that are not attributes of features
 REST = "rest"  # marks the zone polygons that fill the terrain around the drawn zones
 

@@ -110,8 +110,7 @@ def _open_case(path: Path) -> tuple[Site, Document]:
 def _differs(
     site: Site, case: Case, document: Document, kept: dict[str, Any], forms: dict[str, Form]
 ) -> str:
-    """Name of a group in which a variant differs from its site beyond what a document can edit; ""
-    if there is none."""
+    """Group in which a variant differs from its site beyond what the page can edit; "" if none."""
     if case.terrain != site.opened["terrain"]:
         return "terrain"
     if document.layers["zones"] and forms["zones"] != site.layer_forms.get("zones"):

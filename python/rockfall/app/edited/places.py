@@ -46,13 +46,13 @@ def entry_of(text: str, site: Site, document: Document) -> dict[str, str]:
 
 
 def _key(text: str, form: Form) -> dict[str, str]:
-    """First key or form attribute that a text contains."""
+    """Key at the start of a text, if the form has it."""
     match = _KEY.match(text)
     return {"key": match[1]} if match and match[1] in form else {}
 
 
 def _named(text: str, document: Document, layer: str) -> dict[str, str]:
-    """Feature whose name starts a text, or the only feature."""
+    """Feature whose name is at the start of a text, or the only feature of a layer."""
     match, features = re.match(r" name = '([^']*)'", text), document.layers.get(layer, [])
     for feature in features:
         if len(features) == 1 or (match and feature.properties.get("name") == match[1]):
@@ -61,7 +61,7 @@ def _named(text: str, document: Document, layer: str) -> dict[str, str]:
 
 
 def _source(text: str, document: Document) -> dict[str, str]:
-    """Point source whose number a text contains."""
+    """Point source whose number is at the start of a text."""
     match, points = re.match(r": source (\d+) \(", text), document.layers["sources"]
     if match and points and points[0].type == "Point" and int(match[1]) <= len(points):
         return {"layer": "sources", "id": points[int(match[1]) - 1].id}

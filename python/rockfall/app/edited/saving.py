@@ -81,9 +81,8 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
 def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
-    """Case with the &variant groups of the site, and with inline layers, so that the variants can
-    name their features. If this would change a variant's meaning, the variants are left out, with
-    a remark."""
+    """Case with the &variant groups of the site. Layers that variants select by name are inline. If
+    the variants would not work or change their meaning, they are left out, with a remark."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""

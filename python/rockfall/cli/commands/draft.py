@@ -136,7 +136,7 @@ def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
 
 
 def _points(survey: Survey) -> Iterator[str]:
-    """Lines on interpolated points."""
+    """Text lines about interpolated points."""
     yield f"{survey.points:,} points, {survey.spacing:.3g} m apart"
     few = len(survey.errors) < survey.points
     total = f" of {len(survey.errors):,}" if few else ""
@@ -150,7 +150,7 @@ def _points(survey: Survey) -> Iterator[str]:
 
 
 def _nodes(survey: Survey, dem: Dem) -> Iterator[str]:
-    """Lines on points that are the nodes of a regular grid."""
+    """Text lines about points that are the nodes of a regular grid."""
     assert survey.nodes is not None
     grid, gaps, shared = survey.nodes.grid, survey.nodes.gaps, survey.nodes.shared
     yield (

@@ -99,7 +99,7 @@ def design_command(arguments: argparse.Namespace) -> int:
 
 
 def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
-    """Design for the return period of passing boulders, over the scenarios of hazards."""
+    """Design barriers for a return period of passing boulders, over the scenarios of hazards."""
     for key in keys:
         if key != "costs" and getattr(arguments, key) is not None:
             reason = "is only valid for results OUT.nc: a hazard takes --return-period and --costs"
@@ -123,7 +123,8 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 
 
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
-    """Refuse options of the other mode; `--blocks` is allowed in both."""
+    """Refuse options of `--return-period` without it, and others with it; `--blocks` is valid in
+    both."""
     is_block = arguments.return_period is not None
     others = [key for key in keys if key != "blocks"] if is_block else BLOCK_OPTIONS
     rule = "cannot be combined with" if is_block else "requires"
@@ -275,8 +276,8 @@ def _joined(sheets: Mapping[str, Design | YearlyDesign], name: str) -> pd.DataFr
 
 
 def _factor_table(sheet: Design) -> pd.DataFrame:
-    """Table of the factors with their sources, in the form that `--factors` reads; without factors,
-    a table to fill in."""
+    """Table of the factors with their sources, which `--factors` can read; without factors, a table
+    to fill in."""
     factors = sheet.factors
     rows = [
         (factors.conditions.standard, name, factors.condition(name), value, factors.sources[name])

@@ -66,8 +66,9 @@ def run_command(arguments: argparse.Namespace) -> int:
 
 
 def _was_stopped(path: Path, arguments: argparse.Namespace) -> bool:
-    """Return True if a stopped run with a checkpoint left an output, which `--resume` replaces.
-    Without this option the checkpoint is refused, with a clearer message."""
+    """Return True if a stopped run left a checkpoint next to the output. Then an existing output is
+    no error: `--resume` replaces it, and without this option the checkpoint is refused, with a
+    clearer message."""
     checkpoints = arguments.until is None and arguments.dask is None
     return checkpoints and checkpoint_of(path).exists()
 
@@ -154,7 +155,7 @@ def _simulate(
     checkpoint: Checkpoint | None,
     folder: Path,
 ) -> Contents:
-    """Simulate the boulders of the case, or the number that the `--until` rules require."""
+    """Simulate all boulders of a case, or as many as the `--until` rules require."""
     shown = not arguments.quiet
     if arguments.dask is not None:
         return run_on_cluster(scene, arguments.dask, progress=shown)
