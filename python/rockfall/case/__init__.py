@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The case: the inputs of a run. The kernel reads, completes and checks it; this package gives
-access to it, writes it, and answers questions of other packages.
-"""
+access to it, and writes it."""
 
 from rockfall.case.case import (
     FROM_ARRAY,

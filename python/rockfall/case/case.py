@@ -25,7 +25,7 @@ from rockfall.io.files import check_text_file, reason
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
-FROM_ARRAY = "(array)"  # DEM entry of a case whose elevations come from `run(case, dem=...)`
+FROM_ARRAY = "(array)"  # replaces the name of a file whose contents are given as an array
 LINES = tuple(_core.fields("line_group").decode().split())  # groups that define lines, in order
 OPERATOR = {"sets": "matrix", "table": "table"}  # rebound form by key of `impact`
 
@@ -99,7 +99,7 @@ class Case:
         self._take(read_values(text, name, "case"), Path(folder), name)
 
     def _take(self, values: KernelValues, folder: Path, name: str) -> None:
-        """Adopt values read by the kernel; `name` is used in messages."""
+        """Take the values that the kernel read; `name` is used in messages."""
         self.folder, self.name, self._values = folder, name, values
         self._facts = Facts(*values.facts)
         groups = _all_values(values)
@@ -144,7 +144,7 @@ class Case:
         return [line for group in LINES for line in getattr(self, group)]
 
     def files(self) -> Iterator[tuple[Key, str]]:
-        """Yield the keys that name files, with the files.
+        """Yield each key whose value is a file, and the file.
 
         >>> import rockfall
         >>> for key, name in rockfall.read_case("case.nml").files():
@@ -267,7 +267,7 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts of a case; stages record the groups from which they derive."""
+    """Facts that derive from these groups of a case; a reading stage records the groups."""
     for group in groups:
         getattr(case, group)
     return case._facts
@@ -290,7 +290,7 @@ def check_all_kept(case: Case, needs: str) -> None:
 
 
 def is_given(case: Case, group: str, key: str) -> bool:
-    """Return True if a key differs from its default; stages record the group of the key."""
+    """Return True if a key differs from its default; a reading stage records its group."""
     own = getattr(case, group).get(key)
     read = next(read for read in case._values.groups if read.name == group)
     return key in read.given or own != read.usual.get(key)
@@ -316,9 +316,8 @@ def _all_values(values: KernelValues) -> dict[str, Any]:
 
 
 def _new_form(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Form of rebounds that a change of `impact` implies: sets or table. Without this form the
-    change would have no effect, and the kernel refuses sets and table together.
-    """
+    """Change of `form` that a change of `sets` or `table` in &impact implies; without it, the
+    kernel would refuse both together or ignore the change."""
     named = [form for key, form in OPERATOR.items() if changes.get(key) is not None]
     if changes.get("form") is not None or not (named or {"form", "table"} & changes.keys()):
         return {}

@@ -51,7 +51,7 @@ def read_names(case: Case) -> list[str]:
 
 
 def group_files(case: Case, group: str) -> Iterator[Path]:
-    """Yield all files of a group in a case, with possible companion files."""
+    """Yield all files that a group of a case refers to, with possible companion files."""
     for key, name in case.files():
         if key.group != group or name == FROM_ARRAY:
             continue

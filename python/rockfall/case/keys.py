@@ -30,7 +30,10 @@ ONLY_WITH: dict[str, list[tuple[tuple[str, ...], tuple[str, ...] | None]]] = {
     ],
     "output": [(("maps",), ("map_extent", "min_passages"))],
 }
-OF_MAPS = {"thresholds": "exceeded", "object_width": "hits"}  # keys of &hazard and their maps
+OF_MAPS = {
+    "thresholds": "exceeded",
+    "object_width": "hits",
+}  # key of &hazard -> word in its maps
 
 
 class Key(NamedTuple):

@@ -36,7 +36,8 @@ class Fault(NamedTuple):
 
 
 def first_fault(groups: Groups, at_points: bool) -> Fault | None:
-    """First key that violates a rule; None if there is none."""
+    """First key of &ensemble, &hazard, &scenario and &variant that violates a rule; None if none
+    does."""
     checks = [("ensemble", 1, _ensemble(groups)), ("hazard", 1, _hazard(groups))]
     for number in range(1, len(groups["scenario"]) + 1):
         checks.append(("scenario", number, _scenario(groups, number, at_points)))

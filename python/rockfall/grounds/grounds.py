@@ -38,18 +38,19 @@ IMPACT_SETS = "impact_sets"  # model of a ground that is not in the ground table
 BLOCK_TABLE = "impact_table"  # model with impact tables of blocks on yielding ground
 RATIO_TABLE = "ratio_table"  # model with impact tables by R_b/R_m
 TABLES = BLOCK_TABLE, RATIO_TABLE  # models that use impact tables
-YIELDING = "ploughed", "hard"  # models with a plane of impact tables
+YIELDING = "ploughed", "hard"  # models with a plane of tables (see Plane)
 ENSEMBLE = "-ensemble"  # suffix for names of ensembles
-ANY_RADIUS = 0.02, 20.0  # range of R_b [m] if the case does not give the volumes
+ANY_RADIUS = 0.02, 20.0  # range of R_b [m] if volumes are not known in advance
 ABSORBS = "absorbs"  # model of a ground without rebounds
 MAX_GROUNDS = int(_core.constant("max_grounds"))  # maximum grounds in a scene
 WORDS = ("name", "id", "model", "meaning", "source")  # text columns
-#: Missing inputs of a case that gives no ground.
+#: Changes of &surface that remove the case's ground.
 NO_GROUND: Mapping[str, None] = MappingProxyType(dict.fromkeys(("ground", *PAIR)))
 
 
 class Plane(NamedTuple):
-    """Ground and boulder sizes, which select the parts of a plane of tables."""
+    """Ground and boulder sizes that select parts of a plane, which is a set of impact tables over
+    boulder size and ground relief."""
 
     model: str  # one of YIELDING
     ground: YieldingGround
@@ -58,7 +59,7 @@ class Plane(NamedTuple):
 
 
 class GroundRule(NamedTuple):
-    """A ground in the form passed to the kernel."""
+    """A ground in the form that the kernel reads."""
 
     name: str
     model: str = IMPACT_SETS
@@ -204,7 +205,7 @@ def _numbers(row: Row) -> dict[str, float]:
 
 
 def yielding_ground(row: Row) -> tuple[str, YieldingGround]:
-    """Model and values for a row that uses a plane of tables."""
+    """Model and values of a row that uses a plane of tables."""
     return row.cells["model"], _yielding(_numbers(row))
 
 
@@ -383,7 +384,7 @@ def zone_ground(case: Case, table: GroundTable, zone: Zone) -> GroundRule:
 
 
 def case_ground(case: Case, table: GroundTable) -> GroundRule:
-    """Ground of cells for which neither zone nor cell gives a ground."""
+    """Default ground of a case, for cells where neither a zone nor a raster gives one."""
     where, named = f"{case.name}: &surface ", named_ground(case)
     if "ground" in case.surface:
         rule = find_ground(case, table, named.name, f"{where}ground")
@@ -421,8 +422,8 @@ def usual_key(case: Case) -> str:
 
 
 def named_ground(case: Case) -> NamedGround:
-    """Default ground, impact sets or impact table, for places where neither zone nor cell gives a
-    ground."""
+    """Name of the default ground, impact sets or impact table, with the strength and relief of the
+    case."""
     surface = case.surface
     pair = {key.removeprefix("ground_"): surface[key] for key in PAIR if key in surface}
     return NamedGround(surface.get("ground", case.impact[usual_key(case)]), pair)

@@ -62,7 +62,7 @@ class YieldingGround(NamedTuple):
     rest_angle: float = 90.0  # stopped boulders roll again on steeper ground [degree]
     strength: float = 0.0  # median yield pressure [Pa]; 0: never yields
     strength_sigma: float = 0.0  # standard deviation of ln(strength) between boulders [-]
-    strength_radius: float = 0.0  # R_b [m] of that strength if proportional to R_b; else 0
+    strength_radius: float = 0.0  # R_b [m] of this strength if proportional to R_b; else 0
     relief: float = 0.0  # standard deviation of the slope of the relief [degree]
     relief_radius: float = 1.0  # R_b [m] at which this relief applies
     hurst: float = 1.0  # exponent: the slope is proportional to R_b**(hurst - 1)
@@ -185,8 +185,8 @@ def plane_table(
     radii: np.ndarray,
     weight: float = USUAL_WEIGHT,
 ) -> ImpactTable:
-    """Parts of a plane of impact tables that boulders with R_b from radii[0] to radii[1] [m] and
-    this unit weight [N/m3] need, on a ground whose `strength` varies by a factor of MARGIN.
+    """Parts of a plane of impact tables that boulders need if R_b is between radii[0] and radii[1]
+    [m], with this unit weight [N/m3]. The ground's strength varies by MARGIN standard deviations.
     """
     files = plane_files(model, shape)
     reliefs = np.array(list(files))

@@ -32,7 +32,7 @@ SPHERE = "sphere"
 BAND = Spectrum(0.0, longest=CONSTANTS["ploughed"]["longest"])  # wavelengths in planes of tables
 BLOCKS, ATTITUDES, STEPS = 12, 8, 200  # blocks, attitudes of each block, depth steps
 EDGE = 0.25  # longest edge of facets, in R_b
-DEGREES_OF_TWO = 4.5  # change of relief that has the effect on speeds of a factor 2 in strength
+DEGREES_OF_TWO = 4.5  # change of relief [degree] that affects speeds like a factor of 2 in strength
 COLUMNS = (
     "depth", "depth_error", "mass", "volume", "density", "fall", "fall_error", "speed",
     "speed_error",
@@ -46,7 +46,7 @@ Scars = str | Path | Sequence[Mapping[str, float]]  # path of a table, or its ro
 
 
 class Scar(NamedTuple):
-    """Scar of a vertical impact on flat ground, or of the normal velocity component on a slope."""
+    """Scar of a vertical impact on flat ground, or of the normal velocity on a slope."""
 
     depth: float  # lowest point below the undisturbed ground [m]
     depth_error: float  # standard error of the depth [m]
@@ -219,7 +219,8 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Log strength from a scar, its error due to depth and speed, and scatter due to attitude."""
+    """Logarithm of the strength from a scar, its error due to depth and speed, and its scatter due
+    to the block's attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)
@@ -265,9 +266,9 @@ def _integral(values: np.ndarray, step: float) -> np.ndarray:
 
 @cache
 def _resistance(model: str, shape: str) -> tuple[list[np.ndarray], ...]:
-    """For each attitude: increasing heights of facets above the lowest point and, below each
-    height, vertical forces per pressure and per rho V^2 of the soil, all relative to R_b.
-    """
+    """For each attitude, by increasing height above the block's lowest point: this height, and the
+    vertical forces on the facets below it per yield pressure and per soil density times V^2.
+    Lengths are in R_b."""
     constants, draw = CONSTANTS[model], Uniform(1, 0)
     profiles: tuple[list[np.ndarray], ...] = ([], [], [])
     blocks = [_sphere()] if shape == SPHERE else [

@@ -9,8 +9,11 @@ from rockfall.errors import RockfallError
 from rockfall.grounds.uniform import Uniform
 
 CELLS = 512  # cells along a side of a patch
-CELLS_OF_WAVE = 16  # waves across a measured patch, cells per wave
-WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = 4, 4  # requirements for a measured patch
+CELLS_OF_WAVE = 16  # cells per shortest wave of a generated patch
+WAVES_OF_PATCH, CELLS_OF_MEASURED_WAVE = (
+    4,
+    4,
+)  # minima of a measured patch
 WINDOWED = 35 / 18  # waves per independent wave in a Hann window, along each axis
 RINGS = 12  # rings of wavenumbers for the fit of the Hurst exponent
 QUANTUM = 2.0**-20  # rounding of heights [R_b], because the last bits of FFTs differ

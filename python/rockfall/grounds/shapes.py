@@ -14,7 +14,7 @@ from rockfall.grounds.uniform import Uniform
 SHAPES = block_axes()
 JITTER = 0.12  # scatter of the tilt and relative distance of the box faces
 FACETS = 14  # number of random facets that cut off corners and edges
-CUT = 0.72, 1.0  # rounding of vertices: the last bits of a hull may differ between libraries
+CUT = 0.72, 1.0  # range of the relative distance of these facets
 QUANTUM = 2.0**-20  # rounding of vertices: the last bits of a hull may differ between libraries
 
 

@@ -56,7 +56,7 @@ class Import:
         raise RockfallError(f"{path}: {flaw}")
 
     def terrain(self, place: Path) -> Group:
-        """Terrain group for a case in a folder."""
+        """Group &terrain of a case in the folder `place`."""
         name = DEM if self.crs else relative_name(self.dem.resolve(), place.resolve())
         return Group("terrain", [Entry("dem", name, f"in {self.crs}" if self.crs else "")])
 
@@ -72,7 +72,8 @@ class Import:
         return {head: lines for head, lines in lists.items() if lines}
 
     def write(self, program: str, groups: Callable[[Path], Iterable[Group]]) -> None:
-        """Write the case, whose file names are relative to a folder, and read all its inputs."""
+        """Write the case with `groups(place)`, whose file names are relative to the folder `place`;
+        then check it by reading all its inputs."""
         head = [f"Made by `rockfall import-{program}` from {self.folder.resolve().name}."]
         head += ["Keys: docs/case.md."]
         foot = [

@@ -64,7 +64,11 @@ WITHOUT_EFFECT = {"mu_r": "has no effect in three dimensions"}
 #: Ground of terrain without a soil: PlatRock's `Terrain` ignores its own defaults.
 OUTSIDE = {name: key.default for name, key in KEYS[SOILS].items()}
 MODELS = ("constant", "pfeiffer_bowen", "bourrier_hungr")  # sorted by PlatRock's numbers
-NEEDED = (("R_n", "R_t"), ("R_n", "R_t"), ("v_half", "R_t", "phi"))  # attributes that each needs
+NEEDED = (
+    ("R_n", "R_t"),
+    ("R_n", "R_t"),
+    ("v_half", "R_t", "phi"),
+)  # attributes that each needs
 OURS = {"R_n": "r_n", "R_t": "r_t", "v_half": "half_speed", "phi": "friction_angle"}
 GRAVITY, STOP_SPEED = 9.8, 0.2  # [m/s2], [m/s]
 MAPS = ["passages", "deposits", "energy_q95", "jump_height_q95"]
@@ -226,7 +230,7 @@ def _note_half_cell(made: Import) -> None:
 
 
 def _by_kind(made: Import, paths: list[Path]) -> dict[str, Layer]:
-    """Layers by use; several with the same use raise an error."""
+    """Layers by use; refuse several layers with the same use."""
     layers: dict[str, Layer] = {}
     plain_grid = replace(made.grid, crs=None)  # PlatRock uses coordinates unchanged
     for path in paths:

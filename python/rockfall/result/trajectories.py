@@ -38,7 +38,7 @@ class Trajectory(NamedTuple):
 
 
 def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
-    """Variables trajectory_NAME of all recorded trajectories, as arrays (names, vertices)."""
+    """Variables trajectory_NAME as an array (names, vertices) for each recorded trajectory."""
     if "trajectory_boulder" not in result:
         return []
     cuts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
@@ -98,7 +98,7 @@ def lines(result: xr.Dataset) -> list[tuple[str, np.ndarray, np.ndarray]]:
 def from_start(
     result: xr.Dataset, x: np.ndarray, y: np.ndarray, boulders: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Plan distance [m] from the start of each boulder (or of selected boulders) to a place."""
+    """Plan distance [m] from the start of each boulder (or of selected boulders) to its x, y."""
     start_x, start_y = (result[f"start_{axis}"].values[boulders] for axis in "xy")
     return np.hypot(x - start_x, y - start_y)
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of a Rockyfor3D folder to a case that uses its files if they mean the same."""
+"""Conversion of a Rockyfor3D folder to a case, which uses files of the folder where they mean the
+same."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Session:
     def __init__(self, case: Case, threads: int | None, arrays: dict[str, Any]) -> None:
         self._threads, self._lock, self._memory = threads, RLock(), machine_memory()
         self._stages, self._frames = KeptStages(), FrameFiles()
-        self._boulders: int | None = None  # threads of all runs; None: as in the case
+        self._boulders: int | None = None  # boulders of the scene; None: as in the case
         self._case, self._arrays = case, arrays
         self._scene: Scene | None = None
         try:
@@ -200,7 +200,7 @@ class Session:
         return scene.case.case["threads"] if self._threads is None else self._threads
 
     def _read(self, case: Case, arrays: dict[str, Any], boulders: int | None) -> None:
-        """Read a case with this number of boulders, and apply all its inputs or none."""
+        """Read a case with this number of boulders; after an error, the session is unchanged."""
         total = {"boulders": None, "boulders_total": boulders}
         stages = self._stages.copy()
         scene = read_scene(
@@ -219,7 +219,7 @@ class Session:
         self._stages, self._scene = stages, scene
 
     def _warn(self, before: set[str]) -> None:
-        """Issue new warnings, attributed to the caller's caller."""
+        """Issue new warnings at the line that called the caller."""
         for line in self.warnings:
             if line not in before:
                 warnings.warn(line, stacklevel=3)

@@ -22,7 +22,7 @@ RECOVERY = 1.5  # maximum growth of the rate after a slow piece
 
 
 class Batches:
-    """Boulders of an empty tally, in an order that keeps completed boulders evenly spread."""
+    """Runs the boulders of an empty tally in an order that keeps completed ones evenly spread."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
@@ -45,7 +45,7 @@ class Batches:
                 return
 
     def _size(self) -> int:
-        """Number of boulders in a piece of this duration."""
+        """Number of boulders in a piece of PIECE_SECONDS."""
         return max(1, int(PIECE_SECONDS * self._rate)) if self._rate else FIRST_PIECE
 
     def _in_order(self) -> Iterator[range]:

@@ -16,8 +16,8 @@ class Plan(NamedTuple):
     means not needed.
     """
 
-    #: passages, deposits, sources; released: boulders from these sources; hits; energy_exceeded
-    #: and hits_energy_exceeded: layer of the first threshold.
+    #: Layers of passages, deposits, sources, released (boulders from these sources) and hits; first
+    #: threshold layers of energy_exceeded and hits_energy_exceeded.
     counts: dict[str, int]
     sums: dict[str, int]  # sums of the quantities below; layers with their squares follow
     maxima: dict[str, int]

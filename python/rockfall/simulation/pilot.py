@@ -19,7 +19,7 @@ from rockfall.simulation.tally import Tally
 from rockfall.simulation.tally_dataset import MAXIMA, line_variables
 
 PROBE_BOULDERS = 100  # boulders used to estimate the number of rebounds
-PILOT_REBOUNDS = 200_000  # approximate: some hundredths of a second; same on all machines
+PILOT_REBOUNDS = 200_000  # approximate; takes some hundredths of a second
 PILOT_BOULDERS = 20_000  # maximum boulders; cells of larger runs are extrapolated
 PROGRAM = 85e6  # memory of the program and its packages in a simulation [bytes]
 PACKAGES = 20e6  # additional memory of packages that write results [bytes]
@@ -38,8 +38,8 @@ class Pilot:
     seconds: float  # CPU time per boulder [s]
     reading: float  # CPU time to read terrain windows [s]
     cells: float  # number of cells that all boulders of the run would reach
-    density: np.ndarray | float  # densities of the pilot boulders [kg/m3]
-    blocks: float  # bin blocks that all boulders of the run would fill, if not all rows are kept
+    density: np.ndarray | float  # densities of the pilot boulders, or of all [kg/m3]
+    blocks: float  # bin blocks that all boulders of the run would fill, unless all rows are kept
 
     def values(self) -> dict[str, Any]:
         """Variables of the pilot boulders, as in a result without line names."""

@@ -52,9 +52,8 @@ class Origin:
     beyond: LinesBeyond = field(default_factory=dict)
 
     def difference(self, other: Origin, own: range = ANY, theirs: range = ANY) -> str:
-        """First item in which another run differs; "" if none. Threads and notation of the case
-        are ignored. Ranges of boulders may differ only if this range starts with the other range.
-        """
+        """First item in which another run differs; "" if none. Threads and the notation of the case
+        do not count. The boulders `theirs` may be only the first of `own`."""
         texts, numbers, corners = zip(self._identity(own), other._identity(theirs), strict=True)
         cases = in_kernel(self.case), in_kernel(other.case)
         what = _core.run_difference(*cases, *texts, np.array(numbers).T, np.array(corners).T)
@@ -122,7 +121,7 @@ class Tally:
         return before + self.array("crossing_line").size
 
     def part_arrays(self) -> list[Array]:
-        """Arrays of the packed part; form as in `arrays`."""
+        """Arrays of the packed part, as from `arrays`."""
         arrays = self._chosen(self.run.part_arrays())
         if self.spilled is None:
             return arrays

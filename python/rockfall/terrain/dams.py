@@ -16,7 +16,7 @@ COARSE = 2.0  # minimum cells across a face; fewer give a bump (benchmarks/stabi
 FINE = 4.0  # cells across a face, from which results hardly depend on cell size
 STATIONS = 400  # maximum profiles across a dam
 PROFILE = 241  # points in a profile across a dam
-WIDE = 2.0  # [dam heights] a wider crest explains a narrow face
+WIDE = 2.0  # ratio of crest width to height, above which the crest is the cause of a narrow face
 NEAR = 0.05  # the crest includes points down to this fraction of the height below the top
 
 
@@ -100,7 +100,7 @@ def finer(shape: DamShape) -> float:
 
 
 def higher(shape: DamShape) -> int:
-    """Height [m] at which the face, as wide as high, has just enough cells."""
+    """Height [m] that gives the face just enough cells, if its width increases in proportion."""
     return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 

@@ -11,7 +11,7 @@ from rockfall.terrain.height import height
 
 ROUNDING = 0.02  # maximum distance of rounded coordinates from their node, in spacings
 DENSE = 0.8  # minimum fraction of points with at least two of four neighbours
-#: (coordinates may be rounded)
+#: Maximum nodes of a grid.
 MAX_CELLS = 400_000_000
 SPARSE = 100  # maximum nodes per point in a grid with gaps
 

@@ -7,9 +7,8 @@ SMOOTHING = 1.5  # standard deviation of the Gaussian filter [cells]
 
 
 def relief(seed: int, cells: tuple[int, int], std: float) -> np.ndarray:
-    """White noise [m] at these rows and columns after Gaussian filtering; identical in all NumPy
-    versions.
-    """
+    """Gaussian-filtered white noise [m] with standard deviation `std`, on (rows, columns) of
+    `cells`; identical in all NumPy versions."""
     margin = 8  # more than five standard deviations of the filter, which avoids edge effects
     shape = cells[0] + 2 * margin, cells[1] + 2 * margin
     raw = np.random.Philox(key=seed).random_raw(shape[0] * shape[1])

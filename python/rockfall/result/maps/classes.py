@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Class limits by displayed unit; they replace LIMITS.
 Limits = Mapping[str, tuple[float, ...]]
 
-COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # maps that do not count boulders
+COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # units of maps that do not count boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 LIMITS = {  # keys: displayed units; the Swiss intensity classes end at 30 and 300 kJ
     "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
@@ -109,7 +109,7 @@ def read_limits(texts: Iterable[str]) -> Limits:
 
 
 def ramp(number: int) -> list[str]:
-    """This number of colours from the ramp."""
+    """`number` evenly spaced colours from the ramp."""
     table = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP], float)
     places = np.linspace(0, len(RAMP) - 1, number)
     mixed = np.column_stack([np.interp(places, range(len(RAMP)), part) for part in table.T])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders of a result that count as one in the intervals of cells."""
+"""Boulders that count as a single observation in the confidence intervals of map cells."""
 
 import numpy as np
 
@@ -7,9 +7,9 @@ from rockfall.case import Case
 
 
 def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
-    """Number of boulders from these places that count as one in the intervals of cells. With
-    sampled sources, all boulders from a place may behave alike, and maps do not record whether they
-    do; the number is then the largest number released at a place. With fixed sources it is 1."""
+    """Number of boulders from these places that count as a single observation in a map cell. With
+    sampled sources, boulders from a place may behave alike, but maps do not record whether they do:
+    this is then the largest number released at a place. With fixed sources it is 1."""
     if case.release["sources"] != "sample" or not len(x):
         return 1
     import pandas as pd

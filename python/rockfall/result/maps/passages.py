@@ -32,7 +32,7 @@ def thin_cells(result: xr.Dataset, name: str) -> np.ndarray | None:
 
 
 def of_none(result: xr.Dataset, name: str) -> float:
-    """Maximum of a map if no boulder passed: 0, except for the upper limit of a fraction."""
+    """Largest map value where no boulder passed: 0, except for the upper limit of a fraction."""
     if name != "reach_probability_high":
         return 0.0
     clusters = simulated(result) / result[name].attrs.get("boulders_per_cluster", 1)

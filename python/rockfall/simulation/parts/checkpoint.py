@@ -41,7 +41,7 @@ class Checkpoint:
         self.path = checkpoint_of(output)
         self.part = output.with_name(f".{output.name}.checkpoint")  # temporary name while writing
         self.every, self.say = every, say
-        self.keep = keep  # keep it for complete runs, too, which a caller may continue
+        self.keep = keep  # keep the file of a complete run, which a caller may continue
         self.saved = 0  # number of boulders saved
         self.next = time.monotonic() + every
 
@@ -64,8 +64,8 @@ class Checkpoint:
             check_space(self.output, tally.row_bytes)
 
     def restore(self, tally: Tally) -> None:
-        """Resume from the file, if any. Files that are damaged, or that belong to another case,
-        input, version or range of boulders, are refused."""
+        """Resume from the file, if any. A damaged file is refused, as is one from another case,
+        input, version or range of boulders."""
         if not self.found():
             return
         part = read_part(self.path)

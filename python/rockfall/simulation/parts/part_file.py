@@ -117,10 +117,9 @@ class Part:
         return run
 
     def load(self, run: Run) -> None:
-        """Store the part in an empty run that begins with the part's boulders. Raises a
-        RockfallError for values that are impossible in a run. Cells of split sources must be
-        joined or restored afterwards.
-        """
+        """Store the part in an empty run that begins with the part's boulders. The caller must then
+        join or restore the cells of split sources. Raises a RockfallError for values that are
+        impossible in a run."""
         arrays, boulders = self.arrays, self.last - self.first + 1
         lengths = [arrays[name].size if name in arrays else -1 for name in LENGTHS]
         run.begin_part(boulders, lengths, self.name)

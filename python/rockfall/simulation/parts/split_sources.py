@@ -8,7 +8,11 @@ import numpy as np
 from rockfall.case import Case
 from rockfall.simulation.map_plan import plan_of
 
-SHARED = ("shared_cell", "shared_source", "shared_boulders")  # sources that a range splits
+SHARED = (
+    "shared_cell",
+    "shared_source",
+    "shared_boulders",
+)  # arrays on split sources
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
