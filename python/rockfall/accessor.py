@@ -19,7 +19,7 @@ OF_RESULTS = (
 
 
 class Accessor:
-    """The functions in `OF_RESULTS` as methods; each takes the Dataset as its first argument."""
+    """Methods of a result: the functions in `OF_RESULTS`, with the Dataset as first argument."""
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset

@@ -56,15 +56,15 @@ def dossier(
     threads: int | None = None,
     **arrays: Any,
 ) -> list[Path]:
-    """Run the scenarios of each variant of a case and write the dossier to `folder`: dossier.pdf,
-    with the answer for signature on page 1, its tables as dossier.xlsx and dossier.docx, and a
-    hazard file for each variant. Return the files.
+    """Run all scenarios for each variant of a case and write the dossier to `folder`: dossier.pdf
+    (page 1 answers the main questions and can be signed), its tables as dossier.xlsx and
+    dossier.docx, and a hazard file for each variant. Return the files.
 
     The first variant is also run with a second rebound model if its ground allows one, unless
-    `one_model` is True. `return_period` [year], one of 10, 30, 100, 300 and 1,000, applies to the
-    answers and to the boulders that pass the advised barrier. `costs` is a table of barrier
-    prices, as in `rockfall.design`. The other arguments are as in `rockfall.hazard` and
-    `rockfall.report`.
+    `one_model` is True. `return_period` [year], one of 10, 30, 100, 300 and 1,000, is used for the
+    answers; at most one boulder passes the advised barrier in this period. `costs` is a table of
+    barrier prices, as in `rockfall.design`. The other arguments are as in `rockfall.hazard` and
+    `rockfall.report`. Invalid inputs raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -111,7 +111,7 @@ def report_hazard(
 
 
 def check_needs(language: str) -> None:
-    """Raise an error for a dossier that cannot be written, before the computation starts."""
+    """Raise a RockfallError if the dossier needs a missing package, or `language` is unknown."""
     check_page_needs(PAGES)
     check_tables(FORMATS, language)
 
@@ -122,7 +122,7 @@ def hazard_name(variant: str) -> str:
 
 
 def dossier_files(variants: Sequence[str]) -> list[str]:
-    """Names of the files of a dossier."""
+    """Names of all files that a dossier with these variants can contain."""
     office = [f"dossier.{ending}" for ending in FORMATS]
     return [*map(hazard_name, variants), SECOND, FREQUENCIES, PAGES, *office]
 
@@ -150,7 +150,7 @@ def put_dossier(
     parties: Parties,
     language: str,
 ) -> Iterator[Path]:
-    """Write the files of a dossier, including the barrier designs, to a new folder."""
+    """Write the files of a dossier to an existing folder; yield their paths."""
     hazards = [folder / hazard_name(name) for name in made.hazards]
     results = [*made.hazards.values()]
     if made.second:

@@ -34,14 +34,15 @@ class RockfallError(ValueError):
 
 
 def check_kernel(code: int, message: bytes, name: str = "") -> None:
-    """Raise a kernel error for the scene; lines without a file name get `name` in front."""
+    """Raise a RockfallError with the kernel's message if `code` is not 0; `name` is put in
+    front."""
     if code:
         text = message.decode(errors="replace").strip()
         raise RockfallError(f"{name}: {text}" if name else text, code)
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """Raise an error if packages are missing; installing `extra` provides them."""
+    """Raise a RockfallError if a package is missing, with the advice to install `extra`."""
     try:
         for package in packages:
             import_module(package)

@@ -64,7 +64,7 @@ def evidence(
 
 
 def only(site: str, place: str, quantity: str, model: str) -> Evidence:
-    """The only row with these columns; a LookupError if there are none or several."""
+    """Return the row with these columns; raise LookupError if none or several match."""
     rows = evidence(site, place, quantity, model)
     if len(rows) != 1:
         raise LookupError(f"{len(rows)} rows of {site}, {place}, {quantity}, {model}")
@@ -84,7 +84,7 @@ def error_range(rows: Iterable[Evidence]) -> tuple[int, int]:
 
 @cache
 def table() -> tuple[Evidence, ...]:
-    """Return all rows."""
+    """All rows of the table, read once."""
     _, _, rows = read_table(TABLE)
     return tuple(
         Evidence(

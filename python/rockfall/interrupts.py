@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C and SIGTERM (which batch systems send at a time limit) without loss of work, and requests
-to stop work in another thread."""
+"""Ctrl-C, SIGTERM (which batch systems send at a time limit), and stop requests from other threads,
+without loss of work."""
 
 import os
 import signal

@@ -16,10 +16,10 @@ def kernel_numbers(name: str) -> np.ndarray:
 
 Z = _core.constant("z_95")  # two-sided 95 % quantile of the normal distribution
 PIECE = int(_core.constant("piece"))  # values per checksum in parts and scenes
-limit_ranks = _core.limit_ranks  # ranks of the binomial interval of a quantile of n values
+limit_ranks = _core.limit_ranks  # order statistics that limit the 95 % interval of a quantile
 USUAL_DENSITY = _core.constant("usual_density")  # boulder density on impact tables [kg/m3]
 USUAL_WEIGHT = _core.constant("usual_weight")  # unit weight of boulders on impact tables [N/m3]
-decimal = _core.decimal  # number in a text, by the rules for all files; NaN if invalid
+decimal = _core.decimal  # parse a number as in all input files; NaN if invalid
 EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # barrier classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # outcomes of boulders that reach a barrier
 line_quantities = _core.line_quantities  # arguments: motion (6, n), volumes, masses
@@ -44,9 +44,9 @@ def fraction_limits(fraction: float, n: float) -> tuple[float, float]:
 def count_limits(
     counts: np.ndarray, boulders: int | np.ndarray, per_cluster: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of the 95 % intervals of fractions of the boulders, computed by the kernel.
-    `per_cluster` boulders count as one observation; both are numbers, or arrays with one value per
-    place (the last dimension of `counts`)."""
+    """Limits (low, high) of the 95 % intervals of `counts` / `boulders`, in the shape of `counts`.
+    `per_cluster` boulders count as one observation. `boulders` and `per_cluster` are numbers, or
+    arrays along the last dimension of `counts`."""
     if np.ndim(per_cluster) or np.ndim(boulders):
         sizes = (np.broadcast_to(size, np.shape(counts)[-1:]) for size in (boulders, per_cluster))
         columns = zip(np.moveaxis(counts, -1, 0), *sizes, strict=True)

@@ -118,7 +118,7 @@ def spelling(locale: str) -> Callable[[str], str]:
 
 
 def texts_of(language: str, room: str) -> dict[str, str]:
-    """All messages of a group (the first part of their ids), with placeholders unfilled."""
+    """Messages whose ids begin with `room`, by id; placeholders are not filled in."""
     forms = catalogue(language).forms
     return {key: texts[0] for key, texts in forms.items() if key.startswith(f"{room}.")}
 

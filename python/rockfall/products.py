@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Graphical products of a result: report page and figure files."""
+"""Reports, figures, sections and exports of a result."""
 
 from __future__ import annotations
 
@@ -344,7 +344,8 @@ def export_tables(
 def export_with(
     result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
 ) -> list[Path]:
-    """Write an export, unless None, and its additions: all files or none. Return the files."""
+    """Write an export (`chosen`, or none) and the additions: all files or none. Return the
+    files."""
     folder, hazard = Path(folder), added.hazard
     if added.tables:
         check_tables(added.tables, added.language)

@@ -111,7 +111,7 @@ def with_unit(label: str, unit: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-#: Equal numbers may differ by rounding errors of this order.
+#: Smaller numbers are rounding errors and are shown as 0.
 NOISE = 1e-12
 
 

@@ -65,8 +65,7 @@ if sys.platform == "win32":
             raise BlockingIOError(error.errno, error.strerror) from None
 
     def has_locks(path: str) -> bool:
-        """Return False if the file system cannot lock files; on this system all file systems
-        can."""
+        """Return True: on this system, all file systems can lock files."""
         return True
 
     def reserve(folder: Path, size: int) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 TOO_FEW = "(–)"  # shown instead of an interval if there are too few boulders for a valid interval
 BY_ROW = "unit"  # column of a data table with the unit of each row
-HEAD = 16  # letters in the terminal; longer column heads wrap if the cells are shorter
+HEAD = 16  # letters in the terminal at which column heads wrap, unless a cell is wider
 WIDEST = 120  # maximum line width in the terminal
 LETTERS = 108  # maximum total width of the numbers in a row, next to a label, on an upright A4 page
 
@@ -66,7 +66,7 @@ class Estimate(NamedTuple):
         if not half:
             return 2
         largest = max(abs(self.value), *map(abs, limits))
-        most = max(4, 1 - math.floor(math.log10(largest)))  # it must not be rounded to 0
+        most = max(4, 1 - math.floor(math.log10(largest)))  # keeps a digit of small values
         return min(most, -math.floor(math.log10(half / 2)))
 
     def shown(self, value: float, *, up: bool = False) -> Number:
@@ -182,8 +182,8 @@ class Table(NamedTuple):
         return sum(1 + letters for letters in longest) > LETTERS
 
     def data(self, ends: Sequence[str] = ENDS) -> tuple[list[Column], Iterator[list[object]]]:
-        """Columns and rows, with interval limits in separate columns, whose labels have these
-        ends."""
+        """Columns and rows, with interval limits in separate columns; `ends` follow their
+        labels."""
         columns: list[Column] = []
         split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
                  for k in range(len(self.columns))]  # fmt: skip
@@ -202,7 +202,8 @@ def _spread(row: Sequence[object], split: Sequence[bool]) -> list[object]:
 
 
 def data_table(frame: pd.DataFrame) -> Table:
-    """Table of data as in a CSV file; units as in results, by column or the row's `quantity`."""
+    """Convert a data frame. Units are as in results, by column or, with a column `quantity`, by
+    row."""
     by_row = "quantity" in frame.columns
     if by_row:
         frame = frame.copy()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design block of a return period, from a block survey (De Biagi et al. 2017).
+"""Block volume exceeded once per return period, from a block survey (De Biagi et al. 2017).
 
 Dated blocks give the annual frequency of blocks above a threshold; a generalised Pareto
-distribution (GPD) of volumes is fitted to all deposited blocks. The block of return period T is
-exceeded once in T years on average. Intervals come from the joint profile likelihood of volumes and
-number, which needs no random numbers and is better than resampling for few blocks.
+distribution (GPD) of volumes is fitted to all deposited blocks. Intervals come from the joint
+profile likelihood of volumes and number of blocks, which is more accurate than resampling for few
+blocks.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from rockfall.quantities import number
 PERIODS = (10.0, 30.0, 100.0, 300.0)  # [year] listed in each table
 MIN_BLOCKS = 20  # minimum deposited blocks above the threshold
 MIN_DATED = 3  # minimum dated blocks above the threshold
-HEAVIEST = 4.0  # maximum shape of the GPD; shapes of rockfall volumes reach 1/0.4
-MAX_PLACE = 6.0  # search range of the fit; shapes are larger than in `return_levels`
-REJECTED = 0.05  # p-value; below it a distribution or comparison is in doubt
-WIDE = 10  # ratio of upper limit to block that triggers a warning
-BEYOND = 10  # number of return periods in which a block above volume_max is expected
-FARTHEST = 1e6  # search range of an upper limit, as a ratio of excesses
+HEAVIEST = 4.0  # upper limit of the GPD shape; shapes of rockfall volumes reach 1/0.4
+MAX_PLACE = 6.0  # upper end of the search variable of `fit_gpd`, larger than in `return_levels`
+REJECTED = 0.05  # p-value below which a distribution or comparison is reported as doubtful
+WIDE = 10  # ratio of upper limit to block volume that triggers a warning
+BEYOND = 10  # default volume_max is the block of this many return periods
+FARTHEST = 1e6  # search limit of interval ends, as a ratio to the estimated excess
 _PLACES = np.arange(-1.0, MAX_PLACE, 0.005)  # grid for the profile likelihood
 _LEVELS = ["return_period", *with_limits("volume"), "power_law", "extrapolated", "refused"]
 
 
 class Rate(NamedTuple):
-    """Annual number of blocks above the threshold with its 95 % interval, from `dated` blocks;
-    clustered blocks have a `dispersion` above 1."""
+    """Annual number of blocks above the threshold, its 95 % interval, and the number of `dated`
+    blocks behind it. `dispersion` is above 1 if blocks fall in clusters."""
 
     value: float
     low: float
@@ -51,8 +51,8 @@ class Rate(NamedTuple):
 
 
 class PowerLaw(NamedTuple):
-    """Annual number of blocks larger than V as activity V**-exponent: the exponent with its 95 %
-    interval, and the `p_value` of a test against the GPD."""
+    """Annual number of blocks larger than V [m3]: activity * V**-exponent. `low` and `high` limit
+    the exponent (95 %); `p_value` is from a test against the GPD."""
 
     exponent: float
     low: float
@@ -69,7 +69,7 @@ class PowerLaw(NamedTuple):
 
 @dataclass(frozen=True)
 class DesignBlock:
-    """Design block [m3] of a return period [year] with its 95 % interval, and its components.
+    """Design block [m3] for a return period [year], its 95 % interval, and the fits behind it.
 
     `levels` has a row for each return period. `volume` is NaN if `refused` gives a reason;
     `extrapolated` is True if it exceeds all surveyed blocks; `power_law` is the volume from the
@@ -110,7 +110,8 @@ def design_block(
     with a `year` are blocks that fell within the observation period of `years`; alternatively,
     `events` is a table of these blocks. Both may also be lists of volumes. Only blocks larger than
     `threshold` [m3] count (default: the lowest threshold with an acceptable fit of the generalised
-    Pareto distribution). `volume_max` [m3] is the largest block of the scenario.
+    Pareto distribution). `volume_max` [m3] is the largest block of the scenario. Invalid inputs and
+    surveys with too few blocks raise a RockfallError.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)
@@ -157,7 +158,8 @@ def _check(return_period: float, threshold: float | None, volume_max: float | No
 
 
 def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> None:
-    """Refuse a `volume_max` below the largest surveyed block, or below the design block."""
+    """Raise a RockfallError if `volume_max` is below the largest surveyed block or the design
+    block."""
     for volume, what in (
         (float(survey.volumes.max()), "the largest surveyed block"),
         (asked["volume"], f"the block of {asked['return_period']:g} years"),
@@ -211,8 +213,8 @@ def _fit_above(ordered: np.ndarray, threshold: float) -> Fit:
 
 
 def _tried(survey: Survey) -> Iterator[Fit]:
-    """Fits above increasing thresholds, from the smallest dated block on, because smaller blocks
-    have no dates."""
+    """Fits above increasing thresholds, starting at the smallest dated block, because the fall rate
+    of smaller blocks is unknown."""
     ordered = survey.volumes
     most = min(int((ordered > survey.dated.min()).sum()), ordered.size - 1)
     numbers = np.geomspace(max(most, MIN_BLOCKS), MIN_BLOCKS, THRESHOLDS).round().astype(int)
@@ -225,7 +227,7 @@ def _tried(survey: Survey) -> Iterator[Fit]:
 
 def _rate(survey: Survey, threshold: float) -> Rate:
     """Annual frequency of blocks above the threshold, with the exact interval of a Poisson number
-    (Garwood 1936); clustered blocks count as fewer independent blocks."""
+    (Garwood 1936). Clustering reduces the number of independent blocks."""
     from scipy.stats import chi2
 
     above = survey.dated > threshold
@@ -238,7 +240,7 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Ratio of variance to mean of the yearly numbers; 1 unless a Poisson process is rejected."""
+    """Variance-to-mean ratio of the yearly numbers; 1 unless a Poisson process is rejected."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1
@@ -299,8 +301,8 @@ def _levels(
 
 
 class _Likelihood:
-    """Profile likelihood of the block volume above the threshold for a return period (Coles 2001,
-    section 4.3.3): GPD of n blocks, and Poisson number of dated blocks weighted by 1/dispersion."""
+    """Profile likelihood of the block volume for a return period (Coles 2001, section 4.3.3), from
+    the GPD of n volumes and the Poisson number of dated blocks, weighted by 1/dispersion."""
 
     def __init__(self, survey: Survey, fit: Fit, rate: Rate) -> None:
         excess = survey.volumes[survey.volumes > fit.threshold] - fit.threshold
@@ -308,19 +310,20 @@ class _Likelihood:
         self.dated = rate.dated / rate.dispersion
         self.years = survey.years / rate.dispersion
         theta = np.expm1(_PLACES * math.log(n))
-        # avoids 0 (exponential)
+        # 0 would be the exponential distribution
         self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]
         self.total = np.array([np.log1p(theta * excess).sum() for theta in self.theta])
         self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)
         self.least += self.dated * (1 - math.log(rate.value))
 
     def loss(self, excess: float, period: float) -> float:
-        """Twice the decrease of the log-likelihood from its maximum, for a given excess at the
+        """Twice the drop of the profile log-likelihood from its maximum, if `excess` has this
         return period.
 
         For each theta = shape / scale the cost is convex in z = log(1 + theta excess) / shape, the
         logarithm of the number of blocks above the threshold in a period; Newton steps from above
-        converge to the minimum."""
+        converge to the minimum.
+        """
         inside = self.theta * excess > -1
         theta, total = self.theta[inside], self.total[inside]
         growth = np.abs(np.log1p(theta * excess))
@@ -355,7 +358,8 @@ class _Likelihood:
 def _scenario(
     survey: Survey, fit: Fit, law: PowerLaw, period: float, volume_max: float | None
 ) -> tuple[dict[str, Any] | None, list[str]]:
-    """Keys of `&scenario` for the power law, and notes on them."""
+    """Values of the `&scenario` keys from the power law (None if outside their ranges), and
+    notes."""
     largest = float(survey.volumes.max())
     top = volume_max or max(largest, law.volume(BEYOND * period))
     scenario = {
@@ -389,7 +393,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _beyond_keys(scenario: dict[str, Any]) -> str | None:
-    """Message about a value outside its range in the key table."""
+    """Error message for the first value outside the range of its key; None if all are valid."""
     for key in key_table():
         if key.group == "scenario" and isinstance(value := scenario.get(key.name), float):
             if rule := broken_rule(key.group, key.name, value):
@@ -422,8 +426,8 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
-    """p-value of a test that dated and undated blocks above the threshold have the same
-    distribution; NaN if there are too few of either."""
+    """p-value of a test whether dated and undated blocks above the threshold have the same
+    distribution; NaN if either are too few."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

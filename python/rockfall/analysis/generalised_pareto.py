@@ -17,18 +17,18 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-FALSE = 0.05  # rate of falsely rejected thresholds
+FALSE = 0.05  # significance level of the threshold selection
 MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
-NEAR = 1e-9  # cost at a root; a millionth of what 95 % intervals of 2000 values allow
+NEAR = 1e-9  # cost accepted as zero; a millionth of the cost at the 95 % limits of 2000 values
 NEAR_ZERO = 1e-6  # |theta| x largest value, below which the GPD counts as exponential
-SHAPES = -0.49, 2.0  # range of the tables in `_p_value`; the covariance of the fit ends at -0.5
+SHAPES = -0.49, 2.0  # range of shapes in `_p_value`; the covariance of the fit exists above -0.5
 IMHOF = 0.25 + 0.5 * np.arange(400)  # grid for Imhof's integral
-DEGREE = 24  # of the polynomials in `_spectra`: errors of 2e-9, of p 2e-11
+DEGREE = 24  # degree of the polynomials in `_spectra`: errors of 2e-9, in p 2e-11
 
 
 class Fit(NamedTuple):
-    """GPD of values above a threshold: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
-    shape); `p_value` is from its Anderson-Darling test."""
+    """GPD of values above a threshold u: P(X > x | X > u) = (1 + shape (x - u) / scale)**(-1 /
+    shape). `p_value` is from the Anderson-Darling test."""
 
     threshold: float
     exceedances: int
@@ -40,8 +40,9 @@ class Fit(NamedTuple):
 def fit_gpd(
     excess: np.ndarray, threshold: float, weight: float = 1.0, max_place: float = MAX_PLACE
 ) -> Fit:
-    """Maximum-likelihood GPD of sorted values, found by a search along the curve of `best_of` with
-    the variable of `theta_at`. `weight` is the fraction of values that are independent."""
+    """Maximum-likelihood GPD of the sorted values `excess` above `threshold`: a search for the
+    theta that minimises the cost of `best_of`. `weight` is the independent fraction of the values,
+    for the p-value."""
     place = _stationary(excess, max_place)
     if place is None:
         from scipy.optimize import minimize_scalar
@@ -56,14 +57,15 @@ def fit_gpd(
 
 
 def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
-    """Theta = shape / scale (never 0) for the value of the search variable log(1 + theta max) /
-    log(n)."""
+    """theta = shape / scale, never 0, for a value of the search variable: log(1 + theta
+    max(excess)) / log(n)."""
     grown = np.expm1(np.multiply(place, np.log(excess.size)))
     return np.where(np.abs(grown) > NEAR_ZERO, grown, NEAR_ZERO) / excess[-1]
 
 
 def _stationary(excess: np.ndarray, max_place: float) -> float | None:
-    """Search variable at the optimum, by Newton's method; None if it leaves its bounds."""
+    """Value of the search variable at the optimum, by Newton's method; None if it leaves its
+    range."""
     place, n, largest = 0.0, excess.size, excess[-1]
     reach = np.log(n)
     for _ in range(20):
@@ -91,8 +93,8 @@ def best_of(theta: float | np.ndarray, excess: np.ndarray) -> tuple[float, float
 
 
 def root_of(cost: Callable[[float], float], low: float, high: float) -> float:
-    """Place where a cost with opposite signs at `low` and `high` vanishes, by the Illinois method
-    (Dowell and Jarratt 1971). The import of SciPy's methods takes as long as 40 tails."""
+    """Root of a cost that has opposite signs at `low` and `high`, by the Illinois method (Dowell
+    and Jarratt 1971). Importing SciPy's methods takes longer than 40 tail fits."""
     place, at_low, at_high = high, cost(low), cost(high)
     for _ in range(100):
         place = (low * at_high - high * at_low) / (at_high - at_low)
@@ -117,7 +119,7 @@ def _anderson_darling(excess: np.ndarray, shape: float, scale: float) -> float:
 
 def _p_value(a2: float, shape: float) -> float:
     """Probability of a larger A2 when both parameters are fitted (Imhof 1961, eq. 3.2)."""
-    a2 = min(a2, 12.0)  # the sum below has a period of 25, but the probability vanishes far earlier
+    a2 = min(a2, 12.0)  # the sum below has a period of 25, but the p-value is 0 far earlier
     low, high = SHAPES
     place = np.clip((2 * shape - low - high) / (high - low), -1, 1)
     polynomials = np.cos(np.arange(DEGREE + 1) * np.arccos(place))  # Chebyshev
@@ -138,11 +140,11 @@ def _spectra() -> np.ndarray:
 
 
 def _spectrum(shape: float, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Angle, then logarithm of the damping, on the grid of Imhof's integral, by a
-    quadrature rule on (-1, 1).
+    """Angle, then logarithm of the damping, on the grid of Imhof's integral. `node` and `weight`
+    are a quadrature rule on (-1, 1).
 
-    A2 tends to a sum of chi-squares with the eigenvalues of a covariance as weights (Choulakian and
-    Stephens 2001, section 3).
+    In the limit of many values, A2 is a sum of chi-squares; their weights are the eigenvalues of a
+    covariance (Choulakian and Stephens 2001, section 3).
     """
     t, weight = (node + 1) / 2, weight / 2
     beyond, log_beyond = 1 - t, np.log1p(-t)
@@ -157,7 +159,7 @@ def _spectrum(shape: float, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def lowest_valid(tried: Sequence[Fit]) -> Fit | None:
-    """Lowest threshold that ForwardStop keeps (Bader, Yan and Zhang 2018, eq. 4)."""
+    """Fit with the lowest threshold that ForwardStop accepts (Bader, Yan and Zhang 2018, eq. 4)."""
     p = np.minimum([fit.p_value for fit in tried], 1 - 1e-12)
     mean = -np.log1p(-p).cumsum() / np.arange(1, p.size + 1)
     given_up = np.flatnonzero(mean <= FALSE)

@@ -110,8 +110,8 @@ def line_statistics(
 def line_numbers(
     result: Held, line: int, quantity: str, source: Sources | None = None
 ) -> dict[str, float]:
-    """Row of `line_statistics` for a quantity at the line with this index; `source` replaces the
-    source of each boulder in the result."""
+    """Row of `line_statistics` for a quantity at the line with index `line`; `source` replaces the
+    sources of the boulders."""
     return numbers(LineSamples(result, source).sample(line, quantity), quantity)
 
 
@@ -134,10 +134,9 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 
 
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
-    """Mean, standard deviation, quantiles and maximum of boulder values from these sources, with
-    intervals. Statistics that a single value does not define are absent; limits from too few
-    values are NaN. Unless `signed`, means and limits are at least 0, which preserves the
-    coverage."""
+    """Mean, standard deviation, quantiles and maximum of one value per boulder, with intervals.
+    Statistics that a single value does not define are absent; limits from too few values are NaN.
+    Unless `signed`, means and limits are at least 0."""
     return numbers_of(Values(v, source), signed)
 
 
@@ -161,7 +160,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Names of statistics in a row that lack a complete interval, because of too few boulders."""
+    """Names of the statistics in a row without a complete interval, because of too few boulders."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))
@@ -176,12 +175,12 @@ def quantile_name(level: float) -> str:
 
 
 def with_limits(name: str) -> list[str]:
-    """Names of a statistic and of its 95 % limits."""
+    """Column names of a statistic and its 95 % limits."""
     return [name, f"{name}_low", f"{name}_high"]
 
 
 def limited(numbers: Mapping[str, float], name: str) -> list[float]:
-    """Statistic in a row and its limits; NaN where missing."""
+    """Statistic and its limits, from a row; NaN where missing."""
     return [numbers.get(key, np.nan) for key in with_limits(name)]
 
 

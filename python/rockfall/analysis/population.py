@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulder populations behind the results of a case and its hazard."""
+"""Notes on the boulders behind the results of a case and its hazard."""
 
 from __future__ import annotations
 

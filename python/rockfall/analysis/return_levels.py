@@ -54,7 +54,7 @@ MIN_ABOVE, MAX_ABOVE = 50, 2000
 THRESHOLDS = 12  # number of thresholds tried
 ENOUGH = 25  # independent boulders beyond a level, from which no fitted tail is needed
 MAX_PERIOD = 10  # maximum period divided by the number of independent boulders
-MAX_SHAPE = 0.5  # limit of |shape|: fit theory (-0.5) and variance (+0.5) end there
+MAX_SHAPE = 0.5  # limit of |shape|: the fit theory ends at -0.5, the variance at +0.5
 BARTLETT = 12  # divided by the number above the threshold: see _profiled
 #: Grid of theta, and polynomial degree of the scale: levels are accurate to 1e-5.
 POINTS, DEGREE = 64, 16
@@ -102,10 +102,11 @@ def return_levels(
     """Table with a row for each line (or each of `lines`, by name or index) and quantity, in the
     units of the result: n, max, and `level_N`, the value that one in N passing boulders exceeds,
     with the limits of its 95 % interval. Further columns describe the GPD: threshold, number of
-    boulders above it, shape with its limits, scale, p-value of the fit, upper end point of the
-    tail and its upper limit. Refused values are NaN; `refused` gives the reason, else it is empty.
+    boulders above it, shape with its limits, scale, p-value of the fit, upper end point of the tail
+    and its upper limit. Refused values are NaN; `refused` gives the reason, else it is empty.
 
-    Levels that at least 25 boulders exceed are quantiles of the sample.
+    Levels that at least 25 boulders exceed are quantiles of the sample. Raises RockfallError for
+    levels that are not integers above 1.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barrier recommended by a siting, verified by runs with the same boulders: the number that reach
-the line today, and with the barrier."""
+"""Barrier recommended by a siting, and the boulders that reach the line without and with it, from
+runs with the same boulders."""
 
 from __future__ import annotations
 
@@ -96,7 +96,8 @@ class _Came(NamedTuple):
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Refuse an acceptable frequency that cannot be compared with runs of the case."""
+    """Raise a RockfallError for an invalid acceptable frequency, or for a case without
+    scenarios."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
@@ -173,8 +174,8 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """Cheapest higher or stronger barrier that would let at most this number of the boulders that
-    passed still pass; None if no barrier suffices."""
+    """Cheapest higher or stronger barrier that at most `acceptable` boulders per year would pass;
+    None if there is none."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (

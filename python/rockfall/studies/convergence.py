@@ -38,7 +38,7 @@ ERRORS = (0.1, 0.01, 0.001)  # relative errors for which a cost is estimated
 PIECE = 100_000  # approximate boulders in memory
 #: Minimum and maximum number of blocks per size, for measured errors.
 MIN_BLOCKS, MAX_BLOCKS = 32, 1000
-MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source, in turns; each terrain gets a tenth
+MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source for the errors; each terrain gets a tenth
 MIN_CROSSED = 20  # mean number of boulders past the line in a block, and above q95
 PAIRS = 50  # number of blocks that give the standard error of a change
 AS_GIVEN = "as given"  # name of the unchanged terrain among its variants
@@ -291,7 +291,7 @@ def _terrains(
     for variant, terrain in others.items():
         try:
             values, seconds = _sample(study, terrain, boulders, seed)
-        except RockfallError as error:  # a source at the edge is outside the outermost larger cells
+        except RockfallError as error:  # larger cells may not reach a source at the edge
             refused[variant] = str(error)
             continue
         blocks = _numbers(_in_blocks(values, size, PAIRS))

@@ -94,7 +94,7 @@ def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
 
 
 def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
-    """Refuse maps with different cells."""
+    """Raise a RockfallError if the maps have different cells."""
     if not _same_cells(first, other):
         ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
         raise RockfallError(

@@ -193,7 +193,7 @@ def _at_objects(
 
 
 def _object_names(study: HazardInputs, lines: Collection[str]) -> list[str]:
-    """Names of the objects, with the layer if a line or barrier of any variant has the name."""
+    """Names of the objects; the layer is added to the name of a line or barrier in any variant."""
     layers = zip(study.objects.names, study.objects.layers, strict=True)
     return [*numbered([f"{name} ({on})" if name in lines else name for name, on in layers])]
 

@@ -72,14 +72,16 @@ def hazard(
     memory: float | None = None,
     **arrays: Any,
 ) -> xr.Dataset:
-    """Run each &scenario of a case and combine the results: an xarray.Dataset of annual
-    frequencies and hazard classes with 95 % intervals, for each cell and each object, and of the
-    risk if objects have exposure. `objects` is a layer of points, lines and polygons, a
-    GeoDataFrame, or a list of these; `objects_layer` is the layer name (or a list of names) in
-    files with several layers; `vulnerability` is a table of curves for the objects. `segments` is
-    a layer of roads, cut into pieces of `segment_length` [m] with separate frequencies; without a
-    length, each line is a segment. `results` are results of scenarios that ran elsewhere. Other
-    arguments are as in `rockfall.run`; for details see docs/hazard.md.
+    """Run each &scenario of a case and combine the results. The returned xarray.Dataset has annual
+    frequencies and hazard classes with 95 % intervals, for cells and objects, and the risk if
+    objects have values or persons.
+
+    `objects` is a layer of points, lines and polygons, a GeoDataFrame, or a list of these;
+    `objects_layer` is the layer name (or a list of names) in files with several layers;
+    `vulnerability` is a table of curves for the objects. `segments` is a layer of roads, cut into
+    pieces of `segment_length` [m] (default: whole lines). `results` are results of scenarios that
+    ran elsewhere. The other arguments are as in `rockfall.run`; see docs/hazard.md. Invalid inputs
+    raise a RockfallError; likely mistakes give UserWarnings.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -98,15 +100,16 @@ def hazard(
 
 
 def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> pd.DataFrame:
-    """Origins of the boulders that reach a place of a hazard, most frequent first: cell centre
-    `x`, `y` [m], `frequency` [1/year] of its boulders that arrive, with the limits of its 95 %
-    interval, `frequency_low` and `frequency_high`, their `share` of all arriving boulders, the
-    fraction `reach` of the cell's boulders that arrive, and their kinetic energies [J]:
-    `energy_mean` and `energy_q95`, the 95 % quantile, with its 95 % interval `energy_q95_low`,
-    `energy_q95_high`, NaN if too few boulders arrive. The place is the name of a line or object, or
-    a circle (x, y) or (x, y, radius) [m], by default as wide as `&hazard object_width`, for which
-    the scenarios run again; `arrays` are those of `rockfall.hazard`. A RockfallError for an unknown
-    place lists the known names; points without a width are refused.
+    """Table of the origins of boulders that reach a place of a hazard, most frequent first.
+
+    `place` is the name of a line or object, or a circle (x, y) or (x, y, radius) [m], by default as
+    wide as `&hazard object_width`. For a circle the scenarios run again, with `arrays` as in
+    `rockfall.hazard`. Each row is a source cell: its centre `x`, `y` [m]; `frequency` [1/year] of
+    its boulders that arrive, with the 95 % limits `frequency_low` and `frequency_high`; `share`,
+    their fraction of all arriving boulders; `reach`, the fraction of the cell's boulders that
+    arrive; and their kinetic energies [J]: `energy_mean`, and the 95 % quantile `energy_q95` with
+    the limits `energy_q95_low` and `energy_q95_high`, NaN if too few boulders arrive. Unknown
+    places, and points without a width, raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -126,8 +129,8 @@ def traced(
     progress: bool = False,
     **arrays: Any,
 ) -> tuple[xr.Dataset, str, int]:
-    """Hazard with the origins of a place of `origins`, and the kind and index of the place there;
-    a name must be one of the kinds `among`."""
+    """Hazard that has the origins of a place (see `origins`), and the kind and index of the place
+    in it. A named place must be of a kind in `among`."""
     if isinstance(place, str):
         return hazard, *with_origins(hazard, place, among)
     where, case = f"place {', '.join(f'{value:.12g}' for value in place)}", case_in(hazard.attrs)
@@ -194,7 +197,7 @@ def read_study(
 
 
 def _check_memory(scene: Scene, memory: float) -> None:
-    """Refuse maps that do not fit in memory, before any run."""
+    """Raise a RockfallError if the maps of a hazard do not fit in memory, before any run."""
     levels, scenarios = 1 + len(scene.case.hazard["thresholds"]), len(scene.case.scenario)
     cells = scene.grid.nx * scene.grid.ny
     need = cells * (16 * levels * scenarios + 40 * levels + 25)  # measured memory [bytes]

@@ -37,7 +37,7 @@ from rockfall.scene.surface import radius_over_rg
 
 #: Obstacle size [m] that separates the soil types 3 (scree) and 4 (talus) of Rockyfor3D.
 LARGE = 0.1
-#: Shipped grounds for rocks below and above this size, by model.
+#: Shipped grounds for rocks below and above `LARGE`, by model.
 ROCKS = {
     "rockyfor3d": ("soil_3", "soil_4"),
     "pfeiffer_bowen": ("pfeiffer_talus", "pfeiffer_rock"),
@@ -95,9 +95,9 @@ def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[t
 def by_tables(
     case: Case, own: Scene, names: Sequence[str] | None, notes: list[str]
 ) -> Iterator[tuple[str, Scene]]:
-    """Scenes of a case in which each of these impact tables replaces the grounds that `variants`
-    varies, except the case's own table. By default, all shipped tables with known rock sizes are
-    used. `own` is the scene of the case; remarks are added to `notes`."""
+    """Scenes of a case in which each impact table of `names` (default: all shipped tables with
+    known rock sizes) replaces the grounds that `variants` varies; the case's own table is left out.
+    `own` is the scene of the case; remarks are added to `notes`."""
     own = _with_named_apart(own)
     varied, is_named = _varied(own), not _own_share(own)
     follows_table = case.impact["form"] == "table" or "ground" in case.surface

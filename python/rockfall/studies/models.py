@@ -67,11 +67,11 @@ def run_models(
     classical model, or the given `grounds` (rows of the ground table, impact sets); and with these
     impact `tables`.
 
-    Ground that the case assigns to zones or cells by name is the same for all models. Models
-    differ where the case's impact sets or table, or `&surface ground`, apply. There classical
-    models use the shipped grounds in `ROCKS`, selected by rock size. Without rock sizes, both
-    grounds are run; models that need a size are omitted, or refused if they are among `grounds`.
-    If every place has a named ground, all grounds except absorbing ones vary.
+    Ground that the case assigns to zones or cells by name is the same for all models. Models differ
+    where the case's impact sets or table, or `&surface ground`, apply. There classical models use
+    the shipped grounds in `ROCKS`, selected by rock size. Without rock sizes, both grounds are run;
+    models that need a size are omitted, or raise a RockfallError if they are among `grounds`. If
+    every place has a named ground, all grounds except absorbing ones vary.
     """
     case = case.replace(output=ROWS_ONLY)
     notes: list[str] = []

@@ -48,7 +48,7 @@ CAP = 1_000_000  # default limit, over all sources
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
 #: Fraction of the required boulders to run, for a distant and for a near target.
 SHORT, MARGIN = 0.8, 1.02
-USELESS = 0.3  # boulder error relative to the limit; below it, more boulders do not help
+USELESS = 0.3  # boulder error, relative to the limit, below which more boulders do not help
 
 LEVELS = {quantile_name(level): level for level in QUANTILES}
 STATISTICS = ("mean", "std", *LEVELS)
@@ -99,7 +99,7 @@ def run_until(
     `rules` is text as in `read_rules`; `arrays` are as in `rockfall.scene.read.read_scene`. The
     result equals `run` with the final number of boulders instead of the case's number. Its
     attribute `until` contains the rules, and `until_met` is 1 if all are met, else 0. Without a
-    `cap`, the limit is a million boulders over all sources.
+    `cap`, the limit is a million boulders over all sources. Invalid rules raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -181,7 +181,7 @@ def next_stage(verdicts: list[Verdict], n: int, cap: int) -> int:
 
 
 def verdicts_of(result: Held) -> list[Verdict]:
-    """Verdict on each rule in the `run_until` of a result; empty without rules."""
+    """Verdicts on the rules of a `run_until` result; empty for other results."""
     if "until" not in result.attrs:
         return []
     return evaluate(read_rules(result.attrs["until"], line_names(result)), result)

@@ -78,7 +78,7 @@ class Siting:
     EAD class that the standard requires. From boulders that reach the protected line: `bypass`, the
     fraction that did not cross the alignment before, and `remaining`, the fraction that would still
     arrive past a barrier of this height and class. `cost` applies to the full length. `fits` is
-    True within the limits; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
+    yes, no or undecided; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
     `choice` marks the best alignment under these assumptions. `advice` is the resulting barrier,
     verified by a run; None if no alignment is within the limits. With &scenario groups, the values
     cover the boulders of all scenarios, weighted by frequency.

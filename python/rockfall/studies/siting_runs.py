@@ -118,7 +118,7 @@ def in_batches(
 def scene_with(
     scene: Scene, line: str, alignments: Sequence[Alignment], drawn: Sequence[Alignment]
 ) -> Scene:
-    """Scene with only these alignments, and the lines of the case."""
+    """Scene whose evaluation lines are those of the case and the alignments `drawn`."""
     left_out = {alignment.name for alignment in alignments} - {item.name for item in drawn} - {line}
     if not left_out:
         return scene

@@ -35,7 +35,7 @@ BOUNDS = {"mean": 0.10, "std": 0.25}  # bounds of the relative error
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 APART = "ks", "p", "wasserstein"  # distances between observed and simulated distribution
 RUN_OUT, AT_REST = "stopping_distance", "at_rest"
-LOG_DENSITY = "log_density"  # mean at observed blocks of simulated boulders at rest [m-2]
+LOG_DENSITY = "log_density"  # mean log density of simulated boulders at the observed blocks [m-2]
 COLUMNS = ["law", "line", "quantity", "statistic", "n_observed", "observed", "observed_error",
            "simulated", "simulated_error", "verdict"]  # fmt: skip
 WITHIN, BEYOND, UNDECIDED = "within", "beyond", "undecided"

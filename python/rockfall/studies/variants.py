@@ -201,7 +201,7 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
 
 def check_variants(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results that are not variants of the same run: different site, boulders or seed."""
+    """Raise a RockfallError for results with another site, other boulders or another seed."""
     check_same_site(results)
     (name, first), *others = results.items()
     for other_name, other in [(name, first), *others]:

@@ -133,9 +133,9 @@ def yearly_run(
     lines: Sequence[str] | None = None,
     objects: Mapping[str, np.ndarray] = NO_OBJECTS,
 ) -> YearlyRun:
-    """Energies of a result, which has an annual frequency `yearly` [1/year], at `lines` (None: all)
-    and at objects. `objects` has the energies [J] and heights [m] of all boulders at each object,
-    (2, boulders)."""
+    """Boulders of a result at `lines` (None: all) and at objects; `yearly` is their annual
+    frequency [1/year]. `objects` has the energies [J] and heights [m] of all boulders at each
+    object, (2, boulders)."""
     names, clusters = line_names(result), Clusters.of(result)
     hits = {line: hits_at(result, line) for line in (names if lines is None else lines)}
     barriers = [names[k] for k in barriers_of(result) if names[k] in hits]

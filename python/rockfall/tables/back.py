@@ -13,7 +13,7 @@ from rockfall.table import Column, Estimate, Table, as_text
 
 
 def back_text(analysis: Back) -> str:
-    """Text with the posterior of parameters, contributions of data sets, reasons for caution."""
+    """Posterior of the parameters, contributions of the data sets, and warnings, as text."""
     members = count(len(analysis.members), "member")
     parts = [
         f"{analysis.case.case['title'] or 'rockfall'}: {members} of {analysis.boulders:,} "

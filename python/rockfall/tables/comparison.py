@@ -132,7 +132,7 @@ def _passing(table: pd.DataFrame) -> Iterable[list[Any]]:
         yield [say("compare.some_distances", part=chosen.size, n=len(table))]
 
 
-LABELS = {  # messages
+LABELS = {  # message ids
     "mean": "compare.mean_distance",
     "std": "compare.std_of_it",
     "wasserstein": "compare.wasserstein",
@@ -187,8 +187,8 @@ def ranks_text(table: pd.DataFrame) -> str:
 
 
 def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
-    """Table of observed impacts by reach probability, with the number of speeds and heights
-    above the maxima in their cells."""
+    """Count the observed impacts by the reach probability of their cells, and the speeds and
+    heights above the simulated maxima there."""
     yield from _stops(table, say("compare.impacts_head"))
     for name, maps in VALUES.items():
         maximum = maps[-1]
@@ -200,7 +200,7 @@ def _contacts(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
-    """Table of observed stopping places by the fraction of boulders that reach their cell."""
+    """Count the observed stopping places by the fraction of boulders that reach their cell."""
     reach = table["reach_probability"].to_numpy(float)
     yield [title or say("compare.stops_head"), say("compare.places")]
     for label, inside in (
@@ -214,7 +214,7 @@ def _stops(table: pd.DataFrame, title: str = "") -> Iterable[list[Any]]:
 
 
 def _rounded(value: float, digits: int, whose: str) -> Number:
-    """Format a number: observed values with their given digits, others with `digits`."""
+    """Format a number with `digits` decimals; observed values lose trailing zeros."""
     text = _number(value, f".{digits}f")
     return Number(text.rstrip("0").rstrip(".")) if whose == "observed" and "." in text else text
 

@@ -21,7 +21,7 @@ TERRAINS = {
 
 
 def convergence_text(convergence: Convergence) -> str:
-    """Text of a study, Monte Carlo errors and numerical errors, with tables and explanations."""
+    """Results by number of boulders, Monte Carlo errors and numerical errors, as text."""
     place = f" from each of {convergence.sources:,} sources" if convergence.sources > 1 else ""
     parts = [
         f"{convergence.name}\n\nBy number of boulders{place}:\n",

@@ -15,7 +15,7 @@ from rockfall.quantities import DESIGN, number
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, as_text, between, stacked
 
-CHECKED = (  # messages
+CHECKED = (  # message ids
     "design.height", "design.height_needed", "design.energy_allowed", "E_d [kJ]",
     "design.passing", "design.holds",
 )  # fmt: skip
@@ -103,7 +103,7 @@ def choice_table(design: Design, line: str) -> Table:
 
 
 def check_tables(design: Design) -> Iterator[Table]:
-    """Table of existing barriers and their requirements; empty list without barriers."""
+    """Table of existing barriers and their requirements; none without barriers."""
     if len(design.checks):
         rows = [check_row(row) for row in design.checks.to_dict("records")]
         standard = design.factors.conditions.standard
@@ -137,13 +137,13 @@ def along_table(along: pd.DataFrame) -> Table:
 
 
 def unconfirmed(row: Mapping[str, Any]) -> str:
-    """Texts on the unconfirmed assumptions of a verdict."""
+    """Unconfirmed assumptions of a verdict; "" if there are none."""
     doubts = (row.get("unconfirmed") or "").split("; ")
     return f"; {word('unconfirmed')}: {'; '.join(map(word, doubts))}" if doubts != [""] else ""
 
 
 def factor_lines(factors: Factors) -> Iterator[Text]:
-    """Lines with partial factors, or with factors that the user must provide."""
+    """Sentence with the partial factors, or with those that the user must provide."""
     if factors.open:
         yield say("design.open", standard=factors.conditions.standard, names=factors.open)
         return

@@ -69,7 +69,7 @@ def block_table(block: DesignBlock) -> Table:
 
 
 def scenario_text(block: DesignBlock) -> str:
-    """Scenario of a case that follows the power law; "" if there is none."""
+    """Scenario of a case from the fitted power law; "" if there is none."""
     if not block.scenario:
         return ""
     beyond = number(block.power_law.period(block.scenario["volume_max"]))

@@ -42,9 +42,9 @@ from rockfall.tables.variants import difference_table, measures_table
 from rockfall.tables.yearly_design import advice, check_tables, choice_tables, loads_table, verdicts
 from rockfall.terrain.polyline import lengths, spaced
 
-MOST = 8  # maximum places on page 1
+MOST = 8  # maximum number of places on page 1
 CHOICES = 2  # maximum lines with a table of barriers
-STEPS = 10  # maximum places on a line that fit in the width of a cell
+STEPS = 10  # points per cell width at which a line is sampled
 
 
 class Section(NamedTuple):
@@ -90,7 +90,8 @@ def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
 
 
 def _protection(designs: dict[str, YearlyDesign]) -> Section:
-    """Sections on the barrier designed for the first variant, then on the other variants."""
+    """Section with the loads and barrier choices of the first variant, and the barriers of all
+    variants."""
     first = next(iter(designs.values()))
     tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
     for name, sheet in designs.items():
@@ -128,8 +129,8 @@ def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
-    """Table of frequency, and energy of the return period, at each place, by the case's model and
-    the second model, with the governing model; no table without a second model."""
+    """Table of both models at each place: frequency, energy for the return period, and the
+    governing model; none without a second model."""
     if dossier.second is None:
         return
     own, other, model = dossier.first, dossier.second.hazard, _shown(dossier.second.model)
@@ -226,7 +227,7 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
 
 
 def years_between(value: float, low: float, high: float) -> Estimate:
-    """Text of the return period for a frequency and its limits [1/year]."""
+    """Return period [year] of a frequency and its limits [1/year]; NaN for an infinite limit."""
     with np.errstate(divide="ignore"):
         value, low, high = (float(np.divide(1.0, rate)) for rate in (value, high, low))
     ends = (end if np.isfinite(end) else np.nan for end in (low, high))

@@ -170,7 +170,7 @@ def orders_reversed(data: xr.Dataset) -> Iterator[str]:
 
 
 def sorted_inputs(at: xr.Dataset) -> list[str]:
-    """Names of the inputs, by decreasing maximum fraction over all results."""
+    """Names of the inputs, by decreasing sum of their total indices over the results."""
     total = np.nan_to_num(at["total"].values).clip(0, 1)
     order = np.argsort(-total.sum(axis=1), kind="stable")
     return [str(name) for name in at["input"].values[order]]

@@ -65,8 +65,8 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 
 def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
-    """Tables of energies and heights by return period at the places with these names; by default at
-    lines, and at the most frequently hit objects and segments. None if unknown."""
+    """Tables of energies and heights by return period at the named places (default: lines, and the
+    most frequently hit objects and segments). None if unknown."""
     places = [
         (kind, int(k))
         for kind in PLACES
@@ -90,7 +90,7 @@ def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
 
 
 class Place(NamedTuple):
-    """A line, object or segment of a hazard: its kind, and its index there."""
+    """A line, object or segment of a hazard: kind, index within this kind, and name."""
 
     kind: str
     k: int
@@ -160,7 +160,7 @@ def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
-    """Table of segments in this order, by default the most frequently hit: frequencies, class,
+    """Table of segments in this order (default: the most frequently hit first): frequencies, class,
     energies and heights."""
     frame = segments_of(hazard).assign(segment=place_names(hazard, "segment"))
     if order is None:
@@ -203,7 +203,7 @@ def total(hazard: xr.Dataset, what: str) -> tuple[float, float, float]:
 
 
 def assumptions(hazard: xr.Dataset) -> list[str]:
-    """Assumptions of the risk."""
+    """Assumptions of the risk in the current language; empty without risk."""
     if not has_risk(hazard):
         return []
     texts = str(hazard.attrs["risk_assumptions"]).splitlines()

@@ -28,7 +28,7 @@ TITLES = {
     "log_density": "mean logarithm",
 }  # fmt: skip
 BARE = ("ks", "p", "log_density")  # statistics without a unit
-APART = 3.0  # ratio of frequencies by two models above which page 1 begins with it
+APART = 3.0  # page 1 begins with a warning if models differ in frequency by more than this factor
 ABOUT = QUANTITIES | {AT_REST: Quantity("density at blocks at rest", "m-2", 1)}
 PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at rest"}
 
@@ -57,7 +57,7 @@ def check_models(result: xr.Dataset, models: Models, what: str) -> None:
 
 
 def missing_spread(result: xr.Dataset, models: Models | None) -> list[str]:
-    """Note that the page lacks the spread over models."""
+    """Note that the page lacks the spread over models; none if it is shown or does not apply."""
     if models is not None or not classical_grounds(result):
         return []
     return [say("spread.missing", case_file=result.attrs["case_file"])]

@@ -71,7 +71,7 @@ def barrier_table(result: Held) -> Table:
 
 
 def dam_tables(dams: Iterable[DamShape]) -> Iterator[Table]:
-    """Tables of dams as rasterised; empty without dams."""
+    """Table of dams as rasterised; none without dams."""
     rows = [
         (f"{number}", dam.length,
          stacked(Number(f"{dam.height:.1f} ({dam.height_min:.1f})"), _requested(dam, 0)),
@@ -96,7 +96,7 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Tables of forest stands with their stems. Stands beyond the first `most` are summed. Empty
+    """Table of forest stands with their stems. Stands beyond the first `most` are summed. None
     without stands."""
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
@@ -114,7 +114,7 @@ def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[T
 
 
 def provenance(result: xr.Dataset) -> dict[str, Any]:
-    """Provenance table of a result, with the command that reproduces it, if known."""
+    """Provenance of a result, with the command that reproduces it, if known."""
     attrs = {key: str(value) for key, value in result.attrs.items()}
     case, is_complete = case_of(result), bool(result.attrs["complete"])
     clocks = {clock: result.attrs[f"{clock}_seconds"] for clock in ("wall", "cpu")}

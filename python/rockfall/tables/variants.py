@@ -37,7 +37,7 @@ MEAN, Q95 = "variants.mean", "variants.q95"
 def variants_text(
     frame: pd.DataFrame, note: str = "", frequencies: pd.DataFrame | None = None
 ) -> str:
-    """Text with a table for each line and a column for each variant; `note` is on the boulders."""
+    """Text with a table for each line and a column for each variant, followed by `note`."""
     parts = []
     for _, of_line in frame.groupby("line", sort=False):
         table = variant_table(of_line, frequencies)
@@ -62,8 +62,8 @@ def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) ->
 
 
 def variant_table(of_line: pd.DataFrame, frequencies: pd.DataFrame | None = None) -> Table:
-    """Table of the numbers at a line, each with its difference from the first variant: first over
-    the scenarios of the case, from `rockfall.studies.yearly_variants`, then for the simulated
+    """Table of the numbers at a line, each with its difference from the first variant: annual
+    values from `frequencies` (of `rockfall.yearly_variants`), then those of the simulated
     boulders."""
     rows: list[tuple[object, ...]] = []
     if frequencies is not None:

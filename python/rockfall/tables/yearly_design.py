@@ -65,7 +65,7 @@ def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
 
 
 def check_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Table of the case's barriers; empty list without barriers."""
+    """Table of the case's barriers; none without barriers."""
     if len(sheet.checks):
         came = sheet.loads.set_index("line")
         rows = [

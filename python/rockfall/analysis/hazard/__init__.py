@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard and risk: from scenarios with frequencies to maps, zones and objects (docs/hazard.md)."""
+"""Hazard and risk from scenarios with annual frequencies: maps, zones, objects (docs/hazard.md)."""

@@ -18,7 +18,7 @@ Each: TypeAlias = float | np.ndarray  # one value, or one per place
 
 
 class Frequencies(NamedTuple):
-    """Annual frequencies and the limits of their 95 % intervals, along any dimensions."""
+    """Annual frequencies [1/year] and the limits of their 95 % intervals: arrays of equal shape."""
 
     value: np.ndarray  # [1/year]
     low: np.ndarray
@@ -43,13 +43,13 @@ def frequencies(
     parts: Iterable[tuple[np.ndarray, int | np.ndarray, Each, Each]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> Frequencies:
-    """Combine scenarios. Each has four members: counts (..., places), the number of boulders, the
-    number of boulders that count as one observation, and the annual frequency [1/year] that these
-    boulders represent; all but the counts are scalars or arrays (places,).
+    """Sum the frequencies of scenarios. Each scenario has: boulder counts (..., places), number of
+    boulders, number of boulders that count as one observation, and annual frequency of releases
+    [1/year]; all but the counts are scalars or arrays (places,).
 
-    The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so
-    their errors may have the same sign, and other rules would give limits that are too narrow. They
-    are multiplied by the lowest and highest `factor` of the annual frequencies.
+    The limits are sums of the scenarios' Wilson limits: scenarios share random numbers, so their
+    errors may have the same sign and do not cancel. `factor` multiplies the lower and upper limits,
+    for uncertain annual frequencies.
     """
     value = low = high = np.zeros(())
     for counts, boulders, per_cluster, yearly in parts:
@@ -60,14 +60,14 @@ def frequencies(
 
 
 def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
-    """Intensity reached at least once in each period (periods, ...): 0 is none, 1 the weakest.
-    `frequency` (intensities, ...) counts each intensity and all stronger ones."""
+    """Strongest intensity reached at least once in each period (periods, ...): 0 is none, 1 the
+    weakest. `frequency` (intensities, ...) [1/year] counts each intensity and all stronger ones."""
     return np.stack([np.count_nonzero(frequency >= 1 / period, axis=0) for period in periods])
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """Highest class over all intensities and periods; residual if boulders pass less often than
-    once in any period."""
+    """Highest class over all intensities and periods; `RESIDUAL` where boulders pass (`passed`),
+    but too rarely for a higher class."""
     highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(highest, matrix.classes[intensity, column], out=highest)
@@ -75,8 +75,8 @@ def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) ->
 
 
 class Classes(NamedTuple):
-    """Classes from the estimated frequencies, and from the limits of their intervals. The latter
-    bound the class, because the class never decreases with frequency."""
+    """Hazard classes from the estimated frequencies and from their lower and upper limits, which
+    bound the class because it never decreases with frequency."""
 
     value: np.ndarray
     low: np.ndarray
@@ -89,30 +89,30 @@ class Classes(NamedTuple):
 
 
 def classify(rates: Frequencies, matrix: Matrix) -> Classes:
-    """Classify frequencies (intensities, ...); the first row counts all passages."""
+    """Hazard classes from frequencies (intensities, ...); the first row counts all passages."""
     passed = rates.value[0] > 0
     value, low, high = (hazard_classes(rate, matrix, passed) for rate in rates)
     return Classes(value, low, high)
 
 
 def intensity_words(case: Case) -> list[str]:
-    """Labels of the intensities by number, from the thresholds of the case."""
+    """Names of the intensities by number, from the thresholds of the case."""
     ends = [f"{threshold:.10g}" for threshold in case.hazard["thresholds"]]
     between = [f"{low}_to_{high}_kJ" for low, high in zip(ends[:-1], ends[1:], strict=True)]
     return ["none", f"up_to_{ends[0]}_kJ", *between, f"above_{ends[-1]}_kJ"]
 
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
-    """Upper limit of the frequency [1/year] of an event that no simulation has shown, from the
-    numbers of boulders and the frequencies of the scenarios."""
+    """Upper limit of the annual frequency [1/year] of an event that never occurred. `parts` has the
+    number of boulders and the annual frequency of each scenario."""
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])
 
 
 def boulders_needed(yearly: float, period: float) -> int:
-    """Boulders needed for each scenario to show that an event without an occurrence is rarer than
-    once in a period: the upper limit of 0 in n is z2/(n + z2)."""
+    """Boulders per scenario needed to show that an event that never occurs in the simulation is
+    rarer than once per `period`: the upper limit of 0 in n is z2/(n + z2)."""
     upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

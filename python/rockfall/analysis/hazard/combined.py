@@ -66,21 +66,21 @@ class HazardInputs:
     case: Case
     scene: Scene
     scenarios: list[Scenario]
-    #: Evaluation lines of the case, listed after the lines of objects and segments.
+    #: Evaluation lines of the case; in the scene they follow the lines of objects and segments.
     lines: list[dict[str, Any]]
     objects: Objects
     segments: Segments
-    remarks: list[str] = field(default_factory=list)  # likely mistakes, one per line
+    remarks: list[str] = field(default_factory=list)  # likely mistakes, as text lines
     warnings: list[InputWarning] = field(default_factory=list)  # warnings of all scenes
 
 
 class ScenarioRun:
-    """Values kept from the result of a scenario."""
+    """Numbers of a scenario's result from which the hazard is computed."""
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
         clusters = Clusters.of(result)
-        self.per_cluster = clusters.most  # for cells
+        self.per_cluster = clusters.most  # boulders that count as one observation, for cells
         self.sample = self.boulders, self.per_cluster, self.yearly
         # Cell counts (intensities, y, x).
         self.passages = _counts(result, "passages", "energy_exceeded")
@@ -107,7 +107,7 @@ class ScenarioRun:
         at_lines = [
             (boulders_at(result, k), at) for k, at in zip(lines, self.at_lines, strict=True)
         ]
-        #: Number of boulders that count as one, by place.
+        #: Boulders that count as one observation, at each place.
         self.per_place = {
             "line": np.array(
                 [clusters.at(boulders, at.energy, at.height) for boulders, at in at_lines]
@@ -127,7 +127,8 @@ class ScenarioRun:
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read the boulders at lines and barriers, except lying logs; return their indices."""
+        """Read the boulders at lines and barriers; return the indices of these lines. Lying logs
+        are skipped."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -165,7 +166,7 @@ def _counts(result: xr.Dataset, name: str, exceeded: str) -> np.ndarray:
 
 
 def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
-    """Hazard from all scenarios."""
+    """Hazard dataset from the runs of all scenarios."""
     matrix, case = Matrix.of(inputs.case), inputs.case
     values = _scenarios(inputs, runs)
     factor = case.hazard["frequency_factor"]
@@ -206,7 +207,8 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
 
 
 def _grounds(runs: Runs) -> dict[str, np.ndarray]:
-    """Grounds, with their models and rebounds over all scenarios; empty if all use impact sets."""
+    """Names and models of the grounds, and their rebounds over all scenarios; empty if all rebounds
+    use impact sets."""
     counts: dict[tuple[str, str], int] = {}
     for ground in (ground for run in runs for ground in run.grounds):
         key = ground.name, ground.model
@@ -231,7 +233,8 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 
 
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Properties and counts of each scenario, so that other frequencies can be applied later."""
+    """Frequency, boulders and counts of each scenario, so that other frequencies can be applied
+    later."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
@@ -248,7 +251,7 @@ def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
-    """Frequencies of cells with limits, and derived quantities."""
+    """Frequencies of cells with limits, return periods, and reach probabilities."""
     values = _with_ends("passage_frequency", "exceedance_frequency", rates, "f4")
     with np.errstate(divide="ignore"):
         periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")
@@ -340,7 +343,7 @@ def _by_period(
 
 
 def _levels() -> dict[str, tuple]:
-    """Coordinates for energies and heights by return period, and for exceedance counts."""
+    """Coordinates: return periods of energies and heights, and levels of the exceedance counts."""
     periods = {"units": "year", "long_name": "return period of an event"}
     return {"event_period": ("event_period", np.array(PERIODS), periods)} | {
         f"exceeded_{name}": (

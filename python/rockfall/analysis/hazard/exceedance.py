@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energies and heights by return period, and frequencies by energy, at lines, objects and
-segments, over all scenarios, with boulders weighted by annual frequency."""
+"""Energies and heights by return period, and exceedance counts, at lines, objects and segments,
+over all scenarios."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def behind(result: xr.Dataset, line: int) -> int:
 
 
 def class_behind(at: Passing) -> np.ndarray:
-    """Number of boulders (classes, heights) that would pass through or over a barrier of each EAD
-    340059 class and each height in `EXCEEDED`, by the kernel's rule."""
+    """Number of boulders (classes, heights) that would pass through or over a barrier, for each
+    class of EAD 340059 and height in `EXCEEDED`."""
     counts = np.empty((CLASS_ENERGY.size, EXCEEDED["height"].size), "i4")
     for row, capacity in zip(counts, CLASS_ENERGY, strict=True):
         held = np.sort(at.height[at.energy <= capacity])
@@ -47,7 +47,7 @@ def class_behind(at: Passing) -> np.ndarray:
     return counts
 
 
-#: Number of boulders of a run, number that count as one, and scenario frequency [1/year].
+#: Boulders of a run, boulders that count as one observation, and scenario frequency [1/year].
 Sample = tuple[int, float, float]
 
 
@@ -56,12 +56,13 @@ def exceedance_numbers(
     runs: Sequence[Sequence[Sample]],
     factor: Sequence[float] = (1.0, 1.0),
 ) -> dict[str, np.ndarray]:
-    """Hazard variables at places, by name without the prefix: energies and heights by return
-    period with their limits, and counts above each level of `EXCEEDED`.
+    """Hazard variables at places, by name without the prefix: energies and heights by return period
+    with their limits, and counts above each level of `EXCEEDED`.
 
-    `passing` has the boulders that pass each place in each run, None if only counts are known.
-    `runs` has a sample for each place of each run. `factor` is as in
-    `rockfall.analysis.hazard.classes.frequencies`."""
+    `passing` [run][place] has the boulders that pass; None if only counts are known. `runs`
+    [run][place] has their samples. `factor` is as in
+    `rockfall.analysis.hazard.classes.frequencies`.
+    """
     places = [*zip(*passing, strict=True)]
     by_place = [*zip(*runs, strict=True)]
     values: dict[str, np.ndarray] = {}
@@ -85,18 +86,18 @@ def exceedance_numbers(
 def levels_by_period(
     values: Sequence[np.ndarray], runs: Sequence[Sample], factor: Sequence[float] = (1.0, 1.0)
 ) -> np.ndarray:
-    """Value exceeded once in each of `PERIODS`, with its 95 % limits, (3, periods), from the
-    values of passing boulders in each run.
+    """Value exceeded once in each of `PERIODS`, with its 95 % limits, (3, periods), from the values
+    of passing boulders in each run.
 
-    The value is 0 if boulders pass less often. The lower (upper) limit is the value whose lower
-    (upper) limit of frequency, from `frequencies`, is once per period. The upper limit is infinite
-    if values above the simulated maximum may be that frequent.
+    The value is 0 if boulders pass less often. The lower limit is exceeded once per period by the
+    lower limit of the frequency; the upper limit likewise. The upper limit is infinite if the
+    intervals allow this frequency above the simulated maximum.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])
     order = np.argsort(-sample, kind="stable")
     counts = np.cumsum(of_run[order, None] == np.arange(len(runs)), axis=0, dtype="i4")
-    # The first row is for no boulders.
+    # the first row is the count above infinity: no boulders
     counts = np.concatenate([np.zeros((1, len(runs)), "i4"), counts])
     rates = frequencies(((counts[:, k], *run) for k, run in enumerate(runs)), factor)
     steps = np.concatenate([[np.inf], sample[order], [0.0]])

@@ -23,7 +23,8 @@ ENERGIES = np.geomspace(1.0, 1e9, 64)  # energies for comparing curves [J]
 
 
 def layers_checksum(objects: Objects, segments: Segments) -> str:
-    """SHA-256 checksum of the decoded objects (with attributes and curves) and segments."""
+    """SHA-256 checksum of the objects (with attributes and vulnerability curves) and segments as
+    read."""
     harms = [
         (quantity, harm and (harm.scale, harm.length, harm.curve.fraction(ENERGIES).tolist()))
         for quantity, all_harms in objects.exposed.harms.items()
@@ -56,6 +57,6 @@ def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments
 
 
 def is_same_case(case: Case, other: Case, **without: Any) -> bool:
-    """Return True if two cases differ only in threads and in the given groups."""
+    """Return True if two cases differ only in the number of threads and in the groups `without`."""
     changes = {"case": {"threads": 0}} | without
     return case.replace(**changes).text() == other.replace(**changes).text()

@@ -21,7 +21,7 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] with its limits; infinite if no boulder arrived."""
+    """Return period [year] with the limits of its 95 % interval; infinite if no boulder arrived."""
 
     value: float
     low: float
@@ -51,7 +51,8 @@ def return_period(
 ) -> Period:
     """Return period [year] of boulders above an energy [J] or a height [m] at a line, object or
     segment; of all boulders if neither is given. Between two counted levels, the frequency is
-    interpolated by a power law; its limits are those at the two levels.
+    interpolated by a power law, and the limits are those of the two levels. An unknown place raises
+    a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -84,8 +85,7 @@ def return_period(
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Table with a row for each line, object or segment and each return period: `place` (line,
     object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with limits.
-    0 means that boulders arrive less often; an empty or infinite upper limit means too few
-    boulders."""
+    0: boulders arrive less often; empty or infinite upper limit: too few boulders."""
     rows = [
         {
             "place": kind,
@@ -107,8 +107,8 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
 
 
 def yearly(hazard: xr.Dataset, kind: str, k: int, counts: np.ndarray) -> Frequencies:
-    """Frequencies [1/year] from boulder counts by scenario (scenario, ...), at the line, object or
-    segment (`kind`) with index k."""
+    """Frequencies [1/year] at the line, object or segment (`kind`) with index k, from its boulder
+    counts in each scenario (scenario, ...)."""
     per_cluster = hazard["boulders_per_cluster"].values
     if (name := f"{kind}_boulders_per_cluster") in hazard:
         per_cluster = hazard[name].values[:, k]
@@ -126,7 +126,7 @@ def _kinds(hazard: xr.Dataset) -> Iterator[str]:
 
 
 def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
-    """Levels from 0, and the exceedance frequency of each level."""
+    """Levels, starting with 0, and the exceedance frequency of each level."""
     if quantity not in LEVELS:
         raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
     kind, k = find_place(hazard, place)
@@ -141,7 +141,8 @@ def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, F
 
 
 def find_place(hazard: xr.Dataset, place: str, among: Sequence[str] = PLACES) -> tuple[str, int]:
-    """Kind (one of `among`) and index of the place with this name."""
+    """Kind (one of `among`) and index of the place with this name; raises a RockfallError if there
+    is none, or several."""
     if "frequency" not in hazard:
         raise RockfallError(
             f"{place}: a run has no annual frequencies: add &scenario groups to the case, and use "

@@ -30,13 +30,13 @@ ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))
 class Arrivals(NamedTuple):
     """Boulders that reach a place."""
 
-    start: np.ndarray  # grid index of each start cell; in `of` first the index of the boulder
+    start: np.ndarray  # start cell of each boulder; in the argument of `of`, the boulder's index
     energy: np.ndarray  # kinetic energy [J]
 
 
 class Origins(NamedTuple):
-    """Start cells of a run's boulders, and the boulders that reach each place, by kind of place.
-    None for a place where only counts are known."""
+    """Start cells of a run's boulders, and the boulders that reach each place, by kind of place;
+    None where only counts are known."""
 
     cells: np.ndarray  # grid indices, ascending
     boulders: np.ndarray  # number of boulders from each cell
@@ -59,9 +59,9 @@ class Origins(NamedTuple):
 def origin_numbers(
     runs: Sequence[Origins], weights: Sequence[float], grid: Grid
 ) -> dict[str, np.ndarray]:
-    """Origin variables of a hazard, from the runs and the frequency [1/year] that each boulder
-    represents: cell centres, annual number of boulders that start in each cell, and for each place
-    the annual number and energies [J] of the boulders that arrive from each cell."""
+    """Origin variables of a hazard: cell centres, annual number of boulders that start in each
+    cell, and for each place the annual number and energies [J] of the boulders that arrive from
+    each cell. `weights` are the frequencies [1/year] that a boulder of each run represents."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -84,9 +84,9 @@ def origin_numbers(
 def _arriving(
     runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Boulders that reach a place from each cell: number in each run, annual frequency, and mean
-    and 95 % quantile of their energies, the quantile with its interval. Energies are NaN for cells
-    without such boulders. If only counts are known, numbers are 0 and all other values NaN."""
+    """Boulders that reach a place from each cell: number in each run, annual frequency, mean
+    energy, and 95 % quantile of energy with its interval. Energies are NaN for cells without
+    arrivals. If only counts are known, numbers are 0 and all other values NaN."""
     arrivals = [run for run in runs if run is not None]
     boulders = np.zeros((len(runs), cells.size), "i4")
     if len(arrivals) < len(runs):
@@ -112,7 +112,8 @@ def _arriving(
 
 
 def with_origins(hazard: xr.Dataset, place: str, among: Sequence[str] = SOURCES) -> tuple[str, int]:
-    """Kind (one of `among`) and index of a place whose sources are known."""
+    """Kind (one of `among`) and index of a place; raises a RockfallError if its sources are
+    unknown."""
     kind, k = find_place(hazard, place, among)
     if np.isnan(hazard[f"{kind}_source_frequency"].values[k]).any():
         raise RockfallError(
@@ -140,8 +141,8 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
 
 def _limits(hazard: xr.Dataset, kind: str, k: int, part: np.ndarray) -> dict[str, np.ndarray]:
     """Limits of the annual number of boulders that reach a place from each part of the source
-    cells; `part` is the part of each cell. Fixed sources release a known number from each part, so
-    the boulders of a part are the sample; for sampled sources it is all boulders."""
+    cells; `part` gives the part of each cell. With fixed sources, the sample is the boulders of the
+    part, because their number is known; with sampled sources, it is all boulders."""
     released, came = (hazard[f"{name}source_boulders"].values for name in ("", f"{kind}_"))
     runs = []
     for s, (n, per_cluster) in enumerate(
@@ -157,11 +158,10 @@ def _limits(hazard: xr.Dataset, kind: str, k: int, part: np.ndarray) -> dict[str
 
 
 def origin_areas(hazard: xr.Dataset, kind: str, k: int, side: float) -> pd.DataFrame:
-    """Table of `origins_at`, summed over squares with this side [m]: centre and number (`cells`) of
-    the source cells, frequency of the square with its limits, and the highest of the cells'
-    `energy_q95` and `energy_q95_high`; the latter is NaN if too few boulders arrive from any of the
-    cells. Squares without arrivals are omitted.
-    """
+    """Table of `origins_at`, summed over squares of `side` [m]: centre and number (`cells`) of the
+    source cells, frequency of the square with its limits, and the highest of the cells'
+    `energy_q95` and `energy_q95_high`; the latter is NaN if too few boulders arrive from a cell.
+    Squares without arrivals are omitted."""
     import pandas as pd
 
     x, y, released = (hazard[f"source_{name}"].values for name in ("x", "y", "frequency"))

@@ -18,12 +18,13 @@ TOLERANCE = 0.25  # tolerance of simplified outlines, in cells
 NEGLIGIBLE = 0.01  # area attributed to rounding, in cells
 TOUCHING = 1e-6  # distance at which parts count as touching [m]
 GRID = 2.0**-20  # coordinate grid, in cells; without it, overlays fail with some GEOS builds
-PASSES = 2  # repetitions, because raising a narrow part may narrow its neighbours
+PASSES = 2  # repetitions: widening a narrow part may narrow its neighbours
 
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
-    """Generalise the areas of classes, lowest class first. The resulting areas do not overlap, and
-    cover the same area to within the coordinate resolution. `width` and `cell` are in metres."""
+    """Generalise the areas of the classes, lowest class first. The resulting areas do not overlap,
+    and together cover the same ground to within the coordinate resolution. `width` and `cell` are
+    in metres."""
     import shapely
 
     least, grid = NEGLIGIBLE * cell**2, {"grid_size": GRID * cell}
@@ -51,16 +52,15 @@ def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Ge
 
 
 def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
-    """Polygons of an area that are larger than the given area [m2]."""
+    """Polygons of an area that are larger than `least` [m2]."""
     for part in getattr(area, "geoms", [area]):
         if part.geom_type == "Polygon" and part.area > least:
             yield part
 
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
-    """Smooth outline around an area that fills gaps narrower than the width. Simplification may
-    deviate by the tolerance, so the outline is first offset by this distance; straight segments
-    may still cut a curved corner."""
+    """Smooth outline around an area; gaps narrower than `width` are filled. It is first offset by
+    the tolerance of the simplification; straight segments may still cut a curved corner."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)
@@ -69,7 +69,7 @@ def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
 def _narrow_parts(
     area: Geometry, width: float, least: float, grid: dict[str, float]
 ) -> list[Geometry]:
-    """Parts of an area, larger than `least` [m2], that are too narrow for a disc of this width."""
+    """Parts of an area, larger than `least` [m2], that are narrower than `width`."""
     attrs = {"join_style": "mitre", "mitre_limit": 2.0}
     wide = area.buffer(-width / 2, **attrs).buffer(width / 2 * (1 + 1e-9), **attrs)
     return list(polygons_of(area.difference(wide, **grid), least))

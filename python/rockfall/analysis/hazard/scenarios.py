@@ -42,7 +42,8 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; raises an error for invalid scenarios."""
+    """Case common to all scenarios, with this output; raises a RockfallError for invalid
+    scenarios."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -54,7 +55,7 @@ def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
 
 
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
-    """Scenarios for the scene of a base case with evaluation lines."""
+    """Scenarios of a scene, with these evaluation lines in place of the case's."""
     case = scene.case.replace(line=lines)
     return [
         Scenario(scenario["name"], _frequency(scenario, scene), _case(case, scenario))
@@ -63,7 +64,7 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties that both the scenarios and the source layer give; raises an error if
+    """Remarks on properties that scenarios and source layer both give; raises a RockfallError if
     the layer gives a property for all sources."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
@@ -84,7 +85,7 @@ def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[Input
     """Likely mistakes in a case and its scenarios (with their names), without duplicates."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
-        case = scenario.case.replace(line=scene.case.line)  # without outlines of objects
+        case = scenario.case.replace(line=scene.case.line)  # without the outlines of objects
         own = replace(scene, case=case, findings=Findings())
         place = f"&scenario name = '{scenario.name}'"
         own_texts = {text for where, text in doubts if where.startswith(place)}
@@ -105,8 +106,8 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
-    """Case with the boulders of a scenario. A volume distribution in the scenario replaces all
-    volume keys; other scenario keys replace single keys of &boulder."""
+    """Case with the boulders of a scenario. The scenario's volume keys replace all volume keys of
+    &boulder; its other keys replace single keys."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}

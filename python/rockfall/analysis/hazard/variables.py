@@ -18,7 +18,7 @@ from rockfall.result.variables import ENDS, MAP
 
 MEANINGS = ("", "lower limit of the 95 % interval of ", "upper limit of the 95 % interval of ")
 CLASS_ENDS = {"": "", "_lower": "lowest ", "_upper": "highest "}
-EXTREMES = {  # maps with the extreme over the scenarios
+EXTREMES = {  # maps with the minimum or maximum over the scenarios
     "energy_line_angle_max": np.fmax,
     "energy_line_angle_min": np.fmin,
     "travel_time_min": np.fmin,
@@ -29,7 +29,7 @@ LEVELS = {  # unit and meaning of quantities by return period
     "energy": ("J", "kinetic energy"),
     "height": ("m", "vertical height of the centre above the ground"),
 }
-#: Energies [J] and heights [m] above which boulders are counted.
+#: Energies [J] and heights [m] for which exceeding boulders are counted.
 EXCEEDED = {
     "energy": 1e3 * np.array([digit * 10.0**k for k in range(6) for digit in (1, 1.5, 2, 3, 5, 7)]),
     "height": np.concatenate([np.arange(0.5, 10, 0.5), np.arange(10, 20, 1), np.arange(20, 51, 5)]),
@@ -53,21 +53,21 @@ COORDINATES = (
 
 
 class Variable(NamedTuple):
-    """A row of the table."""
+    """Dimensions, unit and meaning of a variable."""
 
     dims: tuple[str, ...]
     units: str
     long_name: str
-    words: str = ""  # type of words for the numbers: hazard, intensity, certain or risk
+    words: str = ""  # kind of words for the numbers: hazard, intensity, certain or risk
     comment: str = ""
 
     @property
     def is_map(self) -> bool:
-        """Return True if the variable is a plan map, or several."""
+        """Return True if the variable is one or several plan maps."""
         return self.dims[-2:] == PLAN and {*self.dims} <= {*PLAN, *BEYOND}
 
     def about(self, case: Case) -> dict[str, Any]:
-        """Attributes for the variable in a file."""
+        """Attributes of the variable in a file."""
         texts = {"units": self.units, "long_name": self.long_name, "comment": self.comment}
         attrs: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.words:
@@ -78,7 +78,7 @@ class Variable(NamedTuple):
 
 
 def words_of(kind: str, case: Case) -> Sequence[str]:
-    """Words for the numbers, from 0."""
+    """Words for the numbers 0, 1, ... of a variable."""
     words = {"hazard": CLASSES, "certain": ("no", "yes"), "risk": RISK_CLASSES}
     return intensity_words(case) if kind == "intensity" else words[kind]
 
@@ -102,7 +102,7 @@ def _classes(prefix: str, dims: tuple[str, ...]) -> Iterator[tuple[str, Variable
 
 def _by_period(prefix: str, dims: tuple[str, ...], where: str) -> Iterator[tuple[str, Variable]]:
     """Energies and heights by return period, counts for exceedance curves, and the number of
-    boulders that count as one for their limits."""
+    boulders that count as one observation."""
     what = f"boulders {where} that count as one independent boulder in the intervals"
     yield f"{prefix}boulders_per_cluster", Variable(("scenario", *dims), PART, what)
     for name, (units, quantity) in LEVELS.items():
@@ -266,11 +266,11 @@ def _exposed() -> Iterator[tuple[str, Variable]]:
 
 
 TABLE = dict(_table())
-CLASS_ENERGY = np.array(EAD_ENERGY)  # barrier energy of each class [J]
+CLASS_ENERGY = np.array(EAD_ENERGY)  # capacity of a barrier of each class [J]
 
 
 def map_names(case: Case) -> Iterator[tuple[str, Variable]]:
-    """Names of the plan maps in the hazard of a case."""
+    """Names and variables of the plan maps in the hazard of a case."""
     places = {
         "threshold": [1000 * threshold for threshold in case.hazard["thresholds"]],
         "return_period": case.hazard["return_periods"],

@@ -31,8 +31,8 @@ class Zones(NamedTuple):
 
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class along cell edges, with the case's `minimum_area` or more: GDAL's
-    sieve merges smaller patches with their largest neighbour."""
+    """Zones of the hazard classes along cell edges. GDAL's sieve merges patches smaller than the
+    case's `minimum_area` with their largest neighbour."""
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -45,9 +45,8 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 
 def zones_of(hazard: xr.Dataset) -> Zones:
-    """Zones of a hazard class with generalised outlines, without parts narrower than the case's
-    `minimum_width`, or along cell edges if this width is zero; used for texts, files and
-    figures."""
+    """Zones of the hazard classes for texts, files and figures: generalised outlines without parts
+    narrower than the case's `minimum_width`, or cell edges if this width is zero."""
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
@@ -72,7 +71,7 @@ def _generalised(content: bytes, grid: Grid, minimum_area: float, width: float) 
 
 
 def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Highest class on the map within each zone, before small patches are merged."""
+    """Highest class of the cells in each zone, before generalisation."""
     numbers, _ = _north_up(hazard["hazard_class"])
     highest = np.zeros(len(zones.cells) + 1, "u1")
     np.maximum.at(highest, zones.patch, numbers)
@@ -80,14 +79,15 @@ def highest_classes(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
-    """Area [m2] of each class that the zones show with a lower class, or omit."""
+    """Area [m2] of each class whose cells lie in zones of a lower class, or in none."""
     numbers, grid = _north_up(hazard["hazard_class"])
     shown = np.concatenate([[0], zones.number])[zones.patch]
     return np.bincount(numbers[shown < numbers], minlength=len(CLASSES)) * grid.cell**2
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells with uncertain class, numbered lowest class * classes + highest class."""
+    """Patches of cells with uncertain class; `number` is lowest class * number of classes +
+    highest."""
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)
@@ -102,7 +102,7 @@ def certain_fractions(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def _north_up(data: xr.DataArray) -> tuple[np.ndarray, Grid]:
-    """Classes with northernmost row first, and their grid without CRS and path."""
+    """Map of classes with the northernmost row first, and its grid, without CRS and path."""
     values, grid = north_up(data)
     return values.astype("u1"), replace(grid, crs=None, path=None)
 
@@ -133,6 +133,6 @@ def _zones(
         held_cells(pairs, grid, patch)
     cells = np.bincount(patch.ravel(), minlength=len(polygons) + 1)[1:]
     zones = Zones(np.array(polygons, dtype=object), number, cells, patch)
-    for values in zones:  # shared by callers
+    for values in zones:  # results are cached and shared
         values.flags.writeable = False
     return zones

@@ -19,8 +19,8 @@ MAX_AROUND = 0.01  # maximum fraction of a line's boulders that may pass around 
 
 
 def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.ndarray:
-    """Mask (boulder,) of boulders that reach a line without meeting any of these barriers before;
-    line and barriers are indices."""
+    """Mask (boulder,) of boulders that reach a line without crossing any of the barriers before;
+    `line` and `barriers` are indices."""
     there = line_values(result, "time", line)
     around = np.isfinite(there)
     for barrier in barriers:
@@ -29,8 +29,8 @@ def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.nd
 
 
 def barriers_above(result: xr.Dataset, line: int) -> list[int]:
-    """Indices of the barriers above a line, except lying logs. Boulders meet such a barrier before
-    the line, on a side from which more than `MAX_AROUND` of the line's boulders come. To define the
+    """Indices of the barriers above a line, except lying logs: barriers that boulders cross before
+    the line, on a side from which more than `MAX_AROUND` of the line's boulders come. For the
     sides, the line is extended straight beyond its ends."""
     nets = {net["name"] for net in case_of(result).barrier if "diameter" not in net}
     there, vertices = line_values(result, "time", line), _vertices(result, line)

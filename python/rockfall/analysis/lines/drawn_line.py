@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Line of a section from the user: coordinate pairs, or the line of a layer."""
+"""Line of a section given by the user: coordinate pairs, or a line layer."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rockfall.io.vectors.layers import read_lines
 
 
 def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) -> np.ndarray:
-    """Vertices x + iy [m] of a section, from pairs x, y (n, 2) or the only line in a file, which
-    may have several layers. Lines are reprojected to the CRS of the terrain grid, with a note in
-    `remarks`. Anything but one line raises a RockfallError."""
+    """Vertices x + iy [m] of a section, from pairs x, y (n, 2) or from a file with a single line
+    (in `layer`, if it has several). Lines are reprojected to the CRS of the terrain grid, with a
+    note in `remarks`. Other input raises a RockfallError."""
     if isinstance(drawn, str | Path):
         features, _ = read_lines(drawn, layer, grid, remarks)
         parts = [part for feature in features for part in feature]

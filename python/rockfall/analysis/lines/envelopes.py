@@ -24,8 +24,8 @@ def envelope_names(prefix: str = "") -> list[str]:
 def envelopes(
     values: Mapping[str, np.ndarray], source: Sources, prefix: str = ""
 ) -> dict[str, float]:
-    """Statistics of the known (not NaN) values, by `envelope_names`. Statistics without a complete
-    interval are omitted; the maximum is given for any number of boulders."""
+    """Statistics of the values that are not NaN, by `envelope_names`. A statistic without a
+    complete interval is omitted; the maximum is always given."""
     columns: dict[str, float] = {}
     for quantity in QUANTITIES:
         is_known = np.isfinite(values[quantity])

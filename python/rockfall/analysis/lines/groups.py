@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 BY = ("source", "volume", "shape")
-MAX_SOURCES = 50  # with more sources, consecutive sources share a group
-RANGES = 20  # number of shared groups
-MAX_VOLUMES = 6  # maximum number of distinct volumes with a separate class each
+MAX_SOURCES = 50  # with more sources, a group is a range of sources
+RANGES = 20  # number of such ranges
+MAX_VOLUMES = 6  # maximum number of distinct volumes that each form a class
 
 Group = tuple[str, np.ndarray]  # name, and mask of boulders
 
@@ -44,7 +44,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
-    """Refuse unknown groups, and classes for groups other than volumes."""
+    """Raise a RockfallError for an unknown `by`, or for `classes` of anything but volumes."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":
@@ -67,7 +67,7 @@ def _by_source(result: Held) -> Iterator[Group]:
 
 
 def part_names(result: Held) -> list[str]:
-    """Names of sample parts: features, sources, or ranges of features or sources."""
+    """Names of the sample parts, which are features, sources, or ranges of either."""
     last = result["sample_part_last"].values
     if last[-1] == last.size:
         return _names(result, last)

@@ -33,16 +33,16 @@ _COLUMNS += [
 
 
 def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> pd.DataFrame:
-    """Table with a row for each window of `width` [m] along a line, from its first vertex. The
-    last window may be shorter. The default is a round width that gives about 40 windows.
+    """Table with a row for each window of `width` [m] along a line, from its first vertex (default:
+    a round width that gives about 40 windows). The last window may be shorter.
 
-    `start` and `end` [m] of the window, and its `length` [m] on the terrain, NaN if the run did not
-    check the line; `n` and `fraction` of boulders whose first crossing is in it; `per_metre`, the
-    fraction divided by `length` [1/m], NaN off the terrain; mean and 95 % quantile of the total
-    energy [J] and of the passing height (centre, vertical) [m] of crossing boulders. `..._low` and
-    `..._high` are the limits of 95 % confidence intervals, as in `line_statistics`; NaN where too
-    few cross. Raises RockfallError for an unknown line, and for a width that is not above 0 or
-    gives more than 10,000 windows.
+    The columns are `start` and `end` [m] of the window; its `length` on the terrain [m], NaN if the
+    run did not check the line; `n` and `fraction` of the boulders that cross the line first in the
+    window; `per_metre`, the fraction divided by `length` [1/m], NaN off the terrain; mean and 95 %
+    quantile of the total energy [J] and of the passing height (centre, vertical) [m] of crossing
+    boulders. `..._low` and `..._high` are the limits of 95 % confidence intervals, as in
+    `line_statistics`; NaN where too few cross. Raises RockfallError for an unknown line, and for a
+    width that is not above 0 or gives more than 10,000 windows.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -68,7 +68,8 @@ def line_profile(result: xr.Dataset, line: str, width: float | None = None) -> p
 
 
 def _lengths_on_terrain(result: xr.Dataset, line: int, edges: np.ndarray) -> np.ndarray:
-    """Length of each window on the terrain [m], exactly 0 off it; NaN if not checked by the run."""
+    """Length of each window on the terrain [m]; exactly 0 off it, NaN if the run did not check the
+    line."""
     _, x, y = lines(result)[line]
     stretches = json.loads(result.attrs.get("lines_beyond", "{}")).get(vertices_key(x, y))
     if stretches is None:
@@ -78,7 +79,8 @@ def _lengths_on_terrain(result: xr.Dataset, line: int, edges: np.ndarray) -> np.
 
 
 def line_number(result: xr.Dataset, line: str) -> int:
-    """Index of the line with this name."""
+    """Index of the line with this name; raises a RockfallError if the result has no such line or no
+    rows."""
     names = line_names(result)
     check_rows(result, "places along a line")
     if not names or not result.sizes.get("boulder"):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the quantities at lines, for all boulders of a result or for groups. They come from
-boulder rows or, in a run without rows, from counts and sums."""
+"""Samples of the quantities at lines, for all boulders or for groups, from the boulder rows or, in
+a result without rows, from counts and sums."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LineSamples:
     """Samples of the quantities at the lines of a result."""
 
     def __init__(self, result: Held, source: Sources | None = None) -> None:
-        """`source` replaces the source of each boulder in the result."""
+        """`source` replaces the sources of the boulders."""
         self.result, self._counted = result, result.sizes["boulder"] < simulated(result)
         self._has_kept = source is None and not self._counted
         if self._has_kept:
@@ -58,15 +58,15 @@ class LineSamples:
         return int(np.count_nonzero(self._released(None)))
 
     def given(self) -> LineSamples:
-        """Samples in which the sources are fixed, not sampled."""
+        """Copy in which the sources are fixed, not sampled."""
         source = None if self._source is None else replace(self._source, sampled=False)
         samples = LineSamples(self.result, source)
         samples.sampled = False
         return samples
 
     def groups(self, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; for boulders stored
-        as counts, the parts of the sources in each group."""
+        """Groups of boulders, as in `rockfall.analysis.lines.groups.groups`; in a result without
+        rows, masks of sample parts."""
         if not self._counted:
             return groups(self.result, by, classes)
         check_by(by, classes)
@@ -103,7 +103,7 @@ class LineSamples:
         return self._last[1:]
 
     def ends(self, quantity: str) -> Sample:
-        """Sample of an end quantity, such as plan_distance or path_length."""
+        """Sample of a quantity at the boulders' ends, such as plan_distance or path_length."""
         if self._counted:
             return self._counts(-1, quantity, None)
         assert self._source is not None
@@ -132,13 +132,13 @@ class LineSamples:
         )
 
     def _released(self, parts: np.ndarray | None) -> np.ndarray:
-        """Number of boulders released by each source group in these parts; all have an end."""
+        """Boulders released by each source group in these parts, counted at their ends."""
         part_of_group = self.result["sample_group_part"].values - 1
         chosen = np.full(part_of_group.size, True) if parts is None else parts[part_of_group]
         return self._in_groups(0, 0, np.flatnonzero(chosen)).sum(axis=1)
 
     def _bins(self, place: int, quantity: int, parts: np.ndarray) -> np.ndarray:
-        """Counts (bins,) over these parts, including empty bins."""
+        """Counts (bins,) of a quantity summed over parts; empty bins are 0."""
         bins = np.zeros((SAMPLE_COARSE, SAMPLE_BINS // SAMPLE_COARSE), "i8")
         for part in parts:
             first = self._first(place, part, self.result.sizes["sample_part"], quantity)
@@ -148,7 +148,7 @@ class LineSamples:
         return bins.ravel()
 
     def _in_groups(self, place: int, quantity: int, groups: np.ndarray) -> np.ndarray:
-        """Counts (groups, coarse bins) of these groups."""
+        """Counts (groups, coarse bins) of a quantity."""
         bins, counts = (self.result[f"sample_group_{name}"].values for name in ("bin", "count"))
         dense = np.zeros((groups.size, SAMPLE_COARSE), "i8")
         for row, group in enumerate(groups):
@@ -159,5 +159,5 @@ class LineSamples:
 
     @staticmethod
     def _first(place: int, column: int, columns: int, quantity: int) -> int:
-        """First coarse bin of a quantity for a line, part or group."""
+        """Number of the first coarse bin of a quantity, for a line and a part or group."""
         return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE

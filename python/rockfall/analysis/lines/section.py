@@ -2,8 +2,8 @@
 """Section along a drawn line: the ground below, and energies, speeds and heights of nearby
 boulders, from recorded trajectories, maps, and crossed lines.
 
-A station is a short line across the section. A recorded boulder counts where it first crosses the
-station, by the rules of an evaluation line. Between contacts it flies on a parabola.
+A station is a short line across the section, treated as an evaluation line: a recorded boulder
+counts at its first crossing.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ class _Known(NamedTuple):
 
 
 def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = None) -> Section:
-    """Section of a result along a line. Elevations and trajectory heights are NaN without terrain,
-    or outside it; heights also if the terrain is coarser than in the run. Energies are NaN if
-    neither the case nor a line crossing gives the mass. Raises RockfallError for a result with
+    """Section of a result along a line. Elevations and trajectory heights are NaN outside or
+    without terrain; heights also if the terrain is coarser than in the run. Energies are NaN if
+    neither the case nor a line crossing gives the mass. Raises RockfallError if the result has
     neither trajectories of moving boulders nor maps of speed, energy or height."""
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
@@ -182,7 +182,8 @@ def _first_crossings(
 def _values(
     motion: Motion, part: np.ndarray, spin: np.ndarray, row: np.ndarray, context: _Known
 ) -> dict[str, np.ndarray]:
-    """QUANTITIES of these boulders within trajectory pieces, and elevations of their points."""
+    """QUANTITIES and elevations of boulders at the fraction `part` of their trajectory pieces;
+    `row` is the index of each boulder in `context`."""
     (x, y, z, _), speed = motion.at(part)
     here = x + 1j * y
     jump = np.maximum(0.0, z - _ground(context.terrain, here, height))

@@ -17,7 +17,7 @@ from rockfall.io.rasters.grid import Grid
 from rockfall.result.maps.passages import passages_of, passed_map, thin_cells
 from rockfall.result.samples import simulated
 
-#: Map quantities: name prefixes, and the names of their maxima.
+#: For each quantity: prefix of its map names, and name of its map of maxima.
 MAPPED = {
     "speed": ("speed", "speed_max_map"),
     "energy_total": ("energy", "energy_max"),

@@ -23,7 +23,7 @@ class AtRisk(NamedTuple):
 
     @property
     def files(self) -> list[Path]:
-        """The layers that are files."""
+        """Paths of the layers that are files."""
         several = isinstance(self.objects, list | tuple)
         given = [*(self.objects if several else [self.objects]), self.vulnerability, self.segments]
         return [Path(item) for item in given if item is not None and not is_frame(item)]

@@ -81,7 +81,7 @@ class Layer:
         return values.astype(float)
 
     def unit_remarks(self) -> Iterator[str]:
-        """Remarks on attributes that are probably in another unit, a line each."""
+        """Remarks on attributes that are probably in another unit."""
         for name, (low, high, question) in USUAL.items():
             if name not in self.asked or not self.has(name):
                 continue
@@ -94,7 +94,7 @@ class Layer:
                 )
 
     def idle_remarks(self) -> Iterator[str]:
-        """Remarks on attributes that have no effect because another is missing, a line each."""
+        """Remarks on attributes without effect, because an attribute that they need is missing."""
         for name, needed in NEEDED.items():
             if attribute(self.columns, name) is None or name not in self.asked:
                 continue
@@ -112,12 +112,12 @@ class Layer:
         return ["" if (text := plain(value)) is None else str(text).strip() for value in values]
 
     def refuse(self, number: int, name: str, value: object, rule: str) -> NoReturn:
-        """Raise an error for an attribute of a feature (0-based number)."""
+        """Raise a RockfallError about an attribute of a feature, numbered from 0."""
         raise RockfallError(f"{self.path}: feature {number + 1}: {name} = {value}: {rule}")
 
     def by_intensity(self, name: str, intensities: int, *, missing: bool = False) -> np.ndarray:
-        """Values (objects, intensities) of an attribute: a number for all intensities, or
-        non-decreasing numbers for each (name_1, name_2, ...); empty if the layer has neither."""
+        """Values (objects, intensities) of an attribute: of `name` for all intensities, or of
+        name_1, name_2, ..., which must not decrease; empty if the layer has neither."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
         self.asked.update((name, *several))
         given = [column for column in self.columns if column.startswith(name) and column != NAMED]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Harm to property and persons by a boulder that hits, from attributes, with all assumptions."""
+"""Expected harm to property and persons by a hit, from attributes, with all assumptions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Harm(NamedTuple):
 
 @dataclass(frozen=True)
 class Exposure:
-    """Harm to each object by quantity (None if nothing is exposed), and assumptions."""
+    """Harm to each object, by quantity (None if nothing is at risk), and assumptions."""
 
     kinds: list[str] = field(default_factory=list)
     harms: dict[str, list[Harm | None]] = field(default_factory=dict)
@@ -269,7 +269,7 @@ def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
-    """Curve that each object names in an attribute; None if empty."""
+    """Curve of each object, given by `name`, a text attribute; None if empty."""
     named: list[Curve | None] = []
     for number, text in enumerate(layer.texts(name), start=1):
         if text and text not in curves:

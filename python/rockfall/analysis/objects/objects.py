@@ -40,7 +40,7 @@ MAX_NAMED = 5  # maximum objects listed in a remark
 
 @dataclass
 class Objects:
-    """Points, lines and polygons, with their attributes."""
+    """Objects at risk (points, lines and polygons) with their attributes."""
 
     paths: list[str] = field(default_factory=list)  # paths of the layers
     layers: list[str] = field(default_factory=list)  # layer name of each object
@@ -141,7 +141,7 @@ def _read(file: File, grid: Grid, remarks: list[str]) -> Read:
 
 
 def _joined(parts: Sequence[Objects]) -> Objects:
-    """Objects of several layers combined; in layers without vulnerability it is NaN."""
+    """Combine the objects of several layers; vulnerability is NaN in layers without it."""
     objects = Objects()
     before = 0
     for part in parts:
@@ -208,13 +208,13 @@ def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
 
 
 def check_kept(case: Case, lines: int) -> None:
-    """Refuse, before the run, lines for which the run would not keep all rows."""
+    """Raise a RockfallError before a run with lines if it would not keep all boulder rows."""
     if lines:
         check_all_kept(case, "objects with a width, lines, polygons and segments of roads need")
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
-    """Refuse lines for which the boulders would not fit in memory."""
+    """Raise a RockfallError if the boulders at all lines would not fit in memory."""
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(
@@ -262,7 +262,7 @@ def object_counts(
     grid: Grid,
     maps: np.ndarray,
 ) -> np.ndarray:
-    """Number of boulders that hit each object, and that exceed each energy threshold [J]
+    """Number of boulders that hit each object, and number above each energy threshold [J]:
     (intensities, objects). `energies` are the energies at each line object, by object number;
     `maps` are the same counts by cell (intensities, y, x)."""
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")

@@ -15,8 +15,7 @@ from rockfall.analysis.precision.clusters import Clusters
 from rockfall.kernel_rules import count_limits
 from rockfall.result.variables import ENDS
 
-#: Class limits of individual risk [1/year]; a limit belongs to the class above; "none" is
-#: 0.
+#: Class limits of individual risk [1/year]; a limit belongs to the class above, 0 to "none".
 CLASS_ENDS = (1e-6, 1e-5, 1e-4)
 CLASSES = ("none", "below_1e-6", "1e-6_to_1e-5", "1e-5_to_1e-4", "above_1e-4")
 SUMMED = ("damage", "collective_risk")  # individual risk is not summed over objects
@@ -100,7 +99,8 @@ class RunRisk:
 
 
 class Points:
-    """Mask (intensities, objects) of objects with known counts above thresholds [J] only."""
+    """Objects for which only the counts (intensities, objects) above `thresholds` [J] are known;
+    yields the number and counts of each."""
 
     def __init__(self, numbers: np.ndarray, counts: np.ndarray, thresholds: np.ndarray) -> None:
         self.numbers, self.counts, self.thresholds = numbers, counts, thresholds

@@ -63,7 +63,7 @@ class Weighted(NamedTuple):
     """Hits of a run with an annual weight."""
 
     hits: Sequence[Hits]  # hits on each segment
-    weight: float  # annual weight of a boulder [1/year]
+    weight: float  # annual frequency that a boulder represents [1/year]
 
 
 def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:

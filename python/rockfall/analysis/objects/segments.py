@@ -34,7 +34,7 @@ KEY = "--segments-layer"
 FRAME = "segments"  # layer name for a GeoDataFrame
 TOUCHING = 1e-3  # maximum gap [m] between consecutive lines of the same road
 SLIVER = 1e-6  # rounding area between strips, relative to their squared width
-UNEQUAL = 2.0  # ratio of segment lengths; above it, classes are not comparable
+UNEQUAL = 2.0  # ratio of segment lengths above which their classes are not comparable
 MIN_LENGTH = 1.0  # minimum segment length [m]
 MAX_SEGMENTS = 20_000  # a boulder is tested against segments near each flight
 
@@ -94,7 +94,7 @@ def segment_names(roads: Sequence[str], starts: np.ndarray, ends: np.ndarray) ->
 
 
 def check_roads(given: AtRisk) -> None:
-    """Refuse segment lengths below 1 m, and options without a layer."""
+    """Raise a RockfallError for segment lengths below 1 m, and for options without a layer."""
     length = given.segment_length
     if given.segments is None and (given.segments_layer is not None or length is not None):
         name = KEY if length is None else "--segment-length"
@@ -104,7 +104,7 @@ def check_roads(given: AtRisk) -> None:
 
 
 def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
-    """Segments of the roads in a layer; an empty list without a layer."""
+    """Segments of the roads in a layer; none without a layer."""
     roads, layer = given.segments, given.segments_layer
     if roads is None:
         return Segments()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Block survey: all deposited volumes, and volumes of a period (De Biagi et al. 2017)."""
+"""Block survey: volumes of all deposited blocks, and of blocks that fell in a known period (De
+Biagi et al. 2017)."""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ MAX_YEARS = 1e4
 CALENDAR = (1800.0, 2100.0)  # range of plausible calendar years
 LARGE = 150.0  # [m3] 6.6 m across; larger numbers may be litres
 LONG = 200.0  # [year] longer than any rockfall record
-UNLIKELY = 1e-3  # probability; below it a survey is implausible
+UNLIKELY = 1e-3  # probability below which a survey is implausible
 
 Volumes = str | Path | Sequence[float] | np.ndarray  # a table, or volumes [m3]
 
@@ -82,7 +83,7 @@ def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) ->
 
 
 def _period(years: float | None, fallen: _Blocks) -> float:
-    """Observation period after a check against the dates."""
+    """Observation period [year]; raises a RockfallError if it contradicts the dates."""
     if years is None:
         raise RockfallError(
             "years is missing: give the length of the complete record, which exceeds the time from "
@@ -104,7 +105,7 @@ def _period(years: float | None, fallen: _Blocks) -> float:
 
 
 def survey_remarks(survey: Survey) -> Iterator[str]:
-    """Remarks on probable unit errors in a survey, a line each."""
+    """Remarks on probable unit errors in a survey."""
     largest, years = float(survey.volumes.max()), survey.years
     if largest > LARGE:
         yield (f"the largest block has {largest:.3g} m3: are volumes in dm3 or kg, or axes in dm?")

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 TABLES = ("errors", "ks", "passing", "run_out", "at_rest", "stops", "contacts")
 STATISTICS = ("mean", "std", "max")
 DISAGREES = "compare.disagrees"
-LEVEL = 0.05  # p-value; below it two samples have different distributions
+LEVEL = 0.05  # p-value below which two samples differ significantly
 #: Minimum number of boulders for a verdict.
 MIN_OBSERVED = {"mean": MIN_FOR_MEAN, "std": MIN_FOR_STD}
 STOPPING = "stopping_distance"
@@ -85,7 +85,7 @@ class Comparison:
     at_rest: pd.DataFrame  # density of simulated boulders at blocks without a known release [m-2]
     stops: pd.DataFrame  # fraction of boulders that pass the cell of an observed stop
     contacts: pd.DataFrame  # reach probability at impacts, with speeds and heights
-    notes: tuple[str, ...]  # notes for readers of the tables
+    notes: tuple[str, ...]  # notes on the tables
 
     def table(self) -> pd.DataFrame:
         """All tables concatenated; the column `table` has their names."""
@@ -100,7 +100,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     """Compare a result with observations: files (docs/observed.md), or an `Observed`.
 
     Published numbers are used if they were observed, or simulated by the method (A or B) of the
-    result.
+    result. Raises RockfallError if nothing can be compared.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -141,7 +141,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
 
 
 def _nothing(seen: Observed, method: str) -> str:
-    """Reason why a result of this method has no comparable rows, and advice."""
+    """Message that no observation can be compared with a result of this method, with advice."""
     others = {*seen.summaries["method"], *seen.tests["method"]} - {"observed", method}
     if not others:
         return "nothing to compare: no row has a counterpart in the result: see docs/observed.md."
@@ -171,7 +171,7 @@ def site_observations(site: xr.Dataset | Scene) -> Observed | None:
 
 
 def check_lines(seen: Observed, names: list[str], where: str) -> None:
-    """Refuse observations at lines that are not in the case or result."""
+    """Raise a RockfallError for observations at lines that the case or result lacks."""
     for line, place in seen.lines.items():
         if line not in names:
             has = ", ".join(names) or "none"
@@ -179,8 +179,9 @@ def check_lines(seen: Observed, names: list[str], where: str) -> None:
 
 
 def disagreement(comparison: Comparison) -> Text:
-    """Number of compared values that differ by more than the sampling errors of both. If there are
-    more than expected by chance, also the value with the largest error, preferably a mean."""
+    """Sentence with the number of compared values that differ by more than the sampling errors. If
+    chance does not explain this number, it adds the value with the largest error, preferably a
+    mean."""
     tested, differing = 0, []
     tables = [name for name in TABLES if name != "passing" or not len(comparison.run_out)]
     for name in tables:  # stopping distances share a sample, so their fractions are dependent
@@ -207,7 +208,7 @@ def _by_chance(tested: int) -> int:
 
 
 def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
-    """Name of a compared value, from its sort key."""
+    """Sort key (means first, then the largest error) and name of a compared value."""
     keys = ("line", "quantity", "statistic") if "line" in row else ("source", "statistic")
     words = [f"{row[key]}" for key in keys if row.get(key)]
     error = row.get("error_percent", math.nan)
@@ -218,7 +219,7 @@ def _named(table: str, row: dict[str, Any]) -> tuple[bool, float, str]:
 
 
 def _differs(row: dict[str, Any]) -> bool | None:
-    """Verdict in a row; None if the row has none."""
+    """Return True if a row shows a significant difference; None if it was not tested."""
     if "p" in row:
         return None if np.isnan(row["p"]) else row["p"] < LEVEL
     if "verdict" in row:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-REACH = ("passages", "reach_probability")  # alternative maps of the reach
+REACH = ("passages", "reach_probability")  # maps that give the reach; one is enough
 VALUES = {  # observed quantity -> maps of its values in cells, the maximum last
     "speed": ("speed_mean", "speed_q50", "speed_q95", "speed_max_map"),
     "height": ("jump_height_mean", "jump_height_q50", "jump_height_q95", "jump_height_max_map"),

@@ -6,18 +6,18 @@ A run has N simulated boulders at rest, boulder j at x_j. The predictive density
     p(y) = (sum_j K_j(y - x_j) + a/A) / (N + a)
 
 with the weight a = 1 of one boulder that may be anywhere in the deposit area A: the smoothed mean
-of a Dirichlet process (Ferguson 1973). Where no boulder was simulated, the density is therefore
-not zero, but below the density of a single boulder, the lowest that the run resolves. A block is
+of a Dirichlet process (Ferguson 1973). Where no boulder was simulated, the density is therefore not
+zero, but below the density of a single boulder, the lowest that the run resolves. A block is
 *outside of all deposits* if the kernels give less than a/A.
 
 K_j is a normal kernel. Its width is half the distance from x_j to the k-th nearest boulder, at
 least a cell, so that it covers about k boulders for any spacing (Breiman et al. 1977). k maximises
 the likelihood of the simulated boulders of the case, each predicted from the others by the same
 formula (leave-one-out, Habbema et al. 1974). For other numbers of boulders k is proportional to
-N^(2/3), and the width to N^(-1/6) (Silverman 1986). If the volume of a block is known, boulders
-are weighted by a normal kernel in log volume with Silverman's width, so that the position is
-judged given the size. If the shape is known, only boulders of this shape count, provided that the
-run has several.
+N^(2/3), and the width to N^(-1/6) (Silverman 1986). If the volume of a block is known, boulders are
+weighted by a normal kernel in log volume with Silverman's width, so that positions are compared at
+equal size. If the shape is known, only boulders of this shape count, provided that the run has
+several.
 
 Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
 Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
@@ -52,14 +52,14 @@ MIN_FITTED = 20  # minimum boulders at rest for a density
 MIN_COMPARED = 2 * MIN_FITTED  # minimum boulders for a comparison; half of them give the density
 PIECE = 2_000_000  # distances computed at a time
 ROUNDING = 1e-9  # rounding error of squared distances
-LOW = 0.05  # quantile for equally many simulated boulders; blocks below it disagree
+LOW = 0.05  # quantile of simulated samples of equal size; blocks below it disagree
 ALL = ""  # name of an unknown source
 
 
 class Blocks(NamedTuple):
-    """Blocks mapped at rest, from a known source or without one: places (n, 2) [m]; volumes [m3],
-    NaN if unknown; mapped area (shapely), None for everywhere; block shapes, 0 if unknown, None if
-    no shapes are given."""
+    """Blocks mapped at rest, all from one source or all of unknown source: places (n, 2) [m];
+    volumes [m3], NaN if unknown; mapped area (shapely), None for everywhere; block shapes, 0 if
+    unknown, None if no shapes are given."""
 
     source: str
     place: np.ndarray
@@ -69,7 +69,8 @@ class Blocks(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: one)."""
+    """Simulated boulders at rest: places (n, 2) [m], volumes [m3], block shapes (None: all
+    equal)."""
 
     place: np.ndarray
     volume: np.ndarray
@@ -106,7 +107,7 @@ class Sums(NamedTuple):
 
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
-    """Blocks at rest without a known release, by source; blocks of unknown source come last. None
+    """Blocks at rest without a known release, by source; blocks of unknown source come last. Empty
     if all releases are known, from columns or because there is only one source.
 
     Raises a RockfallError for a source that the result lacks.
@@ -217,8 +218,8 @@ def _neighbours(kernel: Kernel, n: int) -> float:
 
 
 def kernel_widths(kernel: Kernel, rest: Rest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Kernel widths [m] of boulders, their widths without a nearer boulder, and the squared
-    distance [m2] within which another boulder is nearer: (boulders,)."""
+    """For each boulder: kernel width [m], kernel width if one of the nearest boulders that set it
+    is left out [m], and squared distance to the farthest of these [m2]."""
     from scipy.spatial import KDTree
 
     n = len(rest.place)
@@ -259,8 +260,8 @@ def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.n
 def log_densities_again(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Sums of log-densities (times,) over random boulders of a run, each given the others; their
-    number and volumes resemble those of the blocks."""
+    """Sums of log-densities (times,) over random samples of a run's boulders, each given the
+    others. A sample has as many boulders as there are blocks, with similar volumes and shapes."""
     if not len(rest.place):
         return np.full(times, np.log(kernel.floor) * len(blocks.place))
     chosen = _like(kernel, blocks, rest, times, random)
@@ -271,7 +272,7 @@ def log_densities_again(
 def _like(
     kernel: Kernel, blocks: Blocks, rest: Rest, times: int, random: np.random.Generator
 ) -> np.ndarray:
-    """Indices (times, blocks) of random boulders, of similar volume and shape as each block."""
+    """Indices (times, blocks) of random boulders, similar to each block in volume and shape."""
     n, uniform = len(rest.place), random.random((times, len(blocks.place)))
     if np.isinf(kernel.of_volume) and not kernel.by_shape:
         return (uniform * n).astype(int)
@@ -298,7 +299,7 @@ def _normal(squares: np.ndarray, widths: np.ndarray) -> np.ndarray:
 
 
 def like_weights(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> np.ndarray:
-    """Similarity (0 to 1) of boulders to blocks in volume and shape (blocks, boulders), or 1."""
+    """Similarity of boulders to blocks in volume and shape, 0 to 1: (blocks, boulders)."""
     if np.isinf(kernel.of_volume):
         alike = np.ones((len(blocks.place), len(rest.place)))
     else:
@@ -330,9 +331,9 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 
 class Agreement(NamedTuple):
-    """Comparison of a source's blocks at rest with a result: mean log-density at the blocks and at
-    equally many simulated boulders, the 5 % quantile of the latter, and the number of blocks
-    outside all deposits."""
+    """Comparison of a source's blocks at rest with a result: mean log-density at the blocks; its
+    mean and 5 % quantile for samples of as many simulated boulders; number of blocks outside all
+    deposits."""
 
     source: str
     blocks: int
@@ -344,7 +345,7 @@ class Agreement(NamedTuple):
 
 
 def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
-    """Agreement of blocks at rest without a known release with a result, by source; empty if too
+    """Agreement of a result with blocks at rest without a known release, by source; empty if too
     few boulders came to rest. Half of the boulders give the density. The other half are the
     reference, because like the blocks they do not contribute to it."""
     random, agreements = np.random.default_rng(0), []
@@ -366,7 +367,7 @@ def agreement(result: xr.Dataset, seen: Observed) -> list[Agreement]:
 
 
 def _densities(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> tuple[np.ndarray, Sums]:
-    """Log-densities of boulders at blocks, and the sums used for them."""
+    """Log-densities at blocks, and the kernel sums that give them."""
     sums = kernel_sums(kernel, blocks, rest)
     return log_density(kernel, sums.near, sums.boulders), sums
 

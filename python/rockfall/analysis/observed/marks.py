@@ -164,7 +164,8 @@ def passing_at(result: xr.Dataset, mark: Mark) -> Passing:
 
 
 def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
-    """Kernel for a mark from the boulders of a run, for heights up to `greatest` [m]."""
+    """Kernel for a mark, fitted to the boulders of a run. `greatest` is the maximum height observed
+    or simulated [m]."""
     width = silverman(passing.heights)
     if not np.isfinite(width):
         width = mark.height / 4 if passing.heights.size < 2 else 0.0
@@ -192,8 +193,8 @@ def log_density(
 
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
-    """Logarithm of the probability that at least one of `boulders` simulated blocks arrives at a
-    mark.
+    """Logarithm of the probability that at least one of `boulders` blocks arrives at a mark, if
+    `crossed` of as many simulated boulders do.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

@@ -44,7 +44,7 @@ PASSING = {"fraction": 1.0, "percent": 100.0, "share": 1.0}
 
 @dataclass(frozen=True)
 class Observed:
-    """Observations in SI units, where available."""
+    """Observations in SI units; None, NaN or empty where not given."""
 
     summaries: pd.DataFrame  # line, method, quantity, mean, std, max, n; NaN if not given
     samples: dict[tuple[str, str], np.ndarray]  # (line, quantity) -> values of boulders
@@ -153,7 +153,7 @@ def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Ob
 
 
 def _quantity(row: Row) -> tuple[str, float, tuple[float, float]]:
-    """Quantity, its SI unit, and the limits of its values."""
+    """Quantity, factor from its unit to SI units, and limits of its values."""
     quantity = row.choice("quantity", UNITS)
     limits = {"omega": (-inf, inf), "rotational_share": (0.0, 1.0)}.get(quantity, (0.0, inf))
     return quantity, UNITS[quantity][row.choice("unit", UNITS[quantity])], limits
@@ -219,7 +219,7 @@ def _contact(row: Row) -> dict:
 
 
 class _Kind(NamedTuple):
-    """A kind of file: required and optional columns, and the data from a row."""
+    """A kind of file: required and optional columns, and the function that reads a row."""
 
     name: str
     needed: tuple[str, ...]
@@ -232,7 +232,7 @@ class _Kind(NamedTuple):
         return (*self.needed, *self.optional)
 
 
-KINDS = (  # sorted: a header may contain all columns of a kind with fewer columns
+KINDS = (  # in this order, because a header may have all columns of a kind with fewer columns
     _Kind(
         "summaries", ("line", "quantity", "unit", "mean"), ("method", "std", "max", "n"), _summary
     ),
@@ -262,7 +262,7 @@ def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterat
 
 
 def _refuse_beyond(path: str, area: Any, grid: Grid) -> None:
-    """Refuse a mapped area outside the terrain."""
+    """Raise a RockfallError for a mapped area outside the terrain."""
     west, south, east, north = area.bounds
     if west > grid.east or east < grid.west or south > grid.north or north < grid.south:
         raise RockfallError(f"{path}: lies outside the terrain")
@@ -279,7 +279,7 @@ def _refuse_twice(records: list[dict], keys: tuple[str, ...]) -> None:
 
 
 def _refuse_rise(records: list[dict]) -> None:
-    """Refuse fractions that increase with distance."""
+    """Raise a RockfallError for fractions that increase with distance."""
     ordered = sorted(records, key=lambda record: record["distance"])
     for near, far in zip(ordered, ordered[1:], strict=False):
         if far["fraction"] > near["fraction"]:

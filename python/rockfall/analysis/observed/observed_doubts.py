@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SCAR = 20.0  # [m] highest marks on trees above the ground
 FAR = 3.0  # [terrain sizes] places farther away are probably in another country
 FEET, HUNDRED, THOUSAND = 1 / 0.3048, 100.0, 1000.0
-#: Factor between a number in another unit and the number in the expected unit.
+#: Ratio of a number in the wrong unit to the number in the expected unit.
 OTHER = {
     "speed": {"km/h": 3.6},
     "jump_height": {"ft": FEET, "cm": HUNDRED, "mm": THOUSAND},
@@ -39,7 +39,7 @@ USUAL_ERROR = 1.6
 
 
 def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
-    """Refuse observed places far from boulders or terrain if they fit with x and y swapped."""
+    """Raise a RockfallError for observed places that are far away but fit with x and y swapped."""
     if isinstance(site, Grid):
         low, high = np.array([site.west, site.south]), np.array([site.east, site.north])
     else:

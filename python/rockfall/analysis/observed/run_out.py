@@ -5,8 +5,8 @@ and the Kolmogorov-Smirnov test of a sample against a weighted sample.
 Intervals come from resampled boulders (Efron 1979), both observed and simulated, within each
 source. An interval requires the number of boulders in `rockfall.limits` for a mean or a standard
 deviation. The interval of the Wasserstein distance is mirrored (pivotal), because chance increases
-the distance between two samples. `by_chance` is its 95 % quantile for equally many boulders from
-the result itself: below it, the difference may be due to chance.
+the distance between two samples. `by_chance` is its 95 % quantile for samples of equal size from
+the result itself: a smaller distance may be due to chance.
 """
 
 from __future__ import annotations
@@ -201,8 +201,8 @@ def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
 
 
 class Starts(NamedTuple):
-    """Starts of boulders that observers can distinguish: by feature of the source layer, by cliff
-    (adjacent source cells), or by point."""
+    """Release groups that observers can distinguish: features of the source layer, cliffs (adjacent
+    source cells), or points."""
 
     group: np.ndarray  # group index of each boulder
     names: list[str]  # group names
@@ -211,7 +211,7 @@ class Starts(NamedTuple):
 
 
 def starts(result: xr.Dataset) -> Starts:
-    """Groups of the sources in a result, in order."""
+    """Release groups of a result."""
     import pandas as pd
 
     number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
@@ -230,7 +230,7 @@ def starts(result: xr.Dataset) -> Starts:
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Index of the patch of adjacent source cells that contains each source cell, in order."""
+    """Index of the patch of adjacent source cells that each source cell belongs to."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -249,8 +249,8 @@ def cell_of(result: xr.Dataset) -> float:
 
 
 def compared(result: xr.Dataset, seen: Observed) -> tuple[np.ndarray, str]:
-    """Mask of boulders in a result to compare with observed stopping places or distances, and its
-    description: boulders from the same starts, or all if starts are unknown."""
+    """Mask of the boulders to compare with observed stopping places or distances, and notes on the
+    choice. Only boulders from the observed starts are compared; all if starts are unknown."""
     total = result.sizes["boulder"]
     if seen.stops is None or seen.starts is None:
         return np.ones(total, bool), ""
@@ -392,7 +392,8 @@ def moments(values: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 
 def by_chance(seen: Sample, made: Sample, share: np.ndarray, random: np.random.Generator) -> float:
-    """95 % quantile of the Wasserstein distance between a result and n of its boulders."""
+    """95 % quantile of the Wasserstein distance between a result and samples of its boulders that
+    have the observed numbers from each source."""
     values, distances = made.values[:, 0], []
     places = {s: np.flatnonzero(made.source == s) for s in np.unique(seen.source)}
     distance = Distance(values, values)

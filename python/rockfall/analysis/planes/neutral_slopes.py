@@ -27,8 +27,8 @@ FIFTHS = {"smallest fifth": (0.0, 0.2), "middle": (0.2, 0.8), "largest fifth": (
 
 @dataclass(frozen=True)
 class Rocks:
-    """A kind of ground: its name, "" for all; R_m (1,), or for method A sizes (3,) [m]; and slope
-    tangents of some of its cells, evenly spaced."""
+    """Rocks on a kind of ground: name ("" for all ground), R_m (1,) or for method A sizes (3,) [m],
+    and slope tangents of evenly sampled cells."""
 
     name: str
     radii: np.ndarray
@@ -42,9 +42,9 @@ class Rocks:
 
 
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
-    """Zones with at least one cell, in table order. For raster sizes: the fifths of the cells with
-    the smallest, middle and largest rocks by R_m or Rg70, each with its median sizes. Absorbing
-    cells, and ground without the case's impact sets, are omitted."""
+    """Rocks of each zone with cells, in table order. For raster sizes: of the fifth of the cells
+    with the smallest rocks by R_m or Rg70, the middle, and the fifth with the largest, each with
+    its median sizes. Absorbing cells, and ground without the case's impact sets, are omitted."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)

@@ -55,7 +55,7 @@ def set_rebound(mean: np.ndarray, covariance: np.ndarray) -> Rebound:
 
 
 def mixed_rebound(rebounds: Sequence[Rebound], weights: np.ndarray) -> Rebound:
-    """Rebounds by rules that are drawn for each rebound with these probabilities."""
+    """Rebounds by one of several rules, drawn for each rebound with probability `weights`."""
 
     def rebound(v_in: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         v_out = np.empty_like(v_in)

@@ -31,10 +31,10 @@ class Clusters:
         return cls(sources(result), boulders_per_cluster(case_of(result), *starts))
 
     def at(self, boulders: np.ndarray, *values: np.ndarray) -> float:
-        """Number of boulders that count as one at a place where these boulders (indices) arrive
-        with these values (each of the shape of `boulders`). It is the largest design effect for
-        the fraction above any value, so that a single number is valid at all levels. It is 1 for
-        fixed sources, and `most` if too few boulders arrive to estimate it."""
+        """Number of boulders that count as one at a place where `boulders` (indices) arrive with
+        `values`, arrays of equal size. It is the largest design effect for the fraction above any
+        value, so that a single number is valid at all levels. It is 1 for fixed sources, and `most`
+        if too few boulders arrive to estimate it."""
         counts = np.bincount(self.source.number).astype(float)
         if self.most == 1 or boulders.size < MIN_FOR_MEAN or counts.size == 1:
             return float(self.most)

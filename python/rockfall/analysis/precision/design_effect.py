@@ -24,9 +24,9 @@ ROUNDING = 1e-9  # rounding error of sums
 
 
 def independent_boulders(n: np.ndarray, held: np.ndarray, heaviest: float = 1.0) -> float:
-    """Number of independent boulders for which a fraction has the same variance as for these
-    clusters: `held` are the chosen boulders, `n` all boulders, both (clusters,) by weight;
-    `heaviest` is the largest weight of a boulder.
+    """Number of independent boulders that give a fraction the same variance as clustered boulders.
+    `n` and `held` (clusters,) are the weights of all and of the chosen boulders, `heaviest` is the
+    largest weight of a boulder.
 
     The variance is taken between clusters (linearised; Cochran 1977). Only clusters with chosen
     boulders show how similar these are, so the quantile is Student's. Its degrees of freedom are

@@ -63,7 +63,7 @@ class Sources:
 
     @classmethod
     def alone(cls, boulders: int) -> Sources:
-        """This number of boulders from a single source."""
+        """Boulders that all come from a single source."""
         return cls.of(np.zeros(boulders, int))
 
     def __getitem__(self, which: np.ndarray | slice) -> Sources:
@@ -75,7 +75,7 @@ class Sources:
         return int(self.number.max(initial=-1)) + 1
 
     def sums(self, residual: np.ndarray) -> Sums:
-        """Sums of a variable over boulders, after subtraction of its mean."""
+        """Sums over boulders of a variable minus its mean (`residual`)."""
         size = self.released.size
         if size == 1:
             total, squares = (np.array([v.sum()]) for v in (residual, residual**2))
@@ -84,7 +84,7 @@ class Sources:
         return Sums(self._numbers, total, squares, self.released, self.sampled)
 
     def indicator(self, holds: np.ndarray) -> Sums:
-        """Sums of an indicator of chosen boulders (a mask or indices) minus its mean."""
+        """Sums for the indicator of the chosen boulders (a mask or indices), minus its mean."""
         size, n = self.released.size, self._numbers
         if size > 1:
             held = np.bincount(self._of[holds], minlength=size).astype(float)
@@ -95,7 +95,8 @@ class Sources:
         return Sums(n, held - n * fraction, squares, self.released, self.sampled)
 
     def effective_number(self, holds: np.ndarray) -> float:
-        """Effective number of boulders for the fraction where `holds`, (boulders,) of bool."""
+        """Effective number of independent boulders for the fraction of True in `holds`
+        (boulders,)."""
         return self.indicator(holds).effective_number(float(holds.mean()))
 
     @property
@@ -234,8 +235,9 @@ def hall(
 ) -> tuple[float, float]:
     """Limits of the interval of a mean of n values with this standard error, minus the mean:
     Student's t limits with Hall's cubic correction for skewness (Hall 1992). The upper limit
-    assumes a skewness of at least `skewed` coefficients of variation, above the lowest value. For
-    `signed` values the lower limit does the same, from the highest value."""
+    assumes a skewness of at least `skewed` times the coefficient of variation, with values measured
+    from the lowest. For `signed` values, so does the lower limit, with values measured from the
+    highest."""
     skewness = shape.skewness
     low = min(skewness, -skewed / shape.above) if signed else skewness
     high = max(skewness, skewed / shape.below)
@@ -292,7 +294,8 @@ def are_sampled(result: Held) -> bool:
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of chosen boulders, with the limits of its 95 % interval (Wilson 1927)."""
+    """Fraction of True in `holds` (boulders,), with the limits of its 95 % interval (Wilson
+    1927)."""
     if isinstance(source, Weighted):
         return source.fraction(holds)
     fraction = float(holds.mean())

@@ -27,7 +27,7 @@ from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
 FITTED, FITTED_POINTS = 3.0, 41  # fit window / interval, and number of points fitted
-#: Lower edges and widths of bins, in units. A bin of width 1 contains a single number.
+#: Lower edges and widths of bins, in stored units. A bin of width 1 contains a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
 
@@ -39,15 +39,15 @@ class Sample(ABC):
 
     @abstractmethod
     def mean(self) -> float:
-        """Mean; needs a value."""
+        """Mean; requires n > 0."""
 
     @abstractmethod
     def std(self) -> float:
-        """Standard deviation, with n - 1."""
+        """Standard deviation (n - 1); requires n > 1."""
 
     @abstractmethod
     def max(self) -> float:
-        """Maximum; needs a value."""
+        """Maximum; requires n > 0."""
 
     @abstractmethod
     def quantile(self, levels: Sequence[float]) -> np.ndarray:
@@ -108,7 +108,8 @@ class Sample(ABC):
 
 
 def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
-    """Quantiles of type 7 of ascending values, without the partition that `np.quantile` repeats."""
+    """Quantiles of type 7 of ascending values, faster than `np.quantile`, which partitions
+    again."""
     place = np.asarray(levels) * (ordered.size - 1)
     below = place.astype(int)
     part = place - below

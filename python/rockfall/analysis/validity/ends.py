@@ -65,9 +65,8 @@ def _radius(volumes: np.ndarray) -> np.ndarray:
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on released boulders that are not representative: they left the known terrain before
-    a line, reached the impact limit, or stayed at their source. Their effect is that fractions
-    and frequencies are too low. If no rows are kept, a remark notes that their number is
-    unknown."""
+    a line, reached the impact limit, or stayed at their source. They make fractions and frequencies
+    too low. If no rows are kept, a remark notes that their number is unknown."""
     if "status" not in values:
         return
     if not (status := np.asarray(values["status"])).size:
@@ -113,7 +112,7 @@ def _lost_at_lines(values: Variables, case: Case, is_moving: np.ndarray) -> Iter
 
 
 def _lines_of(values: Variables, case: Case) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Index and group of each line of a case that has values; these lines come first."""
+    """Index in the values, and case group, of each line that has values."""
     return zip(range(np.size(values["row_size"])), case.lines, strict=False)
 
 

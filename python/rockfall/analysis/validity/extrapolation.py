@@ -54,10 +54,8 @@ def fractions_outside(values: Variables) -> dict[str, float]:
 
 
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
-    """Extrapolations in a result, or in variables of boulders, given the impact sets of a case.
-
-    Counts may be totals or per boulder.
-    """
+    """Extrapolations in variables of a result or of boulders. Counts may be totals or per boulder.
+    `case_set` is the impact sets of the case."""
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():
         if fraction:
@@ -85,8 +83,8 @@ def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolat
 
 
 def _outside_ratios(values: Variables, case_set: str) -> tuple[str, dict[str, Any]]:
-    """Message and values for rebounds outside the size ratios of their impact sets or tables, if a
-    shipped table gives the ratios."""
+    """Message, with its values, on rebounds outside the size ratios of impact sets or tables; for a
+    shipped table, with the limits of its ratios."""
     followed = [ground for ground in rebounds_by_ground(values) if ground.rebounds]
     tables = [ground.name for ground in followed if ground.model == RATIO_TABLE]
     if not tables:

@@ -23,8 +23,9 @@ MAX_FINES = 0.01  # above this fraction of the volume, the remark is a warning
 
 
 def forest_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remark that the forest model is not validated, with the forest experiment by impact tables
-    if most rebounds used tables, else by the default impact set; none without trees."""
+    """Remark that the forest model is not validated, with the results of the forest experiment (by
+    impact tables if most rebounds used tables, else by the default impact set); none without
+    trees."""
     if case.has_forest:
         by_table = sum(ground.fraction for ground in table_grounds(values)) > 0.5
         by_table = by_table or case.impact["form"] == "table"

@@ -30,7 +30,7 @@ def model_remarks(values: Variables, case: Case) -> list[Remark]:
     named variables of a result or of boulders."""
     kept = kept_of(values)
     if "remarks" not in kept:
-        columns = getattr(values, "variables", values)  # faster than those of a Dataset by name
+        columns = getattr(values, "variables", values)  # faster than through the Dataset
         remarks = dict.fromkeys(_found(columns, case))
         kept["remarks"] = sorted(remarks, key=lambda remark: GRADES.index(remark.grade))
     return [*kept["remarks"]]

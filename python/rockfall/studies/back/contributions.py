@@ -21,7 +21,7 @@ from rockfall.studies.back.smoothing import smoothed
 
 LEVEL = 0.95
 SIGMAS = 1.96  # standard errors in half a 95 % interval
-FEWEST = 10.0  # minimum effective members, with one data set alone, for a verdict
+FEWEST = 10.0  # minimum effective members from a data set alone, for a verdict
 AGREES, CONFLICT, UNDECIDED = "agrees", "conflict", "undecided"
 
 
@@ -72,7 +72,7 @@ def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0
     """
-    # for weight 0, and for members without weights
+    # infinite log-likelihoods have weight 0
     finite = np.where(np.isfinite(values), values, 0.0)
     first, second = float(alone @ finite), float(weight @ finite)
     error = np.sqrt(((alone * (finite - first) - weight * (finite - second)) ** 2).sum())

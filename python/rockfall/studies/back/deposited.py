@@ -5,7 +5,7 @@ Each block has the predictive density of `rockfall.analysis.observed.deposits` a
 the underlying urn model, earlier blocks count like simulated boulders; as the order of the blocks
 is arbitrary, half of the other blocks count. With bins instead of kernels, the product over the
 blocks is then the Dirichlet-multinomial probability of `rockfall.studies.back.evidence` (midpoint
-rule). With few boulders the density is uncertain, and adjacent blocks act as a single surprise.
+rule). With few boulders the density is uncertain, and adjacent blocks are not independent evidence.
 """
 
 from __future__ import annotations

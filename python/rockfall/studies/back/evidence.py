@@ -115,7 +115,7 @@ class Counted:
             return
         part = runs / runs.sum(axis=1, keepdims=True)
         mean = part.mean(axis=0)
-        # relative to binomial
+        # variance relative to a binomial distribution
         times = size * part.var(axis=0, ddof=1).sum() / (mean * (1 - mean)).sum()
         self.worth = worth_of(times)
 
@@ -134,7 +134,7 @@ class Counted:
 
 
 class Passing(Counted):
-    """Observed fractions that travel at least these distances, and the number of boulders behind
+    """Observed fractions that travel at least each distance, and the number of boulders behind
     them; see `Counted`."""
 
     def __init__(self, name: str, distance: np.ndarray, fraction: np.ndarray, n: int, take: Take):
@@ -318,7 +318,7 @@ def _at_line(line: int, quantity: str) -> Take:
 
 
 def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
-    """Weight of each data set."""
+    """Weight of each data set: the inverse sum of its squared rank correlations with all sets."""
     from scipy.stats import spearmanr
 
     values = [item.take(result) if isinstance(item, Counted | Printed) else None for item in data]

@@ -45,7 +45,8 @@ def write_back(
 
 
 def check_back(folder: Path, inputs: Iterable[str | Path]) -> None:
-    """Refuse a folder with files that must not be overwritten, before the work starts."""
+    """Raise a RockfallError if an output in the folder must not be overwritten, before the work
+    starts."""
     check_folder(folder)
     check_outputs([folder / name for name in (TABLE, DRAWN, ALONE, ALL, DRAWING, CASE)], inputs)
 

@@ -13,7 +13,8 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Refuse places off the terrain [m], reporting the first; `where` gives their rows."""
+    """Raise a RockfallError for the first place x, y [m] off the terrain; `where` gives the file
+    and row of each place."""
     if not len(x):
         return
     grid = scene.grid

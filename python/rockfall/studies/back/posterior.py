@@ -20,10 +20,10 @@ from rockfall.studies.ensemble.uncertain_inputs import PAIR, PAIR_FACTORS
 LEVELS = (0.05, 0.5, 0.95)
 KS = 1.63  # critical Kolmogorov-Smirnov value times root n, at a level of 1 % because of smoothing
 EDGE = 0.5  # minimum posterior fraction beyond the prior's 5 or 95 % quantile for a warning
-NOISY = 1.0  # variance of the log-likelihood; above it, boulders help more than members
+NOISY = 1.0  # variance of the log-likelihood above which more boulders help more than more members
 DRAWS = 256  # rows in the file of draws
 ALONE = "by_data.csv"  # file of posteriors from each data set alone
-TRADED = 0.7  # correlation of strength and relief of a ground; above it, a warning is given
+TRADED = 0.7  # correlation of a ground's strength and relief above which a warning is given
 CONTRADICTED = 0.05  # minimum p-value of all data sets together
 
 
@@ -136,7 +136,7 @@ def _row(analysis: Back, parameter: Parameter) -> dict[str, Any]:
 
 
 def _informed(analysis: Back, moved: bool) -> str:
-    """Interpretation of a posterior from its distance to the prior."""
+    """Verdict on a parameter, from whether its posterior has moved away from the prior."""
     return "informed" if moved else "not informed" if analysis.is_enough else "undecided"
 
 

@@ -24,7 +24,7 @@ WIDEST = 0.9  # kernel width relative to the standard deviation of all points
 
 class Sampler:
     """Points at which the likelihood is required, and their weights. `levels` is the number of
-    values in a direction whose values have no order, else 0."""
+    unordered values in each direction, 0 if values are ordered."""
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), drawn from the prior

@@ -100,7 +100,8 @@ def back_analysis(
     Members are drawn and run until the effective number reaches `enough`, or the total reaches
     `members`. The prior is the distribution of the ensemble. Terrain errors, and rocks that no
     boulder reaches, are drawn for each member but are not parameters (docs/back_analysis.md).
-    Ctrl-C raises `Interrupted`; its `result` is the posterior from the completed rounds.
+    Invalid numbers and unusable observations raise a RockfallError. Ctrl-C raises
+    `Interrupted`; its `result` is the posterior from the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -128,7 +129,7 @@ def back_analysis(
 
 
 def _check_request(case: Case, members: int, enough: int) -> None:
-    """Refuse numbers of members that are too small, and cases whose members have no likelihood."""
+    """Raise a RockfallError for too few members, or a case whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:
@@ -159,7 +160,7 @@ class _Read:
 def _read(
     case: Case, observed: tuple[str | Path | Observed, ...], arrays: Mapping[str, Any]
 ) -> _Read:
-    """Case and observations, and a run of the unchanged case."""
+    """Read case and observations, and run the unchanged case."""
     read = read_scene(case, **arrays)
     warn_of(read)
     scene = lean(read, "a back-analysis", ["passages"])
@@ -312,7 +313,7 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Columns of uncertain strength and relief, in pairs for grounds with rebounds."""
+    """Columns of the uncertain strengths and reliefs of grounds on which boulders rebound."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [

@@ -10,8 +10,8 @@ import numpy as np
 
 
 def worth_of(times: float) -> float:
-    """Weight of a simulated boulder when run-to-run scatter exceeds the binomial scatter by this
-    factor: a member and the field each have such a deviation."""
+    """Weight of a simulated boulder when run-to-run scatter exceeds the binomial scatter by the
+    factor `times`, in the member and in the field."""
     return 1 / (2 * max(times, 1.0) - 1)
 
 

@@ -34,9 +34,9 @@ RESOLVED = 0.25  # maximum half-width of the 95 % interval of a resolved index
 
 
 def deviations(values: np.ndarray, name: str, row: dict[str, float], source: Sources) -> np.ndarray:
-    """Deviations of the boulders in a run. Their product with the deviations in another run of the
-    same boulders is the covariance of both errors; their product with themselves is the variance.
-    NaN if too few boulders crossed.
+    """Deviations (boulders,) that give the error of a result: their scalar product with the
+    deviations in another run of the same boulders is the covariance of the errors, their sum of
+    squares the variance. NaN if too few boulders crossed.
 
     `values` are the boulders' values at a line (NaN if they did not cross), `row` their
     `line_numbers`; `name` is fraction, mean, or a quantile such as q95.
@@ -155,5 +155,6 @@ def limits(value: float, error: float) -> tuple[float, float, float]:
 
 
 def runs_needed(error: np.ndarray, runs: int) -> int:
-    """Number of draws needed to resolve the least certain index, given these errors."""
+    """Number of draws needed to resolve the least certain index, from standard errors after `runs`
+    draws."""
     return int(np.ceil(runs * (Z * np.nanmax(error) / RESOLVED) ** 2))

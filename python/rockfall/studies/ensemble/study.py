@@ -70,14 +70,14 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
     For each line and result it has the value for the unchanged case, the mean over the runs, and
     two standard deviations: `monte_carlo_std`, due to the finite number of boulders in a run, and
-    `epistemic_std`, due to the uncertain inputs; more boulders reduce only the first.
-    `first_order` and `total` are the fractions of the epistemic variance that each input explains
-    (see docs/ensemble.md; their estimation is described in
-    `rockfall.studies.ensemble.sobol_indices`). Values are NaN if too few boulders pass in some run,
-    or if the epistemic variance is not significant. The Dataset also has the draws, the results of
-    all runs and, if the case requests passages or reach_probability, maps over the runs. `arrays`
-    are as in `rockfall.run`. Ctrl-C raises `Interrupted`; its `result` is the ensemble of the
-    completed draws, if there are enough.
+    `epistemic_std`, due to the uncertain inputs; more boulders reduce only the first. `first_order`
+    and `total` are the fractions of the epistemic variance that each input explains (see
+    docs/ensemble.md; their estimation is described in `rockfall.studies.ensemble.sobol_indices`).
+    Values are NaN if too few boulders pass in some run, or if the epistemic variance is not
+    significant. The Dataset also has the draws, the results of all runs and, if the case requests
+    passages or reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. An invalid
+    group &ensemble raises a RockfallError. Ctrl-C raises `Interrupted`; its `result` is the
+    ensemble of the completed draws, if there are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -312,7 +312,8 @@ def write_ensemble(data: xr.Dataset, path: Path) -> None:
 
 
 def check_place(path: Path, lines: int, inputs: Iterable[Path] = ()) -> None:
-    """Refuse an output that cannot be written, before the runs; `lines` is the number of lines."""
+    """Raise a RockfallError for an output that cannot be written, before the runs; `lines` is the
+    number of lines."""
     if path.suffix not in (".nc", ".csv"):
         raise RockfallError(f"{path}: must end in .nc (everything) or .csv (the table)")
     if path.suffix == ".csv" and not lines:

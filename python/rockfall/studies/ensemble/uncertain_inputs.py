@@ -43,7 +43,7 @@ TRIES = 1000  # maximum shifts tried before an error is raised
 
 
 class Operator(NamedTuple):
-    """A drawn set of rebound models."""
+    """Impact sets and grounds of a rebound model that can be drawn."""
 
     sets: SetFile | None  # replaces the case's impact sets
     grounds: dict[str, GroundRule]  # replacement grounds by original name
@@ -159,8 +159,8 @@ class Uncertain:
         return path if is_table else None
 
     def _check_factors(self) -> None:
-        """Refuse factors on values that a source layer does not give (the kernel checks cases
-        without a layer), and on rocks if no zone has any."""
+        """Raise a RockfallError for factors on values that a source layer does not give (the kernel
+        checks cases without a layer), or on rocks if no zone has any."""
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -180,7 +180,8 @@ class Uncertain:
                 )
 
     def _check_pairs(self) -> None:
-        """Refuse factors for grounds that have no strength and relief, or that `sets` replaces."""
+        """Raise a RockfallError for factors on grounds that have no strength and relief, or that
+        `sets` replaces."""
         given = [key for key in PAIR_FACTORS if self.given[key] > 1]
         given += ["draws"] * ("strength_1" in dict(*self.rows[:1]))
         for key in given[:1]:
