@@ -42,10 +42,10 @@ from rockfall.terrain.regular_points import MAX_CELLS, Nodes, regular_nodes, res
 from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_pits
 from rockfall.version import __version__
 
-DEEP = 30.0  # maximum depth of a cut [m]; ditches above dams are a few metres deep
-PIT = 3.0  # [m] survey errors are smaller; hollows and ditches are deeper
-BEYOND = 50.0  # [m] maximum --fill: the ground in larger holes is unknown
-BLURRED = 5.0  # [cells] maximum --smooth: survey noise needs two
+DEEP = 30.0  # depth of a cut [m] that triggers a remark; ditches above dams are a few metres deep
+PIT = 3.0  # depth of a filled pit [m] that triggers a remark: hollows and ditches are as deep
+BEYOND = 50.0  # --fill [m] that triggers a remark: the ground in larger holes is unknown
+BLURRED = 5.0  # --smooth [cells] that triggers a remark: survey noise needs two
 
 MAX_LEFT_OUT = 1_000_000  # approximate maximum points used for leave-one-out errors
 FAR = 3.0  # [point spacings] elevations farther from all points are unknown
@@ -88,15 +88,16 @@ def dem_of_points(
     classes: Sequence[int] | None = None,
     thin: float | None = None,
 ) -> tuple[Dem, Survey]:
-    """Make a DEM from points in a CSV file (columns x, y, z [m]) or in point clouds (LAS, LAZ,
-    XYZ; `classes`, `thin`: see `read_clouds`) by inverse-distance weighting with a power, from the
-    nearest points within `within` [m] (default: three point spacings).
+    """Make a DEM from points in a CSV file (columns x, y, z [m]) or in point clouds (LAS, LAZ, XYZ;
+    `classes`, `thin`: see `read_clouds`) by inverse-distance weighting (exponent `power`) of the
+    nearest `neighbours` within `within` [m] (default: three point spacings). Return the DEM and a
+    summary. Invalid points or arguments raise a RockfallError.
 
     The default `cell` [m] is 1, 2 or 5 times a power of ten, at most the mean spacing.
 
     Points on the nodes of a regular grid give this grid: the default `cell` is then their spacing,
-    and each node is a cell centre. Nodes without a point are nodata, unless `within` is given.
-    With another `cell`, elevations are interpolated bilinearly.
+    and each node is a cell centre. Nodes without a point are nodata, unless `within` is given. With
+    another `cell`, elevations are interpolated bilinearly.
     """
     path, system = paths[0], _crs(crs)
     if all(map(is_cloud, paths)):
@@ -178,7 +179,7 @@ def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
 
 
 def _check_places(path: str | Path, points: np.ndarray) -> None:
-    """Refuse points if most coincide in plan."""
+    """Raise a RockfallError if most points coincide in plan."""
     places = len(np.unique(points[:, 0] + 1j * points[:, 1]))
     if places < len(points) / 2 and len(np.unique(points[:, 2])) > places:
         raise RockfallError(
@@ -237,7 +238,7 @@ def write_dem(
 def check_place(
     path: str | Path, sources: Iterable[str | Path], steps: Iterable[tuple[str, Any]]
 ) -> None:
-    """Refuse an output path for a DEM before the work starts."""
+    """Raise a RockfallError for an invalid output path of a DEM, before the work starts."""
     if Path(path).suffix.lower() not in (".tif", ".tiff"):
         raise RockfallError(f"{path}: output name must end in .tif")
     layers = [given for _, given in steps if isinstance(given, Path)]

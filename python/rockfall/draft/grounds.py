@@ -70,7 +70,7 @@ def _of_word(word: str) -> str:
 
 
 def check_ground(name: str, where: str) -> None:
-    """Refuse a name that is not a shipped ground."""
+    """Raise a RockfallError for a name that is not a shipped ground."""
     shipped = {*shipped_rows().rows, *table_names(), *shipped_sets()}
     if name not in shipped:
         raise RockfallError(
@@ -135,7 +135,7 @@ class Grounds:
             yield f"{', '.join(zones)}: ground {ground} ({reason})"
 
     def check_used(self, layer: Layer | None) -> None:
-        """Refuse grounds given for zones that do not exist."""
+        """Raise a RockfallError for grounds given for zones that do not exist."""
         for zone in self.by_zone.keys() - self.used:
             text = f"--ground {zone}={self.by_zone[zone]}"
             if layer is None:

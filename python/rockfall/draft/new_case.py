@@ -117,9 +117,8 @@ def _take(new: New, layer: Layer) -> bool:
 
 
 def _check_steep(new: New, doubtful: list[Layer]) -> None:
-    """Refuse steep cells as sources if an unrecognised layer may contain sources; if its file also
-    has layers of other uses, only add a remark.
-    """
+    """Raise a RockfallError for steep cells as sources if an unrecognised layer may contain
+    sources; if its file also has layers of other uses, only add a remark."""
     for layer in doubtful:
         if layer.is_called(SOURCES):
             raise RockfallError(
@@ -152,7 +151,7 @@ def _of_user(text: str, new: New, place: Path, files: Iterable[Path]) -> str:
 
 
 def _check_known(new: New, scene: Scene) -> None:
-    """Refuse source points from which no boulder can start."""
+    """Raise a RockfallError for source points from which no boulder can start."""
     lost = np.flatnonzero(~scene.known_at(scene.x, scene.y))
     for k in lost[:1].tolist():
         raise RockfallError(

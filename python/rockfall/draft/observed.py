@@ -61,7 +61,7 @@ def observed_of(
 
 
 def check_angle(name: str, angle: float) -> None:
-    """Refuse an angle [degree] that is not allowed in a case."""
+    """Raise a RockfallError for an angle [degree] that is not allowed in a case."""
     key = next(key for key in key_table() if key.name == name)
     assert key.low is not None and key.high is not None
     if not (math.isfinite(angle) and key.low <= angle <= key.high):

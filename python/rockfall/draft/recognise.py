@@ -91,9 +91,8 @@ class Layer:
         return "" if value is None else str(value).strip()
 
     def has(self, key: str) -> bool:
-        """Return True if features have numbers for a key. A layer in which only some features have
-        numbers is refused, because its use is doubtful.
-        """
+        """Return True if features have numbers for a key. Raises a RockfallError if only some have,
+        because the use of the layer is then doubtful."""
         values = self.values(key)
         if all(value is None for value in values):
             return False
@@ -132,7 +131,7 @@ def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
 
 
 def kind_of(layer: Layer) -> tuple[str, str]:
-    """Use of a layer ("" if unknown), and a remark."""
+    """Use of a layer ("" if unknown), and the reason."""
     if layer.shape == "Polygon":
         return _polygons(layer)
     if layer.shape == "Line":

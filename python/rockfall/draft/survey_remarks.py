@@ -13,16 +13,15 @@ from rockfall.scene.ground import SPIKE
 from rockfall.scene.rules.terrain import GAP, USUAL, USUAL_GAP, is_too_steep
 
 HIGHER = 1.0  # [m] height difference at the same place; exceeds survey errors
-AROUND = 16  # neighbours below or above a spike; eight may all be across a cliff
+AROUND = 16  # neighbours compared with a spike; eight may all be across a cliff
 SAMPLES = 1000  # rows and columns sampled for slopes
-COARSE, FINE = 5.0, 10.0  # unreasonable numbers of cells per spacing, and of spacings per cell
+COARSE, FINE = 5.0, 10.0  # spacings per cell, and cells per spacing, that trigger a remark
 FINEST = 100.0  # cells per spacing above which the cell size is refused
 
 
 def check_cell(cell: float, extent: np.ndarray, spacing: float) -> None:
-    """Refuse cells [m] larger than the extent (2,) of the points, or far smaller than their
-    spacing.
-    """
+    """Raise a RockfallError for cells [m] larger than half the extent (2,) of the points, or far
+    smaller than their spacing."""
     if cell > extent.max() / 2:
         raise RockfallError(
             f"--cell {cell:g}: the points cover {extent[0]:,.4g} x {extent[1]:,.4g} m: must be at "

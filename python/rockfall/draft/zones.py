@@ -103,7 +103,7 @@ def _rest(
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]
-    except RockfallError as error:  # clean up: remove the copy
+    except RockfallError as error:  # the message gives the layer, not its copy
         raise RockfallError(str(error).replace(str(path), str(layer))) from error
     zones, cells = np.unique(numbers[numbers != NO_ID], return_counts=True)
     outside = int(np.count_nonzero(numbers == NO_ID))

@@ -402,7 +402,7 @@ def _source_table(data: xr.Dataset) -> SourceTable:
 
 
 def _sources(sources: SourceTable) -> Features:
-    """Start points of boulders, with the number of boulders and their maximum distance."""
+    """Start points of boulders, with the number of boulders and their maximum plan distance."""
     import shapely
 
     fields: dict[str, np.ndarray] = {
@@ -541,7 +541,8 @@ def _lockable(path: Path) -> Iterator[Path]:
 
 
 def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
-    """Check the number of features in each layer, because GDAL ignores a full disk on closing."""
+    """Raise an error for a layer that lacks features, because GDAL ignores a full disk on
+    closing."""
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:
         (state,) = database.execute("PRAGMA quick_check(1)").fetchone()

@@ -23,7 +23,8 @@ EASTINGS = ("x", "start_x", "stop_x", "line_vertex_x", "trajectory_x")
 
 
 class Geographic(NamedTuple):
-    """Transformation from plan coordinates to degrees, both system names, and warnings."""
+    """Transformation from plan coordinates to degrees, names of the CRS and of the vertical datum,
+    and warnings."""
 
     way: Transformation
     crs: str

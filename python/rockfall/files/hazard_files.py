@@ -49,7 +49,7 @@ GEOMETRY = {
     **dict.fromkeys(("POLYGON", "MULTIPOLYGON"), "polygon"),
 }
 DRAWINGS = ("kml", "dxf")  # formats of `export_hazard`
-MOST_PLACES = 20  # maximum places of each kind with a source layer
+MOST_PLACES = 20  # maximum lines, and maximum objects, in the layer of sources
 HAZARD = "hazard.nc"  # file name in the folder of a hazard
 NO_CELL = 255  # nodata value of yes-no rasters
 
@@ -179,7 +179,8 @@ def _put_maps(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 
 def hazard_layers(hazard: xr.Dataset) -> Iterator[tuple[str, tuple]]:
-    """Yield the non-empty layers: both kinds of zones, uncertain areas, and objects."""
+    """Yield the non-empty layers of a hazard: zones (generalised and by cell), uncertain areas,
+    objects, segments, sources and risks."""
     import shapely
 
     words, doubtful = np.array(CLASSES, dtype=object), uncertain_of(hazard)

@@ -17,7 +17,7 @@ from rockfall.io.rasters.arrays import grid_of
 from rockfall.io.tables import write_csv
 from rockfall.result.maps.classes import classes_of
 
-#: Maps: name of the file and of the column, unit, and whether other source cells are 0.
+#: Maps: name of the file and of the column, unit, and True if source cells without arrivals are 0.
 MAPS = (
     ("frequency", "year-1", True), ("share", "%", True),
     ("energy_mean_kJ", "kJ", False), ("energy_q95_kJ", "kJ", False),

@@ -16,7 +16,8 @@ RELIEF = "0.6"  # opacity; opaque steep ground would be black
 
 
 def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, str]) -> Path:
-    """Write the style of a number map, with a label and colour for each; others stay blank."""
+    """Write the style of a map of class numbers, with a label and colour for each class; other
+    numbers stay blank."""
     renderer = ElementTree.Element("rasterrenderer", type="paletted")
     palette = ElementTree.SubElement(renderer, "colorPalette")
     for value, colour in colours.items():

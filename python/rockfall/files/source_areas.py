@@ -23,7 +23,7 @@ class SourceTable(NamedTuple):
     places: np.ndarray  # positions (n, 2) [m]
     feature: np.ndarray  # number of each source's feature in the source layer, from 1
     boulders: np.ndarray  # number of boulders of each source
-    furthest: np.ndarray | None  # their maximum plan distance [m]; None if unknown
+    furthest: np.ndarray | None  # maximum plan distance of their boulders [m]; None if unknown
     names: tuple[str, ...]  # names of features; "" for a result without a layer
 
 

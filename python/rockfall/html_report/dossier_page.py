@@ -51,7 +51,7 @@ MAP = Room(180 / 25.4, 246 / 25.4)  # map on a page of its own, with the title b
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
 PLACES = (6, 4, 2)  # maximum places in a table of page 1, reduced until the signature fits
 FIRST, CLOSING = 70.0, 95.0  # minimum height of the maps below page 1 and below the last text [mm]
-TITLE = 22.0  # height of their titles [mm]
+TITLE = 22.0  # height of the title of a map [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # maximum sentences on page 1
 
 
@@ -106,15 +106,15 @@ def _fitted(page: str, content: dict[str, Any], dossier: Dossier, terrain: Terra
 
 
 def _room(left: float, lowest: float) -> Room | None:
-    """Room for a map with its title in the remaining height [mm] of a sheet, if the map is at least
-    `lowest` [mm] high."""
+    """Room for a map with its title in the remaining height [mm] of a sheet; None if the map would
+    be lower than `lowest` [mm]."""
     high = left - TITLE
     return Room(MAP.wide, high / 25.4) if high >= lowest else None
 
 
 def _cut(section: Section, most: int) -> Section:
-    """Section with its tables of places, whose first column has a title, cut to this number of
-    rows, and a note on omissions."""
+    """Section with its tables of places cut to `most` rows, and a note on omissions. Only tables of
+    places have a title in the first column."""
     is_of_places = section.name in ("variants", "places")
     if not is_of_places or all(len(table.rows) <= most for table in section.tables):
         return section

@@ -54,7 +54,7 @@ LINE = {
 }  # [mm]
 ROW = 4.3  # height of a table row [mm]
 BETWEEN, MORE, BOX = 1.2, 4.5, 9.0  # paragraph gap, note on omissions, warning frame [mm]
-NAME = 20  # letters in the first cell of a row
+NAME = 20  # letters per line in the first cell of a row
 #: Minimum height [mm] of a map with text next to it, and of a wide map, including about 40 mm for
 #: scale and legend.
 LOWEST = {True: 105.0, False: 85.0}
@@ -85,8 +85,8 @@ def front_of(
     texts: dict[str, Sequence[str]],
     tables: Sequence[Table],
 ) -> Front:
-    """Page 1 with these texts (title, question, warnings, answers, certainty) and tables, cut to
-    the length that fits in the language of the page."""
+    """Page 1 from texts (title, question, warnings, answers, certainty) and tables, cut to the
+    length that fits in the current language."""
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
     warnings, more_warnings = _fitted(texts["warnings"], "warning", WARNING_LINES)
@@ -170,7 +170,7 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """Map on page 1 and its title: zones, passages or stopping places; None if impossible."""
+    """Title and map of page 1: zones, passages or stopping places; none without all of these."""
     if hazard is not None:
         yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

@@ -150,13 +150,13 @@ def write_page(page: str, path: Path) -> None:
 
 
 def check_page(path: str | Path, inputs: Iterable[str | Path] = ()) -> None:
-    """Raise an error for a page that cannot be made or written, before the work starts."""
+    """Raise a RockfallError for a page that cannot be made or written, before the work starts."""
     check_page_needs(path)
     check_output(path, inputs)
 
 
 def check_page_needs(path: str | Path) -> None:
-    """Raise an error for a page that cannot be made, regardless of its path."""
+    """Raise a RockfallError for missing packages, or an unknown file extension of the page."""
     path = Path(path)
     need("a report needs", "report", "matplotlib", "PIL", "jinja2")
     if path.suffix.lower() not in (".html", ".htm", PDF):

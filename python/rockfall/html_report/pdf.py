@@ -25,7 +25,7 @@ BOTTOM = 16.0  # bottom margin of a sheet [mm], as in templates/page.css
 
 
 def check_pdf() -> None:
-    """Raise an error if libraries for PDF output are missing, before the work starts."""
+    """Raise a RockfallError if libraries for PDF output are missing, before the work starts."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # without fonts, WeasyPrint warns, then crashes

@@ -85,7 +85,7 @@ def _line(line: str, numbers: Numbers, is_barrier: bool) -> str:
 
 
 def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[str]:
-    """Sentences on the energy of a return period at the lines of a hazard."""
+    """Sentences on the energy reached once in `years` at the lines of a hazard."""
     if hazard is None or "line_energy_by_period" not in hazard:
         return
     period = hazard["event_period"].values.tolist().index(years)

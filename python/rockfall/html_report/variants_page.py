@@ -38,7 +38,7 @@ class Given(NamedTuple):
     title: str = ""  # page title; "": title of the first result
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
-        """Raise an error for inputs that cannot be compared."""
+        """Raise a RockfallError for a cost below 0, or of an unknown variant."""
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(
@@ -129,7 +129,7 @@ def _warnings(results: Mapping[str, xr.Dataset]) -> Iterator[str]:
 
 
 def _on_page(of_line: pd.DataFrame, on_paper: bool) -> Iterator[pd.DataFrame]:
-    """Numbers at a line; on paper, in parts of the page width, each with the first variant."""
+    """Rows of a line; on paper, in parts that fit on the page, each with the first variant."""
     first, *others = of_line["variant"].unique()
     step = BESIDE_FIRST if on_paper else max(1, len(others))
     for k in range(0, max(1, len(others)), step):

@@ -27,7 +27,7 @@ FORMATS = {"xlsx": "openpyxl", "docx": "docx"}  # extensions, and packages that 
 
 
 def check_tables(formats: Iterable[str], language: str) -> None:
-    """Refuse unknown formats and languages, and formats whose package is missing."""
+    """Raise a RockfallError for unknown formats and languages, and for missing packages."""
     for form in formats:
         if form not in FORMATS:
             raise RockfallError(f"--tables {form}: must be {' or '.join(FORMATS)}")

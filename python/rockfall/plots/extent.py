@@ -24,7 +24,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
     x, y = (
         [result[f"{end}_{axis}"].values for end in ("start", "stop") if f"{end}_{axis}" in result]
         for axis in "xy"
-    )  # variables that a hazard lacks
+    )  # a hazard lacks these variables
     if "trajectory_x" in result:
         x, y = [*x, result["trajectory_x"].values], [*y, result["trajectory_y"].values]
     maps = [str(name) for name in result.data_vars if result[name].dims == ("y", "x")]
@@ -42,7 +42,7 @@ def reached(result: xr.Dataset, terrain: Terrain | None = None, *places: Any) ->
 
 
 def around(x: np.ndarray, y: np.ndarray, cell: float, terrain: Terrain | None = None) -> Extent:
-    """Map extent of these places, with margin and minimum side ratio, within the terrain if
+    """Map extent of places x, y [m], with margin and minimum side ratio, within the terrain if
     given."""
     longest = max(np.ptp(x), np.ptp(y))
     margin = 0.06 * longest + 3 * cell

@@ -117,7 +117,7 @@ def is_fraction(name: str) -> bool:
 
 
 def map_note(result: xr.Dataset, name: str) -> str:
-    """Note on cells with values that are blank, and on the boulders behind the map."""
+    """Note on the values that are left blank, and on the boulders behind the map."""
     attrs = result[name].attrs
     notes = map_comment(name, attrs)
     if "min_passages" in attrs:

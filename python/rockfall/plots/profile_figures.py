@@ -49,7 +49,7 @@ def profile_figure(result: xr.Dataset, terrain: Terrain | None = None) -> Figure
 
 
 def true_scale(drop: float, furthest: float, tallest: float = TALLEST) -> tuple[float, float]:
-    """Height [inch], at most `tallest`, of a profile at true scale with this fall and distance
+    """Height [inch], at most `tallest`, of a profile at true scale with the given fall and distance
     [m], and the distance [m] at the end of its axis."""
     drop, furthest = 1.1 * drop, 1.03 * furthest or 1.0
     high = float(np.clip(PANEL * drop / furthest, 1.2, tallest))

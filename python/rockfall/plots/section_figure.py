@@ -136,7 +136,7 @@ def _draw_band(
 
 
 def _with_limits(table: pd.DataFrame, name: str, factor: float) -> list[np.ndarray]:
-    """Column names of a quantity and its interval limits."""
+    """Values of a quantity and its interval limits, multiplied by `factor`."""
     return [factor * table[column].to_numpy(float) for column in with_limits(name)]
 
 
@@ -158,7 +158,7 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
 
 
 def _draw_key(figure: Figure, panels: np.ndarray) -> None:
-    """Draw a common key for all panels."""
+    """Draw a common legend for all panels."""
     from matplotlib.container import ErrorbarContainer
 
     shown: dict[str, Any] = {}

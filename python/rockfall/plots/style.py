@@ -97,7 +97,7 @@ def _localise_ticks(figure: Figure, language: str) -> None:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Empty figure of this size [inch] with separated panels, not registered with pyplot."""
+    """Empty figure [inch] with space between panels, not registered with pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -134,7 +134,7 @@ def _keep_ticks(figure: Figure) -> None:
     """Cache ticks by view and available space, and the boxes of their labels by position, because
     Matplotlib computes them repeatedly."""
     for axis in [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]:
-        # private attributes, without which figures take longer
+        # private attributes; figures only take longer without them
         for name, key in (
             ("get_tick_space", _size), ("_update_ticks", _room), ("_get_ticklabel_bboxes", _place)
         ):  # fmt: skip

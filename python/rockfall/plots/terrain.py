@@ -62,7 +62,7 @@ def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
 
 
 def _found(result: xr.Dataset, places: list[Path]) -> Path:
-    """First of these files that is the run's DEM."""
+    """First path that is the run's DEM; raises a RockfallError if there is none."""
     there = [path for path in places if Path(raster_file(str(path))).exists()]
     for path in there[:-1]:
         with contextlib.suppress(RockfallError):
@@ -77,7 +77,8 @@ def _found(result: xr.Dataset, places: list[Path]) -> Path:
 
 
 def _check_same(result: xr.Dataset, path: Path) -> None:
-    """Refuse a DEM whose bytes differ from the run's DEM; arrays cannot be checked."""
+    """Raise a RockfallError for a DEM whose bytes differ from the run's; arrays cannot be
+    checked."""
     checksum = file_checksum(path)
     expected = json.loads(result.attrs["input_checksums"])["dem"]
     from_array = case_of(result).terrain["dem"] == FROM_ARRAY
@@ -112,7 +113,7 @@ def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _check_place(result: xr.Dataset, path: Path, grid: Grid) -> None:
-    """Refuse a DEM whose cells do not match the result's grid and map origin."""
+    """Raise a RockfallError for a DEM whose cells do not match the result's grid and map origin."""
     west, north, cell = corner_of(result["crs"].attrs)
     column, row = round((west - grid.west) / grid.cell), round((grid.north - north) / grid.cell)
     part = grid.part(Box(row, column, grid.ny, grid.nx))

@@ -24,7 +24,8 @@ SAMPLES = 200  # points on a line at which elevation and distance are computed
 
 
 class Alignment(NamedTuple):
-    """Candidate line [m]: vertices, distance from the protected line, elevation, length."""
+    """Candidate line [m]: vertices, mean distance from the protected line (or shift), minimum
+    distance (`space`), elevation, length."""
 
     name: str
     x: list[float]
@@ -45,8 +46,8 @@ class Shift(NamedTuple):
 
 
 def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Alignment]]:
-    """Scene with copies of a line as evaluation lines, and the list of these lines, original
-    first. Copies entirely outside the terrain are omitted."""
+    """Scene with copies of a line as evaluation lines, and these lines, the original first. Copies
+    entirely outside the terrain are omitted."""
     number = _steps(shift)
     vertices = vertices_of(scene.case, line)
     step = _direction(scene, line, vertices, shift.direction) * shift.every
@@ -72,8 +73,8 @@ def shifted_scene(scene: Scene, line: str, shift: Shift) -> tuple[Scene, list[Al
 def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
-    """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and the list
-    of these lines; `scene` is the scene without them."""
+    """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and these
+    lines; `scene` is the scene without them."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())

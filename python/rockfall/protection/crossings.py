@@ -49,8 +49,8 @@ def crossings(result: xr.Dataset, line: int) -> Crossings:
 
 
 def passes(came: Crossings, height: float, capacity: float) -> np.ndarray:
-    """Mask of boulders that pass a barrier of this height [m] and capacity [J], over or through
-    it, at first contact. The rule is as in the kernel, without stop speed."""
+    """Mask of boulders that pass over or through a barrier of the given height [m] and capacity [J]
+    at first contact: the kernel's rule, without stop speed."""
     if not came.n:
         return np.zeros(0, bool)
     outcome = barrier_outcomes(height, capacity, came.passing_height, came.energy_total)

@@ -98,10 +98,11 @@ def design(
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
     `line` selects a single line or barrier for the sheet. `along` selects a line to be cut into
-    windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual`
-    is the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
+    windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
+    the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
     with the factors of the standard; without it, no requirements are computed. `costs` is a table
-    of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`.
+    of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`. Invalid
+    arguments raise a RockfallError.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -271,7 +272,8 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 def _verdict(
     asked: dict[str, Any], name: str, suffices: Callable[[float], bool]
 ) -> tuple[bool, bool]:
-    """Verdict on a requirement, and True if the whole interval agrees; unknowns are ignored."""
+    """Verdict on a requirement, and True if it is certain: the whole interval agrees, and its
+    decisive limit is known."""
     value, low, high = (asked[f"{name}{end}"] for end in ENDS)
     if suffices(value):
         return True, suffices(high)

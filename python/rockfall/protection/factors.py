@@ -34,7 +34,7 @@ NEEDED = {
 
 @dataclass(frozen=True)
 class Conditions:
-    """A designer's knowledge of the site; the defaults are conservative."""
+    """Conditions that select the factors of a standard; the defaults are conservative."""
 
     standard: str = "UNI"
     survey: str = "poor"  # survey of the topography: good, poor
@@ -79,7 +79,7 @@ class Factors:
         )
 
     def require(self, what: str) -> None:
-        """Raise an error if factors are missing."""
+        """Raise a RockfallError if factors are missing; `what` needs them."""
         if self.open:
             standard = self.conditions.standard
             raise RockfallError(f"{what} needs --factors TABLE.csv, with {standard}: {self.open}")

@@ -91,7 +91,7 @@ def yearly_design(
 
 
 def check_period(years: float) -> None:
-    """Refuse a return period for which the hazard has no levels."""
+    """Raise a RockfallError for a return period for which the hazard has no levels."""
     if years not in PERIODS:
         shown = ", ".join(f"{period:g}" for period in PERIODS)
         raise RockfallError(f"return_period = {years:g}: must be one of {shown}")

@@ -64,7 +64,8 @@ def vector_layer(path: Path, name: str, style: str, title: str, **options: bool)
 
 
 def _translated(style: ElementTree.Element) -> ElementTree.Element:
-    """Style with legend labels in the current language; classes are labelled with signs."""
+    """Style with legend labels in the current language; limits of classes are written with
+    signs."""
     for element in style.iter():
         if label := element.get(LABELLED):
             match = CLASS.fullmatch(label)

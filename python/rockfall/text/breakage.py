@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def breakage_lines(
     case: Case, volumes: np.ndarray, density: np.ndarray | float
 ) -> list[tuple[str, str]]:
-    """Lines on the impacts that break boulders of this median volume [m3] and density [kg/m3], and
-    on the fragments; empty if boulders do not break."""
+    """Lines (label and text) on the impacts that break boulders of the median volume [m3] and
+    density [kg/m3], and on the fragments; empty if boulders do not break."""
     at = case.breakage["at"]
     if at == "none":
         return []

@@ -166,7 +166,7 @@ def _boulders(scene: Scene) -> str:
 
 
 def weighing(scene: Scene) -> str:
-    """Text on how the sources are weighted by numbers of boulders."""
+    """Quantity in proportion to which the sources release boulders."""
     return "true surface area" if scene.frequency is None else "frequency"
 
 

@@ -67,7 +67,7 @@ def summary(result: Held) -> str:
 
 
 def _passages(result: Held) -> Table:
-    """Text lines on the boulders at the first lines, with mean speed and passing height."""
+    """Table of the boulders at the first lines, with mean speed and passing height."""
     samples, rows = LineSamples(result), []
     for k, name in enumerate(line_names(result)[:MOST_LINES]):
         numbers = {key: line_row(samples.sample(k, key), key) for key in AT_LINES}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The user's image, such as an orthophoto, instead of the relief."""
+"""Map background from the user's image, such as an orthophoto."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def read_picture(
     path: str | Path, crs: str, extent: Extent, dots: int = DOTS, *, stretched: bool = False
 ) -> Picture:
     """Read the part of an image within an extent, in a CRS (WKT), with `dots` pixels along the
-    longer side. If `stretched`, bands with more than 8 bits are scaled from their 2 % to their 98
-    % quantile; otherwise they are refused."""
+    longer side. If `stretched`, bands with more than 8 bits are scaled from their 2 % to their 98 %
+    quantile; otherwise they raise a RockfallError."""
     import rasterio
     from rasterio.io import DatasetReader
 

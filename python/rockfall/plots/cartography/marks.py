@@ -80,7 +80,8 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """Cells that contain sources; their sides are at least the source spacing and `finest` [m]."""
+    """Mask of the cells that contain sources, and its grid. Cell sides are at least the source
+    spacing and `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))

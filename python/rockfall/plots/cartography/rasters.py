@@ -13,7 +13,7 @@ from rockfall.plots.extent import Extent
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DOTS = 1500  # minimum cells along the longer side of a map; images have fewer dots
+DOTS = 1500  # maximum cells along the longer side of a map; images have fewer dots
 
 
 def cropped(
@@ -64,7 +64,7 @@ def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 def occupied(points: np.ndarray, cell: float) -> tuple[np.ndarray, Grid]:
-    """Mask of the cells of this size that contain points (n, 2), and the grid of the mask."""
+    """Mask of the cells of side `cell` [m] that contain points (n, 2), and the grid of the mask."""
     west, south = np.floor(points.min(axis=0) / cell) * cell
     column, row = np.floor((points - (west, south)) / cell).astype(int).T
     inside = np.zeros((row.max() + 1, column.max() + 1), bool)

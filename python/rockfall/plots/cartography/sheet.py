@@ -87,7 +87,7 @@ class Sheet:
         return self.scale / 72
 
     def box(self, left: float, bottom: float, wide: float, high: float) -> Any:
-        """Position converted from inches to Matplotlib's form."""
+        """Position in fractions of the figure, from inches."""
         w, h = self.figure.get_size_inches()
         return left / w, bottom / h, wide / w, high / h
 
@@ -100,8 +100,8 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """New sheet that fills the available space: a map at a round scale with its background drawn,
-    this legend, and this space above the map [inch]."""
+    """New sheet that fills `room`: a map at a round scale with its background, the legend `key`,
+    and free space `below` the map [inch]."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
@@ -128,7 +128,8 @@ def new_sheet(
 
 
 def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
-    """Width and height of the map frame [inch] next to this legend, below this space."""
+    """Width and height of the map frame [inch], with the legend `key` and the free space `below`
+    it."""
     bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room, key))
     return room.wide - LEFT - RIGHT, room.high - bottom - TOP
 

@@ -44,13 +44,12 @@ def close_map(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> Figure
 
 
 def is_whole(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> bool:
-    """Return True if the close map in this room shows all places that boulders reach."""
+    """Return True if the close map in `room` shows all places that boulders reach."""
     return _scale(extent_of(hazard, terrain), hazard, room) <= COARSEST
 
 
 def shows_places(hazard: xr.Dataset, terrain: Terrain | None, room: Room) -> bool:
-    """Return True if the close map in this room shows all objects, and lines where boulders
-    arrive."""
+    """Return True if the close map in `room` shows all objects, and lines where boulders arrive."""
     places = _scale(places_extent(hazard), hazard, room)
     return places <= COARSEST or is_whole(hazard, terrain, room)
 

@@ -99,7 +99,7 @@ def _place_on_paper(sheet: Sheet) -> None:
 
 
 def wrapped(text: str, wide: float, size: float, most: int = 0) -> list[str]:
-    """Lines of a paragraph wrapped to this width, at most `most`."""
+    """Lines of a paragraph wrapped to the width `wide` [inch], at most `most` unless 0."""
     letters = int(wide * 72 / (LETTER * size))
     how: dict[str, Any] = {"max_lines": most or None, "placeholder": " ..."}
     return textwrap.wrap(text, letters, break_on_hyphens=False, **how) or [""]
