@@ -4,5 +4,5 @@
 import sys
 from pathlib import Path
 
-# helpers shared by the tests, and the reference, for benchmarks too
+# benchmarks use helpers of the tests, and the reference
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("tests", "tests/reference")]

@@ -42,8 +42,8 @@ def extracted(commit: str, folder: Path) -> Path:
 
 
 def pythons_of(commits: list[str], others: list[str], folder: Path) -> list[str]:
-    """Programs that run Python with rockfall: others, the builds of commits, and the current
-    sources last, which are built too if a commit is (two minutes of CPU each)."""
+    """Python programs with rockfall: `others`, builds of `commits`, and last the current sources,
+    also built if there are commits (two minutes of CPU each)."""
     made = []
     for name in [*commits, "here"] if commits else []:
         path = build(extracted("" if name == "here" else name, folder / f"built_{name}"))

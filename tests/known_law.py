@@ -37,7 +37,7 @@ def lognormal(random, n):
 
 
 def theory(statistic: str, limit: float) -> tuple[float, float]:
-    """Value of a statistic, and the number of boulders for a half width `limit` of it."""
+    """Value of a statistic, and the number of boulders at which its half width is `limit`."""
     w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
     if statistic == "fraction":
         return SHARE, scale * (1 - SHARE)

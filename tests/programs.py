@@ -23,7 +23,7 @@ from scenes import rough, sets, sets_text, usual
 
 ROOT = Path(__file__).parents[1]
 BOULDERS = 50  # boulders from each of four sources
-MANY = 1500  # same for a run that will be stopped
+MANY = 1500  # boulders from each source in a run that will be stopped
 OWN = (
     "case",
     "case_file",

@@ -50,7 +50,7 @@ def bullets(items: Sequence[str]) -> str:
 
 
 def signed(*rows: Evidence) -> str:
-    """Errors of rows, without their standard errors."""
+    """Errors of rows with their signs, without standard errors."""
     return " and ".join(f"{round(row.error):+d}".replace("+0", "0") for row in rows) + " %"
 
 
@@ -66,7 +66,7 @@ def signed_with_error(row: Evidence, decimals: int) -> str:
 
 
 def vaujany(model: str, statistic: str) -> str:
-    """Errors over quantities and lines, with their signs."""
+    """Range of the errors over quantities and lines, with signs."""
     low, high = error_range(evidence("vaujany", quantity=f"*_{statistic}", model=model))
     return f"{low:+d} to {high:+d} %".replace("+0", "0")
 

@@ -28,7 +28,7 @@ def main(module: str, folder: str, *sources: str) -> int:
 
 
 def define_bytes(wrapper: Path) -> None:
-    """f2py calls the C type of int8 arrays signed_char, and may omit its definition."""
+    """Define signed_char, f2py's C type for int8 arrays, if the wrapper lacks it."""
     text, define = wrapper.read_text(), "typedef signed char signed_char;"
     if "signed_char" in text and define not in text:
         wrapper.write_text(f"{define}\n{text}")

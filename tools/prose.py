@@ -144,7 +144,7 @@ def wrong(path: Path) -> Iterator[str]:
 
 
 def idioms(place: str, text: str) -> Iterator[str]:
-    """Idioms in a line of prose, quoted code aside."""
+    """Yield the idioms in a line of prose, outside quoted code."""
     left = QUOTED.sub("`", text)
     for word, said in IDIOMS:
         if found := word.search(left):
@@ -152,7 +152,7 @@ def idioms(place: str, text: str) -> Iterator[str]:
 
 
 def wrong_in_catalogue(path: Path) -> Iterator[str]:
-    """Long messages, and messages of several thoughts, by their ids; idioms in English."""
+    """Yield faults of a catalogue: long messages, several thoughts in a message, English idioms."""
     key = ""
     for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith("msgid "):
@@ -165,7 +165,7 @@ def wrong_in_catalogue(path: Path) -> Iterator[str]:
 
 
 def long_message(place: str, text: str) -> Iterator[str]:
-    """More than 25 words, where a value counts as one, or several thoughts."""
+    """Yield a fault for more than 25 words (a value is one), and one for several thoughts."""
     plain = re.sub(r"(?<=\d)[\u202f\xa0 ](?=\d{3})", "", re.sub(r"\{[^{}]*\}", "N", text))
     words = [word for word in plain.split() if re.search(r"\w", word)]
     if len(words) > MOST:

@@ -94,7 +94,7 @@ def observe(
 
 
 def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.DataFrame:
-    """Row with posterior and truth for each parameter."""
+    """Rows with the posterior and the truth of each parameter."""
     how = {"dem": terrain(place), "transform": Grid(0.0, NY * CELL, CELL, NX, NY)}
     scene = read_scene(case_of(folder, told.observed, SEED), **how)
     seen, made = observe(Uncertain(scene), k, (SEED, PLACES.index(place), k), told.stretch)
@@ -110,8 +110,7 @@ def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.Data
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Print the calibration. Errors are between truths, because the parameters of a truth are
-    dependent."""
+    """Print the calibration. Standard errors are between truths, whose parameters are dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["worth"] = pd.cut(rows["effective"], [0, 20, 100, np.inf])
     rows["all"] = "all"

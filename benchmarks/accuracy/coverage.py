@@ -30,7 +30,7 @@ KINDS = {"one": (1, 5000), "alike": (50, 100), "unlike": (50, 100), "singles": (
 
 
 def places(kind: str, of: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Places for a number of sources."""
+    """Coordinates x, y [m] of `of` sources."""
     if kind in ("one", "alike"):
         return 360 + 0.1 * np.arange(of), np.full(of, 640.0)
     return random.uniform(150, 1050, of), random.uniform(ROAD + 60, 900, of)
@@ -78,7 +78,7 @@ class Held:
 
 
 def of_lines(kind: str, repetitions: int, terrain: dict) -> None:
-    """Intervals for groups and windows; repetitions use separate boulders of one long run."""
+    """Print the coverage for groups and windows; repetitions are separate parts of one long run."""
     of, each = KINDS[kind]
     x, y = places(kind, of, np.random.default_rng(1))
     case = case_of(x, y, each * repetitions, 1, output={"rebounds": False})
@@ -115,7 +115,7 @@ def _numbers(table: pd.DataFrame, keys: list[str]) -> pd.DataFrame:
 
 
 def of_maps(reading: str, of: int, each: int, repetitions: int, terrain: dict) -> None:
-    """Intervals for cells, from separate runs."""
+    """Print the coverage for cells, from separate runs."""
     names = ["reach_probability", "energy_q50", "energy_q95"]
     maps = ["passages", *(n + end for n in names for end in ("", "_low", "_high"))]
     groups = {"output": {"maps": maps, "map_extent": "terrain", "rebounds": False}}

@@ -94,7 +94,8 @@ def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
 
 
 def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:
-    """Number of cells whose class is certain, and how many of these are correct."""
+    """Fraction of cells in a zone whose class is reported as certain, and the fraction of these
+    that have the right class."""
     classes = hazard_classes(truth, matrix, truth[0] > 0)
     certain = (found.hazard_class_certain.values > 0) & (classes > 0)
     same = np.maximum(found.hazard_class.values, 1) == classes  # treat none and residual as equal

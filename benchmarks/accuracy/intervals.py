@@ -29,7 +29,7 @@ RULES = ("share@L<3%", "speed.mean@L<1%", "speed.std@L<3%", "speed.q50@L<1.5%", 
 
 
 def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Fraction of the intervals of `line_statistics` that contain the value of the long run."""
+    """Print how often intervals of `line_statistics` contain the value of the long run."""
     print(f"{'':30}" + "".join(f"{name:>7}" for name in SHOWN))
     source, all_sources = sources(parts[0]), sources(truth)
     for k, line in enumerate(line_names(truth)):
@@ -44,7 +44,7 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
 
 
 def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Fraction of return-level intervals that contain the value, over lines and quantities."""
+    """Print how often return-level intervals contain the value, over lines and quantities."""
     counts = {N: [0, 0, 0] for N in tails.LEVELS}  # intervals: right, existing, requested
     for k in range(truth.sizes["line"]):
         for quantity in tails.QUANTITIES:
@@ -67,7 +67,7 @@ def _known(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
 
 
 def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
-    """Numbers of boulders at which a rule stops runs of the known distribution."""
+    """Print at how many boulders a rule stops runs of the known distribution."""
     asked = read_rules(rule, ["L"])
     statistic = asked[0].statistic
     truth, need = theory(statistic, asked[0].limit)

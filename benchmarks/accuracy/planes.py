@@ -124,8 +124,9 @@ def neutral(sets: Sets, ratio: int) -> Number:
 
 
 def growth_flown(path: Path, ratio: int, slope: float) -> float:
-    """Mean logarithm of the growth of speed in a bounce, for boulders simulated down the fall line
-    of a plane ('to_aspect'). They are slow, because speed does not matter and planes end."""
+    """Mean logarithm of the growth of speed in a bounce, for boulders that run down the fall line
+    of a plane ('to_aspect'). They are slow, to stay on the plane; growth does not depend on speed.
+    """
     z, grid = plane(slope)
     case = rockfall.Case(
         case={"boulders": FLOWN, "seed": 7},
@@ -158,8 +159,8 @@ def neutral_flown(path: Path, ratio: int, law: float) -> float:
 
 class Measured(NamedTuple):
     """Results of a set, or of all tables: statistics at the line by (slope, column), where a column
-    is an R_b/R_m or a table. Neutral slopes of a set by column, from its distribution and from
-    simulated flights."""
+    is an R_b/R_m or a table; and for a set, neutral slopes by column, from its distribution and
+    from simulated flights."""
 
     name: str
     columns: list[str]

@@ -103,7 +103,7 @@ def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
         terrain={}, release={"drop_height": 1.0, "cells": "cells.tif"},
     )  # fmt: skip
     few = rockfall.run(case.replace(case={"boulders": 2}), **arrays)
-    down = np.sign(np.nanmean(fall))  # falls to the north, or south: rows go south
+    down = np.sign(np.nanmean(fall))  # 1: falls to the north, -1: to the south
     y = float(np.quantile(few["stop_y"], 0.8 if down > 0 else 0.2))
     row = int((grid.north - y) / grid.cell)
     known = np.flatnonzero(np.isfinite(z[row]))
@@ -112,7 +112,7 @@ def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
 
 
 def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
-    """Printed intervals compared with the scatter of statistics between seeds."""
+    """Print intervals next to the scatter of the statistics between seeds."""
     rules, rows = read_rules(",".join(RULES), ["road"]), {rule: [] for rule in RULES}
     for seed in range(1, seeds + 1):
         result = rockfall.run(case.replace(case={"seed": seed}), **arrays)
@@ -138,7 +138,8 @@ def scatter(case: rockfall.Case, arrays: dict, seeds: int) -> None:
 
 
 def promised(case: rockfall.Case, arrays: dict) -> None:
-    """Number of boulders over all sources required by each of the three for the same interval."""
+    """Print the numbers of boulders that `--until`, `rockfall convergence` and reports require for
+    the same interval."""
     few = arrays["cells"].copy()
     few.ravel()[np.flatnonzero(few)[np.arange(few.sum()) % 8 > 0]] = 0  # many per block
     arrays = arrays | {"cells": few}

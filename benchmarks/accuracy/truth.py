@@ -47,7 +47,7 @@ def vaujany(name: str, boulders: int) -> Scene:
 
 
 def real(path: Path, boulders: int, slope: float) -> Scene:
-    """Case with single boulders from as many steep cells as requested."""
+    """Case with one boulder from each of `boulders` steep cells."""
     z, grid = read_dem(path)
     rows, columns = np.nonzero(steep_cells(z, grid.cell, slope))
     if not rows.size:

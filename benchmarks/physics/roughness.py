@@ -38,7 +38,7 @@ LINE = "EL1"
 
 
 def on_pasture(law: Law, runs: list[Run], place: tuple) -> list[str]:
-    """Mean run-out and Wasserstein distance [m], means over seeds."""
+    """Mean run-out and Wasserstein distance [m], averaged over seeds."""
     found = [
         described(runs, [simulated(run, law, place, BOULDERS, seed) for run in runs])
         for seed in SEEDS

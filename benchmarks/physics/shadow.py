@@ -46,8 +46,8 @@ def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 def stops(
     talus: str, plain: str, slopes: Sequence[float], radius: float, boulders: int, folder: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles of the stopping places [degree], 90 above the foot of the talus, and a mask of the
-    places below it."""
+    """Shadow angles of the stopping places [degree], 90 if above the foot of the talus, and a mask
+    of the places below it."""
     z, zone = profile(slopes)
     rows, columns = len(z), int(WIDTH / CELL)
     groups = {

@@ -94,7 +94,7 @@ def observed(folder: Path, half: str) -> list[Run]:
 
 
 def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
-    """Stand-in for the terrain."""
+    """Elevations and grid of the site's stand-in terrain."""
     lines = (_data(folder) / "terrain.asc").read_text().splitlines()
     head = {name.lower(): float(value) for name, value in (line.split() for line in lines[:5])}
     first = 6 if lines[5].lower().startswith("nodata") else 5
@@ -148,7 +148,7 @@ def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
 
 
 def by_axes(folder: Path, ground: str, tables: Path) -> Law:
-    """Tables of a ground for the published size of each block."""
+    """Model with tables simulated for the published size of each block."""
     for row in read_table(_data(folder) / "block_metadata.csv")[2]:
         shape = SHAPE_OF_BLOCK[row.cells["block_id"]]
         axes = sorted((float(row.cells[f"size_{axis}_m"]) for axis in "xyz"), reverse=True)

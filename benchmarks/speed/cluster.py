@@ -34,7 +34,7 @@ def seconds(do, *arguments, **named) -> tuple[float, object]:
 
 
 def processes(scene) -> None:
-    """Wall times within an existing cluster."""
+    """Print wall times of runs on an existing cluster."""
     from distributed import Client, LocalCluster
 
     took = []
@@ -47,8 +47,8 @@ def processes(scene) -> None:
 
 
 def checkpoints(scene, folder: Path) -> None:
-    """Cost of a checkpoint every 5 s. The cost of rows is proportional to the boulders since the
-    last checkpoint, so the fraction hardly depends on the interval."""
+    """Print the cost of a checkpoint every 5 s. The cost of rows is proportional to the boulders
+    since the last checkpoint, so the fraction hardly depends on the interval."""
     plain, saved = [], []
     for _ in range(3):
         plain.append(seconds(run_scene, scene, threads=2)[0])
@@ -73,7 +73,8 @@ def merging(scene, parts: int, folder: Path) -> None:
 
 
 def doors(case: rockfall.Case, folder: Path) -> None:
-    """CPU seconds of both programs from start to written file, on one thread; minimum of three."""
+    """Print the CPU seconds of both programs from start to written file: one thread, minimum of
+    three."""
     prepare(case, folder / "prepared")
     files = {key: str(VAUJANY.parent / case.surface[key]) for key in ("zones", "table")}
     case = case.replace(terrain={"dem": str(VAUJANY.parent / "dem.tif")}, surface=files)

@@ -274,7 +274,7 @@ def builds(folder: Path) -> Iterator[tuple[str, Path]]:
 def costs(
     bare: rockfall.Case, z: np.ndarray, grid: Grid, program: Path | None, repeat: int, folder: Path
 ) -> None:
-    """Cost of each option alone."""
+    """Print the cost of each option alone."""
     print(f"{'':34}{'':>8}{'instruc-':>10}{'bytes of':>9}")
     print(f"{'alone':34}{'CPU ns':>8}{'tions':>10}{'terrain':>9}{'boulder':>9}{'map cell':>9}"
           f"{'reached':>9}")  # fmt: skip

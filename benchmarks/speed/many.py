@@ -66,7 +66,7 @@ def same(one: Path, other: Path) -> bool:
 
 
 def compare(folder: Path, kept: str, boulders: int, threads: int) -> None:
-    """Maximum relative differences of line statistics from those of a run with all rows."""
+    """Print the maximum relative differences of line statistics from a run with all rows."""
     for name in ("all", kept):
         run(folder, name, boulders, threads, f"{name}_few.nc")
     results = [rockfall.read_result(folder / f"{name}_few.nc") for name in ("all", kept)]

@@ -78,7 +78,7 @@ def make_files(folder: Path, side: int) -> None:
 
 
 def measure(folder: Path, what: str, side: int, program: str = "", **case: str) -> None:
-    """Row of the table: memory allowed and used by a run."""
+    """Print a row of the table: memory allowed for a run, and used by it."""
     asked = MAPS if case["maps"] == "all" else [case["maps"]]
     case["maps"] = ", ".join(f"'{name}'" for name in asked)
     (folder / "case.nml").write_text(CASE.format(**case))

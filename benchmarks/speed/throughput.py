@@ -81,7 +81,7 @@ def measure(scene: Scene, threads: int, repeat: int) -> Runs:
 
 
 def parts() -> None:
-    """Time of each part of a rebound, from a program in the build folder."""
+    """Print the time of each part of a rebound, from a program in the build folder."""
     build = ROOT / "build"
     if not (shutil.which("ninja") and (build / "build.ninja").exists()):
         print("\n(no build folder: the parts of a rebound are left out)")

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Planes of tables between their parts, on slopes where about half of the boulders pass:
+"""Accuracy of planes of tables between their parts, where about half of the boulders pass:
 
     python -m lab.benchmarks.between FOLDER [--tables 3]
 
 FOLDER stores contacts and results; missing ones are computed, in about 25 minutes on one core.
-Prints the fraction of boulders that passes 200 m of a plane, by tables simulated at places between
-the parts, and by the ground shipped by name, with that strength and relief
+Prints the fraction of boulders that pass 200 m of an even slope: by tables simulated at places
+between the parts, and by the ground shipped by name, with the strength and relief of the place
 (docs/archive/field_protocol.md, "Planes between their parts, judged" and "for the last time").
 """
 
@@ -38,11 +38,11 @@ from tools.ship_tables import RADIUS, contacts_of, part_case
 
 LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # distance down the plane [m], initial speed [m/s], number
 CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0  # [m]; cells, rows above the release; [m]
-ABOVE_RELIEF, STEP = 6.0, 1.5  # slopes: first, step [degree]
+ABOVE_RELIEF, STEP = 6.0, 1.5  # [degree]: first slope above the relief, and step
 NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
 REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
 LIKE = {"ploughed": "meadow", "hard": "compact"}  # shipped grounds of these models
-THROWS, PATCHES, NEXT = 400, 32, 100  # a table at a place; seed of the next
+THROWS, PATCHES, NEXT = 400, 32, 100  # throws and patches of a table; step of its seed
 FIRST = 95101, 96101  # seeds of the first table, by trial
 ALL = 10**9  # number of records
 AWAY = 1.0  # from the slope on which half of the boulders pass [degree]
@@ -97,8 +97,8 @@ Keys = dict[str, dict[str, Any]]  # case keys by group
 
 
 def passing(keys: Keys, slope: float, folder: Path, seed: int) -> float:
-    """Fraction of boulders with R_b = RADIUS that passes LINE on a plane [degree], by case keys in
-    a folder."""
+    """Fraction of boulders with R_b = RADIUS that pass LINE on an even slope [degree], by these
+    case keys; their files are in `folder`."""
     angle = np.radians(slope)
     rows = int((LINE * np.cos(angle) + BEYOND) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL
@@ -159,7 +159,7 @@ class Place:
         self.pressure = float(f"{self.strength * USUAL_WEIGHT * RADIUS:.6g}")
 
     def thrown(self, table: int) -> ImpactTable:
-        """Table simulated at the place, of all its contacts."""
+        """Table simulated at the place with seed number `table`; all contacts are records."""
         restitution = restitution_of(self.pressure, USUAL_DENSITY)
         ground = {"yield_pressure": self.pressure, "restitution": restitution}
         seed = FIRST[self.trial] + self.number + NEXT * table
@@ -179,7 +179,7 @@ class Place:
         return round(middle - AWAY, 1), round(middle + AWAY, 1)
 
     def passing(self, column: str) -> list[float]:
-        """Passing fractions on both slopes, by a column of the table of results."""
+        """Passing fractions on both slopes, for a column of the table of results."""
 
         def passes() -> list[float]:
             with tempfile.TemporaryDirectory() as name:

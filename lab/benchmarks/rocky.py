@@ -38,7 +38,7 @@ RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8  # [m]
 
 
 def wyllie(angle: np.ndarray) -> np.ndarray:
-    """R_n of field impacts at an angle to the ground [degree]."""
+    """Wyllie's R_n of field impacts at an angle to the ground [degree]."""
     return 19.5 * angle**-1.03
 
 

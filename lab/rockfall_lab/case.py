@@ -23,7 +23,7 @@ from rockfall_lab._lab import lab_f2py as _lab
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
 SWITCHES = "rigid_base", "by_mass", "clumps", "adaptive"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
-ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # newer than old tables
+ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # not in the first tables
 RANGED = "speed", "angle", "spin"  # random values of an impact: min, median, max
 ENDS = "min", "median", "max"
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # drawn for a throw
@@ -146,7 +146,8 @@ class LabCase:
         return int(self._at("throws", ratio))
 
     def relief_of(self, ratio: float) -> float:
-        """Standard deviation of the slope of facets along a line, for a ratio R_b/R_m [degree]."""
+        """Relief for a ratio R_b/R_m [degree]: standard deviation of the facets' slope along a
+        line."""
         return self._at("relief", ratio)
 
     def _at(self, key: str, ratio: float) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Use one thread, and take warnings for errors, as in the other tests."""
+"""Use one thread, and treat warnings as errors, as in the other tests."""
 
 import os
 

@@ -51,7 +51,7 @@ class World:
     sizes: np.ndarray  # (1, ny, nx) R_m, or (3, ny, nx) Rg70, Rg20, Rg10; Inf absorbs
     sources: list[tuple[float, float]]
     between: bool = False  # between ratios; False: the nearest
-    turning: str = "past_aspect"  # or to_aspect, or lab, which needs
+    turning: str = "past_aspect"  # or to_aspect, or lab (with `incidence` and `lateral`)
     incidence: np.ndarray | None = None  # (5, 8) limits between the classes of `lateral` [degree]
     lateral: np.ndarray | None = None  # (5, 9, 13) quantiles of the lateral deviation [degree]
     noise: np.ndarray | None = None  # (5, 3, 3) covariances of the noise of an impact
@@ -90,7 +90,7 @@ class Doubt:
         self.least = math.inf
 
     def above(self, value: Decimal, scale: Decimal) -> bool:
-        """Return whether a value is above zero."""
+        """Return True if a value is above zero; record its margin relative to `scale`."""
         if scale:
             self.least = min(self.least, float(abs(value) / scale))
         return value > 0

@@ -33,7 +33,7 @@ QUANTITIES = {
 }
 CASES = {"A": "case_A.nml", "B": "case.nml"}
 TURNS = 22.5, 45.0  # limits between classes of turns [degree]
-SHORT = 20.0, 40.0  # from the release along the slope to where boulders slid to a stop [m]
+SHORT = 20.0, 40.0  # range along the slope from the release in which boulders slid to a stop [m]
 TANGENTIAL = 0.75  # fraction of the incident energy
 MIN_PASSED = 20  # minimum number of boulders for a mean
 MIN_REBOUNDS = 20  # minimum number of rebounds for a mean, per incidence class and ratio

@@ -104,7 +104,7 @@ def _speed(row: Row, name: str) -> float:
 
 
 def _ground(rows: list[Row]) -> str:
-    """Single ground of all contacts."""
+    """Ground that all contacts share; different grounds are refused."""
     first = rows[0].text("ground")
     if not first.isprintable():
         rows[0].refuse("ground", "must be printable text")

@@ -95,7 +95,7 @@ def fire(work: Path) -> None:
 
 
 def fit(work: Path, path: Path) -> None:
-    """Means, covariances and their standard errors, over (setting, ratio, state)."""
+    """Write means, covariances and standard errors over (setting, ratio, state) to `path`."""
     rows = []
     for number in range(len(settings())):
         if not impacts_file(work, number).exists():

@@ -135,7 +135,7 @@ class Likelihood:
 
 
 def over_prior(u: np.ndarray) -> dict[str, float]:
-    """Statistics of a state, and with other readings of the paper."""
+    """Statistics of a chain state, with the default and other readings of the paper."""
     sets = sets_of(u)
     found = numbers(sets, u)
     radius, aspect = dict(found), dict(found)
@@ -156,7 +156,7 @@ def over_prior(u: np.ndarray) -> dict[str, float]:
 
 
 def prior(count: int, pool) -> None:
-    """Statistics over the first states of a Sobol sequence."""
+    """Write the statistics of the first states of a Sobol sequence to prior.csv."""
     u = qmc.Sobol(len(NAMES), rng=np.random.default_rng(5)).random(count)
     rows = pool.map(over_prior, u, chunksize=4)
     pd.DataFrame(rows).to_csv(HERE / "prior.csv", index=False, float_format="%.5g")
