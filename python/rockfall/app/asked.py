@@ -76,7 +76,7 @@ def hazard_of(case: Case, frames: Mapping[str, Any], offer: Offer | None, grid: 
 
 
 def hazard_message(hazard: xr.Dataset, language: str, **fields: Any) -> bytes:
-    """Message `hazard`: class map (thinned by maxima), tables, and sentences on the nets."""
+    """Message `hazard`: class map (maxima of blocks of cells), tables, sentences on nets."""
     values, grid = north_up(hazard["hazard_class"])
     step = int(max(values.shape) / MAX_CELLS) + 1
     with speaking(language):

@@ -36,8 +36,8 @@ BY_SOURCE = ("sources", "reach_probability_by_source")  # maps computed source b
 
 
 class View(NamedTuple):
-    """Displayed map, number of trajectories, section and object layer; with more than MAX_LINES
-    lines, also the lines in view."""
+    """View selected on the page: map, number of trajectories, section, object layer and others;
+    with more than MAX_LINES lines, also the lines in view."""
 
     map: str = ""
     trajectories: int = 100

@@ -47,8 +47,8 @@ class Progress:
         return (running and not self.over) or self.told_running != running
 
     def step(self, running: bool) -> bool:
-        """Advance the run and send results, finally also for hidden lines; return False at the
-        end."""
+        """Advance the run and send results, in the end also for lines out of view; return False
+        when done."""
         if not running:
             self._tell(running)
             return True

@@ -328,7 +328,7 @@ class Room:
 
 
 def about_shown(shown: Shown | None, language: str) -> dict[str, Any]:
-    """Part of the welcome that describes the opened file, in a language."""
+    """Part of the welcome message that describes the opened file."""
     if shown is None:
         return {
             "mode": "start", "title": "", "file": "", "folder": "", "revision": 0, "maps": [],

@@ -66,7 +66,7 @@ def group_files(case: Case, group: str) -> Iterator[Path]:
 
 
 def _named_grounds(case: Case) -> set[str]:
-    """Names of grounds in the case and its zone table; some are names of impact sets."""
+    """Names of grounds in the case and its zone table; some are impact sets."""
     names = {case.surface.get("ground", "")}
     with suppress(RockfallError):
         names |= {zone.ground for zone in case_zones(case).values()}

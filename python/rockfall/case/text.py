@@ -18,7 +18,7 @@ KEPT = 8  # number of texts whose values are cached
 
 
 class Values(NamedTuple):
-    """Typed values of a group."""
+    """Values of a group, in their types."""
 
     name: str
     given: dict[str, Any]

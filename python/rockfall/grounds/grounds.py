@@ -295,7 +295,8 @@ def shipped_rows() -> GroundTable:
 
 
 def table_names() -> list[str]:
-    """Names of shipped grounds with impact tables, for each block shape or for all shapes."""
+    """Names of shipped impact tables: grounds with a table for each block shape, and tables for all
+    shapes."""
     return sorted([*shipped_rows().yielding, *tables_of_all_shapes()])
 
 
@@ -339,9 +340,8 @@ def ensemble_names() -> list[str]:
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """File of impact sets or of an impact table, shipped or next to the case (None if not found);
-    and True if it is a table.
-    """
+    """Find a file of impact sets or of an impact table, shipped or next to the case (None if not
+    found). Return it, and True if it is a table."""
     if name in ensemble_names():
         return _draws(), True
     if name in shipped_rows().yielding:

@@ -113,7 +113,7 @@ class ImpactTable:
         )
 
     def columns(self, low: float, high: float) -> ImpactTable:
-        """The columns for sizes from `low` to `high` in a table with a single row."""
+        """Part of a table with a single row: the columns for sizes from `low` to `high`."""
         kept = _around(self.size, low, high)
         per_part = (len(self.first) - 1) // len(self.size)
         bins = slice(kept.start * per_part, kept.stop * per_part)

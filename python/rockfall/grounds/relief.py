@@ -58,9 +58,8 @@ def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarr
 
 
 def slope_between(spectrum: Spectrum, band: Spectrum) -> float:
-    """Slope [degree] of a surface in another band of wavelengths, extrapolated with its Hurst
-    exponent.
-    """
+    """Slope [degree] of a surface in another band of wavelengths, extrapolated by its Hurst
+    exponent."""
 
     def variance(waves: Spectrum) -> float:
         """Integral of wavenumber**(1 - 2 hurst) over a band."""

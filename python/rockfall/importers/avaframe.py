@@ -43,12 +43,15 @@ def import_avaframe(
     no_forest: bool = False,
     ask: Ask | None = None,
 ) -> dict[str, list[str]]:
-    """Write a case to the folder `out`, made from the inputs of an AvaFrame folder (or of its
-    `Inputs`): the DEM, the release areas in `REL` (several become variants), and the cells of
-    `INFRA` as polygons for `rockfall hazard --objects`. Return lines on inputs that were imported
-    unchanged, imported with changes, or ignored. `ground` is the ground of the slope, which
-    AvaFrame lacks; `crs` (such as EPSG:31287) applies to a DEM without a CRS. A raster in `RES`
-    has no stems: it is refused, or with `no_forest` ignored.
+    """Write a case to the folder `out`, from the inputs of an AvaFrame folder or of its `Inputs`.
+
+    Uses the DEM, the release areas in `REL` (a variant for each if there are several), and the
+    cells of `INFRA`, as polygons for `rockfall hazard --objects`. `ground` is the ground of the
+    slope, which AvaFrame lacks; `crs` (such as EPSG:31287) is the CRS of a DEM without one. A
+    raster in `RES` has no stems: it is refused, or with `no_forest` ignored.
+
+    Returns lines about the inputs by heading: "taken over", "imported with changes" and "not
+    imported". Raises a RockfallError for an input that cannot be used.
 
     >>> import rockfall
     >>> lines = rockfall.import_avaframe("avaHill", "boulders", ground="talus", crs="EPSG:31287")

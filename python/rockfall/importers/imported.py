@@ -101,7 +101,7 @@ def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
 
 
 def tree_rows(path: Path) -> tuple[list[str], bool]:
-    """Lines of a CSV table with header from a tree list (x, y, DBH separated by spaces, commas or
+    """Lines of a CSV table made from a tree list (x, y, DBH separated by spaces, commas or
     semicolons), and True if the list has further columns."""
     rows = ["x,y,dbh"]
     more = False

@@ -161,11 +161,14 @@ class Layer:
 def import_platrock(
     directory: str | Path, out: str | Path, *, crs: str | None = None
 ) -> dict[str, list[str]]:
-    """Write a case to the folder `out`, made from the layers of a three-dimensional PlatRock
-    simulation: a DEM (.asc, .tif), GeoJSON layers of rocks, soils, forest and checkpoints
-    (recognised by attributes), and trees (.xyd). Return lines on inputs that were imported
-    unchanged, imported with changes, or ignored. `crs` (such as EPSG:2154) applies to all layers,
-    because PlatRock ignores CRSs.
+    """Write a case to the folder `out`, from the layers of a three-dimensional PlatRock simulation.
+
+    Uses a DEM (.asc, .tif), GeoJSON layers of rocks, soils, forest and checkpoints (recognised by
+    attributes), and trees (.xyd). `crs` (such as EPSG:2154) is the CRS of all layers, because
+    PlatRock ignores CRSs.
+
+    Returns lines about the inputs by heading: "taken over", "imported with changes" and "not
+    imported". Raises a RockfallError for an input that cannot be used.
 
     >>> import rockfall
     >>> lines = rockfall.import_platrock("simulation", "imported", crs="EPSG:2154")
@@ -299,7 +302,8 @@ def _radius(volume: float) -> float:
 
 
 def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
-    """Surface group, and a ground table with a row for each soil and for terrain outside soils."""
+    """Group &surface; also writes a ground table with a row for each soil and for terrain outside
+    soils."""
     soils = [("outside", OUTSIDE)]
     entries = [
         Entry("ground_table", GROUNDS),

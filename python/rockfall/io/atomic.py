@@ -22,10 +22,10 @@ IN_USE = "cannot be replaced (is it open in another program?)."
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path with the same name; rename it to `path` if the block succeeds, and
-    remove it if the block fails. It is in a new folder next to `path` that only its owner can
-    access, so that other users of a shared folder cannot place a link there. If renaming fails (on
-    Windows, over an open file), the file is kept next to `path`."""
+    """Yield a temporary path with the same name. After the block, rename it to `path`; after an
+    error, remove it. It is in a new folder next to `path` that only its owner can access, so that
+    no other user can place a link there. A file that cannot be renamed (on Windows, over an open
+    file) is kept next to `path`."""
     path = Path(path)
     try:
         with _temporary(path.parent) as (place, stays):
@@ -85,9 +85,9 @@ def atomic_folder(
 
 @contextmanager
 def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
-    """Yield a new folder that only its owner can access, and a list of files that must stay in it;
-    if the list is empty, the folder is removed afterwards. First, remove folders left by killed
-    processes on this machine, unless they contain the only copy of a replaced file."""
+    """Yield a new folder that only its owner can access, and a list for files that must stay in it;
+    if the list is empty at the end, remove the folder. First remove folders of killed processes on
+    this machine, unless they contain the only copy of a replaced file."""
     machine = socket.gethostname().encode()  # other machines of a cluster may ignore locks
     for left in parent.glob(f"{TEMPORARY}*/{LOCK}"):
         with suppress(OSError), open(left, "r+b") as file:

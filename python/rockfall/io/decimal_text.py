@@ -72,7 +72,7 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
 
 
 def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integers and numbers of decimals that represent reals >= 0."""
+    """Shortest decimals of reals >= 0: integers, and the number of decimals of each."""
     exact = single.astype("f8")
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
     places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)

@@ -31,13 +31,14 @@ def start_of(path: str | Path) -> bytes:
 
 
 def reason(error: OSError, path: str | Path) -> str:
-    """Reason why a file cannot be read; for folders, Windows reports denied permission instead."""
+    """Reason why a file cannot be read. Folders are identified first, because Windows only reports
+    denied permission for them."""
     return "Is a directory" if os.path.isdir(path) else error.strerror or str(error)
 
 
 def relative_name(path: str | Path, folder: str | Path) -> str:
-    """Name of a file for a case in `folder`: relative, with `/` on every system, but absolute if
-    the file is on another Windows drive."""
+    """Name by which a case in `folder` refers to a file: relative, with `/` on every system, but
+    absolute if the file is on another Windows drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Advice on files given as a table that are not tables."""
+"""Advice on files that are given as tables but are not."""
 
 from pathlib import Path
 

@@ -29,7 +29,7 @@ class InputWarning(NamedTuple):
 
 
 def doubts_in(*stored: str) -> list[InputWarning]:
-    """Warnings in these attribute values, without duplicates and reprojections."""
+    """Warnings in these attribute values, without duplicates and without reprojections."""
     rows = dict.fromkeys(InputWarning.of(row) for text in stored for row in json.loads(text))
     return [row for row in rows if not row.is_reprojection]
 

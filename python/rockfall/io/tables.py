@@ -142,7 +142,7 @@ def check_needed(where: str, columns: list[str], needed: Iterable[str]) -> None:
 
 
 def _one_of(allowed: Iterable[str]) -> str:
-    """Rule for a choice."""
+    """Rule for a cell with allowed names: "must be one of a, b"."""
     names = [*allowed]
     return f"must be {'one of ' if len(names) > 1 else ''}{', '.join(names)}"
 

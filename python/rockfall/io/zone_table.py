@@ -107,8 +107,8 @@ def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) ->
 def zones_of_polygons(
     columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
-    """Zone id of each polygon (int32), zones by id, and True if the layer has these ids.
-    Attributes of polygons have the meaning of zone-table columns.
+    """Zone id of each polygon (int32), zones by id, and True if the ids are from the layer.
+    Polygon attributes mean the same as columns of a zone table.
 
     Polygons with equal attributes form a zone. Its id is the integer attribute `field` if this is
     unique for each zone, else its number in file order, from 1.

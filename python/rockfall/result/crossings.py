@@ -68,10 +68,11 @@ def rows_at(result: Known, line: int) -> slice:
 
 
 class AtLine:
-    """Crossings at the line with this index, of all or selected boulders; values are cached."""
+    """Crossings of all or selected boulders at a line; values are cached."""
 
     def __init__(self, result: Known, line: int) -> None:
-        """Crossings of a result, or of arrays by name; arrays have no case and thus no energies."""
+        """`result` may be arrays by name; without a case, these have no energies. `line` is an
+        index."""
         self._result: Any = result
         self._held: Any = getattr(result, "variables", result)  # faster than creating DataArrays
         self._line = line

@@ -52,31 +52,27 @@ class RunArrays:
         cls, case: Case, boulders: tuple[int, int, int], box: Box, grounds: int, features: bool,
         shapes: bool, *layout: np.ndarray,
     ) -> Self:  # fmt: skip
-        """Create an empty run that will hold a part, or joined parts. `boulders` are the numbers of
+        """Create an empty run for a part, or for joined parts. `boulders` are the numbers of
         boulders in the complete run, before the part, and in the part; `layout` is part_last and
-        group_part of samples.
-        """
+        group_part of samples."""
         extent = in_kernel(case), boulders, window(box), grounds, features, shapes
         return cls(_core.open_joined_run(*extent, *layout), "merge")
 
     def merge(self, part: RunArrays) -> None:
-        """Add a part."""
+        """Add the results of a part."""
         code, message = _core.merge_run(self.handle, part.handle)
         self.changed()
         check_kernel(code, message, "merge")
 
     def arrays(self, *groups: str) -> Iterator[Array]:
-        """Yield all arrays, or those of some groups, including arrays that the next chunk
-        replaces.
-        """
+        """Yield views of all arrays, or of some groups; the next chunk may replace the arrays."""
         if self._table is None:
             self._table = [*self._listed()]
         return self._views(row for row in self._table if not groups or row.group in groups)
 
     def part_arrays(self) -> Iterator[Array]:
-        """Yield all arrays of the part, as in files; the next part replaces arrays that are not
-        owned.
-        """
+        """Yield views of all arrays of the part, as in files; the next part replaces some of the
+        arrays."""
         return self._views([*self._listed(of_part=True)])
 
     def _views(self, rows: Iterable[_Row]) -> Iterator[Array]:

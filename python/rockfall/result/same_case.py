@@ -73,9 +73,8 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of the boulders: minimum and maximum x and y [m], (2, 2); without maps and rows, the
-    extent of all places.
-    """
+    """Extent of the boulders [m], (2, 2): minimum x and y, maximum x and y; unlimited without maps
+    and rows."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

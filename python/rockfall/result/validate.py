@@ -80,7 +80,7 @@ def _check_groups(data: xr.Dataset, path: str | Path) -> None:
 
 
 def known_variables() -> _Group:
-    """All known variables; unknown variables of a result are not checked."""
+    """All known variables with their dimensions; unknown variables of a result are not checked."""
     dims_of: _Group = {name: ("boulder",) for name in variables.BOULDER}
     dims_of |= {name: () for name in variables.COUNT}
     dims_of |= {name: variables.map_dims(name) for name in variables.MAP}

@@ -54,9 +54,11 @@ class _Import(Import):
 def import_rockyfor3d(
     directory: str | Path, out: str | Path, *, crs: str | None = None
 ) -> list[str]:
-    """Write a case for a Rockyfor3D folder to the folder `out`. Return a line for each input that
-    could not be imported. `crs` (such as EPSG:2056) is the CRS of the rasters, whose format cannot
-    store one; the case then has a DEM with a CRS.
+    """Write a case for a Rockyfor3D folder to the folder `out`.
+
+    `crs` (such as EPSG:2056) is the CRS of the rasters, whose format cannot store one; the case
+    then has a DEM with a CRS. Returns a line for each input that could not be imported. Raises a
+    RockfallError for an input that cannot be used.
 
     >>> import rockfall
     >>> left_out = rockfall.import_rockyfor3d("folder", "imported", crs="EPSG:2056")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nets as lines, from Rockyfor3D rasters with net numbers in cells."""
+"""Rockyfor3D nets, given as rasters of net numbers, converted to lines."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -18,8 +18,7 @@ DECIMALS = 3  # decimals of coordinates [m]
 
 
 class Net(NamedTuple):
-    """A barrier, and the number of its cells that are on branches or loops instead of on the
-    line."""
+    """A barrier, and the number of its cells that are off the line, on branches or loops."""
 
     keys: dict[str, Any]
     off: int

@@ -58,7 +58,7 @@ class Ground:
         self._take_sizes(band, inner)
 
     def with_sources(self, band: Rasters, box: Box, x: np.ndarray, y: np.ndarray) -> Ground:
-        """Statistics extended by the sources in a box, selected from all sources at x, y."""
+        """Copy with the sources in a box added, selected from all sources at x, y [m]."""
         row = ((band.grid.north - y) / band.grid.cell).astype(int).clip(0, band.grid.ny - 1)
         in_box = (row >= box.row) & (row < box.stop_row)
         if not in_box.any():

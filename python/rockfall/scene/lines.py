@@ -32,7 +32,7 @@ class _Drawn(NamedTuple):
 
 
 def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
-    """Case with coordinates read from its layers."""
+    """Case in which the lines, barriers and dams of layers have coordinates and attributes."""
     groups, case = _groups(), inputs.case
     if not any("file" in entry for group in groups for entry in getattr(case, group)):
         return case
@@ -54,7 +54,7 @@ def with_lines_of(case: Case, read: Case) -> Case:
 
 
 def _groups() -> list[str]:
-    """Groups of the case that a layer may give several times."""
+    """Case groups that a layer can give: lines, barriers and dams."""
     drawn = {key.group for key in file_keys() if key.name == "file"}
     return [group for group in REPEATABLE if group in drawn]
 
@@ -69,7 +69,7 @@ def _blame(case: Case, drawn: Mapping[str, list[_Drawn]]) -> None:
 
 
 def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
-    """Groups of one kind, with a group for each layer feature."""
+    """Yield a group for each layer feature, and the groups that are not from a layer."""
     for entry in getattr(inputs.case, group):
         if "file" in entry:
             yield from _features(inputs, group, entry)
@@ -78,7 +78,7 @@ def _drawn(inputs: Inputs, group: str) -> Iterator[_Drawn]:
 
 
 def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[_Drawn]:
-    """A group for each line in a layer; feature attributes give the missing keys."""
+    """Yield a group for each line in a layer; feature attributes give the missing keys."""
     path = inputs.case.path(given["file"])
     parts, columns = read_layer(path, given.get("layer"), inputs.grid, inputs.remarks)
     layer = given.get("layer")
@@ -108,7 +108,7 @@ def _features(inputs: Inputs, group: str, given: Mapping[str, Any]) -> Iterator[
 def _names(
     path: Path, given: Mapping[str, Any], columns: dict[str, np.ndarray], parts: list[int]
 ) -> Iterator[str]:
-    """A name for each part of each feature; duplicates get numbers."""
+    """Yield a name for each part of each feature; duplicates get numbers."""
     usual = given.get("name") or given.get("layer") or path.stem
     texts: list[str | None] = [None] * len(parts)
     column = attribute(columns, "name")
@@ -121,7 +121,7 @@ def _names(
 
 
 def numbered(names: Sequence[str]) -> Iterator[str]:
-    """Names, with numbers added to repeated names."""
+    """Yield the names, with numbers added to repeated names."""
     often, count = Counter(names), Counter[str]()
     for name in names:
         count[name] += 1

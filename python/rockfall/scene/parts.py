@@ -12,7 +12,7 @@ from rockfall.io.rasters.grid import Grid, row_blocks
 
 @dataclass
 class ExtremeCount:
-    """Minimum of a stream of numbers, its number of occurrences, and the next larger number."""
+    """Minimum of a stream of numbers, how often it occurs, and the next larger number."""
 
     value: float = np.inf
     count: int = 0

@@ -152,7 +152,8 @@ def _scene(
 
 
 def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
-    """Scene without rasters: all rows are read and checked once, and later again in windows."""
+    """Scene without rasters: all rows are read and checked once here, and again in windows by a
+    run."""
     inputs.case = read_lines(inputs)
     case, grid = inputs.case, inputs.grid
     by_source = {"sources", "reach_probability_by_source"} & set(case.output.get("maps", []))

@@ -150,7 +150,8 @@ def _plane_remarks(rule: GroundRule, shapes: Sequence[str]) -> Iterator[str]:
 
 
 def _differs(name: str, table: GroundTable, case: Case) -> bool:
-    """Return True if the case's impact table differs from the ground of its name."""
+    """Return True if the ground table has a ground with the name of the case's impact table but
+    other values."""
     return usual_ground(case).text != table.ground(name, case).text
 
 

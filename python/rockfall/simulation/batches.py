@@ -15,7 +15,7 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import tells_sources
 from rockfall.simulation.tally import Tally
 
-PIECE_SECONDS = 0.012  # duration between checks for a cancel (at most 0.05 s)
+PIECE_SECONDS = 0.012  # duration between checks; a cancel may take 0.05 s
 FIRST_PIECE = int(_core.constant("first_chunk"))  # small, because boulders may be slow
 LANES = int(_core.constant("lanes"))  # boulders per thread and call; with fewer, lanes stay empty
 RECOVERY = 1.5  # maximum growth of the rate after a slow piece

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map plan of a run: layers that a case needs in the kernel's stacks."""
+"""Plan of a run's maps: the layers that a case needs in the kernel's stacks."""
 
 from functools import lru_cache
 from typing import NamedTuple

@@ -112,9 +112,8 @@ def _all_cells(few: Tally, boulders: int) -> float:
 
 
 def _counted(sample: Scene, boulders: int) -> tuple[float, float]:
-    """CPU time per boulder [s] of a pilot that keeps no rows, and the number of blocks of bins that
-    the full run would fill.
-    """
+    """CPU time per boulder [s] of a pilot that keeps no rows, and the number of bin blocks that the
+    full run would fill."""
     counted = replace(sample, case=sample.case.replace(output={"kept": "none"}))
     few = start(counted, threads=1)
     before = sample.windows.reading if sample.windows else 0.0
@@ -156,10 +155,9 @@ def _densities(scene: Scene) -> np.ndarray | float:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, the
-    program; `made` is for outputs created after the rasters are freed, `file` for rows in the
-    result file.
-    """
+    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, program;
+    outputs that are created after the rasters are freed (`made`), and rows in the result file
+    (`file`)."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = (
@@ -200,9 +198,8 @@ def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
 
 
 def _sample_bytes(tally: Tally, pilot: Pilot) -> float:
-    """Memory [bytes] of bin counts, their positions, and the largest values at lines. The largest
-    values are in huge pages, so each line needs the same memory.
-    """
+    """Memory [bytes] of bin counts, of their positions, and of the largest values at lines. The
+    largest values take full huge pages, the same memory for each line."""
     tails = 4 * math.prod(tally.run.array("sample_largest").shape)
     places = math.prod(tally.run.array("sample_sums").shape[:3]) * SAMPLE_COARSE
     each = 4 * SAMPLE_BINS / SAMPLE_COARSE

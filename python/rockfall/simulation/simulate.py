@@ -43,7 +43,7 @@ FIRST_CHUNK = int(_core.constant("first_chunk"))  # small, because boulders may 
 CHUNK_CROSSINGS = int(_core.constant("chunk_crossings"))  # approximate maximum, all in memory
 STATUS = fields("count").index("status")  # row in the kernel's integer values
 STOP = [fields("boulder").index(name) for name in ("stop_x", "stop_y")]  # rows of real values
-LEFT_WINDOW = int(_core.constant("left_window"))  # status: to repeat in a larger window
+LEFT_WINDOW = int(_core.constant("left_window"))  # status of boulders to repeat in a larger window
 
 
 class Interrupted(KeyboardInterrupt):

@@ -37,7 +37,8 @@ class SpilledCrossings:
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:
-        """Move the crossings to the file if there are at least `least` (default: a full block)."""
+        """Move the crossings of a run to the file if there are at least `least` (default: a full
+        block)."""
         if run.array("crossing_line").size < (BLOCK if least is None else least):
             return
         run.sort_crossings()

@@ -192,9 +192,8 @@ class Tally:
         return {array.name: array.values for array in self.arrays("boulder", "count")}
 
     def settle(self, sign: int = 1) -> None:
-        """Reduce the cell counts of split sources to completed boulders, as stored in a part; with
-        sign -1, restore the counts of all boulders to continue the run.
-        """
+        """Reduce the cell counts of split sources to completed boulders, as a part stores them.
+        Sign -1 restores the counts of all boulders, to continue the run."""
         if tells_sources(self.scene.case):
             assert isinstance(self.scene, Scene)
             _core.settle_sources(self.run.handle, self.scene.kernel.handle, self.done, sign)

@@ -143,9 +143,9 @@ def line_variables(tally: Tally) -> dict[str, Any]:
 
 
 def numbered(dim: str, names: Sequence[str], long_name: str) -> dict[str, Any]:
-    """Coordinate of a named dimension: numbers from 0 as flags with words, and a variable with
-    names, because programs refuse or lose variables with a text coordinate.
-    """
+    """Coordinate of a named dimension, and a variable with its names. The coordinate has numbers
+    from 0 with the names as flag words, because programs refuse or lose variables with a text
+    coordinate."""
     numbers = np.arange(len(names), dtype="i4")
     flags = {
         "flag_values": numbers if numbers.size > 1 else np.int32(0),  # a scalar in netCDF
@@ -254,9 +254,8 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result or part that describe its run. Only parts, which rockfall-batch
-    writes too, have this form of `source`.
-    """
+    """Attributes of a result or part that describe its run. `source` has this form only in parts,
+    also those of rockfall-batch."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

@@ -34,9 +34,8 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
-    """Leave-one-out error (n) [m] at one in `every` points: elevation interpolated from the other
-    points minus measured elevation; NaN without another near point.
-    """
+    """Leave-one-out errors (n,) [m] at one in `every` points: elevation interpolated from the other
+    points minus measured elevation; NaN without another near point."""
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)

@@ -58,8 +58,8 @@ class Feature(NamedTuple):
 def check_features(
     layer: str, given: Any, form: Form, before: Sequence[Feature] = ()
 ) -> list[Feature]:
-    """Features of a layer as sent by the page: a complete list, or changes as `set` and `remove`.
-    Raise Refused for invalid features."""
+    """Features of a layer as sent by the page: a complete list, or changes with `set` and `remove`.
+    Raises Refused for invalid features."""
     remove: Any = []
     if isinstance(given, dict):
         remove, given = given.get("remove"), given.get("set")

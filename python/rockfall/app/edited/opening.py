@@ -206,8 +206,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of source polygons for each of their parts (`owner` is the polygon), with frequencies
-    divided in proportion to area."""
+    """Columns of source polygons, for each part of a polygon (`owner`). Frequencies are divided in
+    proportion to the area of parts."""
     import shapely
 
     frequency = attribute(columns, "frequency")
@@ -220,7 +220,7 @@ def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> di
 
 
 def _plain_volume(own: dict[str, Any]) -> dict[str, Any]:
-    """Attributes in which a numeric `volume` becomes the fixed volume of all boulders."""
+    """Attributes with a numeric `volume` replaced by a fixed volume distribution."""
     number = decimal(str(own["volume"])) if "volume" in own else np.nan
     return {**own, "volume": "fixed", "volume_mean": number} if np.isfinite(number) else own
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Places of errors and warnings in the document."""
+"""Positions of errors and warnings in the document."""
 
 import os
 import re

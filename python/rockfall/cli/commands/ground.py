@@ -68,7 +68,7 @@ def _scars(arguments: argparse.Namespace) -> Scars | None:
 
 
 def _table(ground: MeasuredGround) -> Table:
-    """Table of quantities with standard errors."""
+    """Table of the measured quantities with their standard errors."""
     rows = [("R_b [m]", f"{ground.radius:.3g}", "")]
     if not math.isnan(ground.strength):
         low, high = (ground.strength * math.exp(k * ground.strength_error) for k in (-1, 1))

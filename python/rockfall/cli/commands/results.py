@@ -202,7 +202,7 @@ def _path(arguments: argparse.Namespace) -> Path:
 
 
 def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Inputs that are drawn with a result."""
+    """Arguments of figures and reports: DEM, observations, basemap, class limits."""
     return {
         "dem": arguments.dem,
         "observed": arguments.observed or (),

@@ -135,7 +135,7 @@ def _run_to(
 
 
 def _agreement(result: Contents, seen: Observed) -> Text:
-    """Agreement of a run with its site, or the reason if the run cannot be compared."""
+    """Text on the agreement of a run with its site, or on why it cannot be compared."""
     try:
         return disagreement(compare(result.dataset(), seen))
     except RockfallError as error:

@@ -150,7 +150,7 @@ def transformation(crs: CRS, grid: Grid) -> Transformation:
 
 
 def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
-    """Transformation from a system to longitude and latitude (WGS 84) that is best in `bounds`."""
+    """Best transformation within `bounds`, given in `crs`, to longitude and latitude (WGS 84)."""
     import pyproj
 
     return _best_way(_pyproj(in_plan(crs)), pyproj.CRS.from_user_input("OGC:CRS84"), crs, bounds)
@@ -336,7 +336,7 @@ def in_plan(crs: CRS) -> CRS:
 
 
 def plan_wkt(crs: CRS | str) -> str:
-    """Well-known text of the horizontal part of a system (or of its well-known text)."""
+    """Well-known text of the horizontal part of a system, which may be well-known text itself."""
     from rasterio.crs import CRS
 
     return in_plan(CRS.from_user_input(crs)).to_wkt()
@@ -356,8 +356,8 @@ def _utm(grid: Grid) -> str | None:
 
 
 def length_scale(grid: Grid) -> float:
-    """Coordinate metres per metre on the ground at the centre of a raster: geometric mean of east
-    and north, or 1 if the CRS does not define it.
+    """Coordinate metres per metre on the ground at the centre of a raster: geometric mean of the
+    east and north scales; 1 without a projected CRS.
 
     `pyproj.Proj.get_factors` has an error of 0.2 % for the Mercator projection of web maps.
     """

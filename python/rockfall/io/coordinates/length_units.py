@@ -122,7 +122,8 @@ def stated_in_attributes(attributes: Mapping[str, Any]) -> list[Stated]:
 
 
 def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
-    """Two contradictory unit statements; international and US feet count as equal."""
+    """First two unit statements that contradict each other, or None. International and US feet
+    count as equal."""
     first, *others = [*stated, None]
     for other in others:
         if first and other and not math.isclose(first.unit.factor, other.unit.factor, rel_tol=1e-5):
@@ -131,7 +132,8 @@ def contradiction(stated: Iterable[Stated]) -> tuple[Stated, Stated] | None:
 
 
 def refuse_units(path: str | Path, stated: Iterable[Stated], command: Callable[[str], str]) -> None:
-    """Refuse point heights in units other than the metre; `command` converts them by a factor."""
+    """Refuse point heights in units other than the metre; `command` returns the conversion command
+    for a factor."""
     for unit, where in stated:
         if not unit.is_metre:
             is_known = math.isfinite(unit.factor)

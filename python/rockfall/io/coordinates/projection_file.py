@@ -39,7 +39,8 @@ def _text(file: Path) -> str:
 
 
 def projection_crs(path: str | Path) -> CRS | None:
-    """CRS in the projection file of a grid, if GDAL could not read it; None without a file."""
+    """CRS in the projection file of a grid, for grids whose CRS GDAL could not read; None without a
+    file."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

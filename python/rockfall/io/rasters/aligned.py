@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters of a case on the cells of its terrain."""
+"""Reading of a case's rasters, which must have the cells of its terrain."""
 
 from collections.abc import Iterator
 from pathlib import Path

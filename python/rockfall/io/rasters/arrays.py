@@ -90,7 +90,7 @@ def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
-    """Grid of a DataArray with dims (y, x); True if its first row is the southernmost.
+    """Grid of a DataArray with dims (y, x), and True if its first row is the southernmost.
 
     A GeoTransform stored with the CRS gives exact edges if it agrees with the coordinates.
     """
@@ -111,7 +111,7 @@ def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
 
 
 def north_up(data: xr.DataArray, values: np.ndarray | None = None) -> tuple[np.ndarray, Grid]:
-    """Values of a DataArray, or other values on its cells, north-up, and the grid."""
+    """Values of a DataArray (or other values on its cells), north-up, and their grid."""
     grid, flipped = grid_of(data)
     values = data.values if values is None else values
     return values[::-1] if flipped else values, grid

@@ -22,8 +22,8 @@ SAME_UNIT = 1e-3  # tolerance for rounded unit factors
 
 
 def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.ndarray, Grid]:
-    """Read elevations [m], NaN where missing, and their grid; a `packing_note` may be added to
-    `remarks`.
+    """Read the elevations [m] of a raster, NaN where missing, and its grid; a `packing_note` may
+    be added to `remarks`.
 
     float32 stays float32; integers of 8 and 16 bits become float32, which is exact; other types,
     and ESRI ASCII grids, become float64. `path` may be `file.nc:variable`.

@@ -102,7 +102,7 @@ class Grid:
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 
     def at(self, values: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Values (ny, nx) of the cells at points [m]; NaN outside the grid."""
+        """Values of the cells at points [m], from an array (ny, nx); NaN outside the grid."""
         row, column = (self.north - y) / self.cell, (x - self.west) / self.cell
         inside = (row >= 0) & (row < self.ny) & (column >= 0) & (column < self.nx)
         there = np.full(x.shape, np.nan)

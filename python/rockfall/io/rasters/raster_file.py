@@ -48,7 +48,7 @@ _BLOCK = 2**24  # maximum cells in a tile, or in a raster that is read at once
 
 
 class Cells(Protocol):
-    """Stored cells of a file, and their reader."""
+    """Stored cells of a file, with a method that reads them."""
 
     @property
     def dtype(self) -> np.dtype: ...

@@ -73,8 +73,8 @@ class Part(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """Entities in the model space, the unit ("" for metres or none), and the number of paper-space
-    entities by layer name (case-insensitive)."""
+    """Entities in the model space; the unit ("" for metres or none); and the number of paper-space
+    entities by layer name, ignoring case."""
 
     parts: list[Part]
     unit: str
@@ -145,8 +145,8 @@ def _read(path: str, file: str, *_: int) -> Drawing:
 def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
-    """Layers and entities with inserted blocks exploded; layer 0 in a block becomes the layer of
-    the insertion. `of_blocks` counts the entities in blocks."""
+    """Yield layers and entities, with inserted blocks exploded; layer 0 in a block becomes the
+    layer of the insertion. `of_blocks` counts the entities in blocks."""
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:

@@ -230,7 +230,7 @@ def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
 
 
 def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str) -> np.ndarray:
-    """Column whose name the case gives."""
+    """Column that the case selects by name; refuse a missing column."""
     if (values := attribute(columns, name)) is None:
         has = ", ".join(columns) or "none"
         raise RockfallError(f"{path}: attribute {name} is missing (attributes: {has})")

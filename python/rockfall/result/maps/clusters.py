@@ -8,8 +8,8 @@ from rockfall.case import Case
 
 def boulders_per_cluster(case: Case, x: np.ndarray, y: np.ndarray) -> int:
     """Number of boulders from these places that count as a single observation in a map cell. With
-    sampled sources, boulders from a place may behave alike, but maps do not record whether they do:
-    this is then the largest number released at a place. With fixed sources it is 1."""
+    sampled sources, boulders from a place may behave alike, which maps do not record: the number is
+    the largest number released at a place. With fixed sources it is 1."""
     if case.release["sources"] != "sample" or not len(x):
         return 1
     import pandas as pd

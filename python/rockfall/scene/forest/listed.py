@@ -121,7 +121,7 @@ def _from_layer(path: Path, inputs: Inputs) -> Listed:
 
 
 def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
-    """Toughness factors by the species of each tree."""
+    """Toughness factor of each tree, from its species."""
     factors: dict[str, float] = {}
     for k, name in enumerate(species, start=1):
         if name not in factors:

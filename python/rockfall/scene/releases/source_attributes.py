@@ -79,7 +79,7 @@ class Table:
         return coordinates
 
     def number(self, k: int, name: str, value: Any) -> float:
-        """Parse a number in a column with arbitrary contents."""
+        """Number in a cell of a column that may also contain texts; NaN if missing."""
         if value is None:
             return np.nan
         if self.is_text and np.isfinite(number := decimal(value)):
@@ -90,7 +90,8 @@ class Table:
 
 
 def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
-    """Features of a layer and of each source, and the frequencies (NaN if missing)."""
+    """Attributes of features, given the feature number of each source, and the frequency of each
+    feature (NaN if missing)."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"
@@ -185,7 +186,8 @@ def axes_of(table: Table) -> np.ndarray | None:
 
 
 def _axis_shapes(table: Table) -> np.ndarray:
-    """Number of the block shape nearest to the axes of each feature; 0 if axes are missing."""
+    """Number of the block shape nearest to the axes of each feature; 0 without axes. Refuse
+    incomplete axes."""
     shape = np.zeros(table.size, np.int8)
     if (given := axes_of(table)) is None:
         return shape

@@ -176,8 +176,8 @@ def _with_attributes(
     owner: np.ndarray | None = None,
     part: np.ndarray | None = None,
 ) -> Sources:
-    """Sources with the release attributes of their features, given the feature of each source and,
-    for cells, the polygon part and the feature of each part."""
+    """Sources with the attributes of their features. `feature` is the feature of each source; for
+    cells, `part` is its polygon part, and `owner` the feature of each part."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)

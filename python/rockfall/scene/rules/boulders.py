@@ -165,7 +165,7 @@ def largest_volumes(scene: Scene) -> Iterator[float]:
 
 
 def _volumes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings about the largest volume under each key, over all features or cells."""
+    """Warnings about the largest volume of each key, over all features or cells."""
     largest_of: dict[str, tuple[float, str]] = {}
     for group, where, keys in _distributions(scene):
         for key in ("volume_mean", "volume_max", "volumes"):

@@ -334,7 +334,7 @@ def _table(
     case: Case, boulders: int, grounds: int, features: bool, shapes: bool
 ) -> tuple[dict[str, tuple[Any, tuple[str, ...]]], dict[str, int]]:
     """Type and dimensions of each variable in a part of a case, and the lengths that do not depend
-    on the part, from the arrays of an empty run."""
+    on the part."""
     run = Run.joined(
         case, (boulders, 0, 0), Box(0, 0, 0, 0), grounds, features, shapes, *np.zeros((2, 1), "i4")
     )

@@ -16,8 +16,8 @@ SHARED = (
 
 
 def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np.ndarray]]) -> None:
-    """Count each split source once per cell, from all its boulders: remove the counts of the parts
-    from the stack, and add a joint count."""
+    """Count each split source once per cell: remove the counts of the parts from the stack, and add
+    a joint count over the boulders of all parts."""
     plan = plan_of(case).counts
     cell, source, boulders = (np.concatenate([part[name] for part in parts]) for name in SHARED)
     layers = counts.reshape(len(counts), -1)
@@ -35,7 +35,7 @@ def join_sources(case: Case, counts: np.ndarray, parts: Sequence[Mapping[str, np
 
 
 def _boulders_of(parts: Sequence[Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the split sources, and for each the boulders from all parts."""
+    """Numbers of the split sources, and the boulders of each from all parts."""
     rows = []
     for part in parts:
         source, first = np.unique(part["shared_source"], return_index=True)
