@@ -58,7 +58,7 @@ class Evidence:
 def evidence(
     site: str = "*", place: str = "*", quantity: str = "*", model: str = "*"
 ) -> list[Evidence]:
-    """Rows of the table whose columns match these `fnmatch` patterns, in table order."""
+    """Rows of the table whose columns match `fnmatch` patterns, in table order."""
     patterns = site, place, quantity, model
     return [row for row in table() if all(map(fnmatchcase, row.key, patterns))]
 

@@ -56,7 +56,7 @@ class Text(str):
 
 @contextmanager
 def speaking(language: str) -> Iterator[None]:
-    """Use this language for texts within the block."""
+    """Use a language for texts within the block."""
     catalogue(language)
     token = _in_force.set(language)
     try:
@@ -124,7 +124,7 @@ def texts_of(language: str, room: str) -> dict[str, str]:
 
 
 def say(key: str, /, **values: object) -> Text:
-    """Text of a message with these values filled in."""
+    """Text of a message with `values` filled in."""
     return _said(key, values)
 
 

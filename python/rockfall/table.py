@@ -161,7 +161,7 @@ class Table(NamedTuple):
         cls, caption: str, heads: Iterable[str | Column], rows: Iterable[Sequence[object]],
         kind: str = "numbers",
     ) -> Table:  # fmt: skip
-        """Table with these column heads; a plain text becomes a column without a unit."""
+        """Table from column heads; a plain text becomes a column without a unit."""
         columns = [head if isinstance(head, Column) else Column(head) for head in heads]
         return cls(caption, columns, [*rows], kind)
 
@@ -262,7 +262,8 @@ def _aligned(cells: Sequence[str], part: Sequence[int], widths: Sequence[int]) -
 
 
 def write_csv(table: Table, path: str | Path) -> None:
-    """Write a table with unrounded numbers, atomically; its texts are safe for spreadsheets."""
+    """Write a table with unrounded numbers, atomically; texts cannot run as formulas in a
+    spreadsheet."""
     import pandas as pd
 
     columns, rows = table.data()

@@ -426,8 +426,8 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
-    """p-value of a test whether dated and undated blocks above the threshold have the same
-    distribution; NaN if either are too few."""
+    """p-value of a test for equal distributions of dated and undated blocks above the threshold;
+    NaN with too few of either."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

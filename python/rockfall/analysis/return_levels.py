@@ -52,7 +52,7 @@ UPPER = 0.05  # fraction of values above the lowest threshold; 0.1 and 0.25 give
 #: Minimum and maximum number of independent boulders above a threshold.
 MIN_ABOVE, MAX_ABOVE = 50, 2000
 THRESHOLDS = 12  # number of thresholds tried
-ENOUGH = 25  # independent boulders beyond a level, from which no fitted tail is needed
+ENOUGH = 25  # independent boulders above a level that need no fitted tail
 MAX_PERIOD = 10  # maximum period divided by the number of independent boulders
 MAX_SHAPE = 0.5  # limit of |shape|: the fit theory ends at -0.5, the variance at +0.5
 BARTLETT = 12  # divided by the number above the threshold: see _profiled
@@ -129,7 +129,6 @@ _FIT = ["threshold", "exceedances", *with_limits("shape"), "scale", "p_value", "
 
 
 def _row(sample: Sample, tail: Tail) -> dict[str, float | str]:
-    """A row of `return_levels`."""
     row: dict[str, float | str] = {"n": tail.n}
     row["max"] = sample.max() if tail.n else np.nan
     for N, level in tail.levels.items():
@@ -234,7 +233,8 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels that increase with N, although some come from the sample and others from its tail."""
+    """Levels made to increase with N, because some come from the sample and others from its
+    tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):

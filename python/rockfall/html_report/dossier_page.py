@@ -237,7 +237,7 @@ def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
 
 def dossier_warnings(dossier: Dossier) -> list[Text]:
     """Warnings on the models of all runs, on the hazards and on their inputs; each appears once,
-    with the first few runs concerned."""
+    with the names of the first runs concerned."""
     by_run = {
         f"{name}/{scenario}" if name else scenario: texts
         for name, hazard in dossier.hazards.items()

@@ -269,7 +269,6 @@ def _packed(values: np.ndarray) -> str:
 
 
 def _relief(terrain: Terrain | None, window: Window) -> Image | None:
-    """Shaded relief of the terrain."""
     if terrain is None:
         return None
     z, grid = cropped(*terrain, window.extent, np.add)

@@ -254,7 +254,6 @@ def _along(result: xr.Dataset, line: str) -> figure.Figure:
 
 
 def _ranges(result: xr.Dataset) -> Iterator[Figure]:
-    """Figures of an ensemble."""
     if is_ensemble(result) and lines(result):
         yield Figure(
             "epistemic",

@@ -214,8 +214,8 @@ def _draw_bins(axes: Axes, ours: np.ndarray, theirs: np.ndarray, edges: np.ndarr
 
 
 def _draw_rows(axes: Axes, rows: list[Row], deepest: int, high: float) -> None:
-    """Draw means, with one standard deviation on each side, in a strip below a histogram of this
-    height. The strip is part of the panel, because a panel of its own takes as long again."""
+    """Draw means, with one standard deviation on each side, in a strip below the histogram. A
+    separate panel would take twice as long."""
     from matplotlib.ticker import MaxNLocator
 
     class FromZero(MaxNLocator):

@@ -190,7 +190,7 @@ def _stronger(
 
     highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
     steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
-    # a higher barrier stops no more boulders
+    # above the highest boulder, more height stops no more
     heights = [barrier.height + k * STEP for k in range(steps + 1)]
     classes = range(barrier.ead_class, most.ead_class + 1)
     choice = cheapest(least_heights(classes, heights, is_enough, most.prices))

@@ -39,7 +39,7 @@ PIECE = 100_000  # approximate boulders in memory
 #: Minimum and maximum number of blocks per size, for measured errors.
 MIN_BLOCKS, MAX_BLOCKS = 32, 1000
 MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source for the errors; each terrain gets a tenth
-MIN_CROSSED = 20  # mean number of boulders past the line in a block, and above q95
+MIN_CROSSED = 20  # minimum mean number of boulders per block past the line, and above q95
 PAIRS = 50  # number of blocks that give the standard error of a change
 AS_GIVEN = "as given"  # name of the unchanged terrain among its variants
 SIZE = 10_000  # number of boulders to which errors and times refer

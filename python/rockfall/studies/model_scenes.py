@@ -143,7 +143,7 @@ def second_model(own: Scene) -> tuple[str, Scene] | None:
 
 
 def _by_constants(own: Scene, varied: Collection[str]) -> tuple[str, Scene] | None:
-    """Names of the included grounds with constant coefficients that replace grounds of the same
+    """Names of the shipped grounds with constant coefficients that replace grounds of the same
     name, and the scene; None if no ground has one."""
     shipped, changed = GroundTable(shipped_grounds()), {}
     for ground in own.grounds:
@@ -161,7 +161,7 @@ def _by_constants(own: Scene, varied: Collection[str]) -> tuple[str, Scene] | No
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds without rock sizes; raises an error if no ground has rock sizes."""
+    """Remark on grounds without rock sizes; raises a RockfallError if no ground has rock sizes."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(f"{case.name}: {option} {needing[0]}: requires rock sizes in &surface")
@@ -255,14 +255,14 @@ def _own_share(scene: Scene) -> float:
 
 
 def _unsized_part(scene: Scene, varied: Collection[str]) -> float:
-    """Fraction of the terrain with these grounds that lacks rock sizes [-]."""
+    """Fraction of the terrain with `varied` grounds that lacks rock sizes [-]."""
     unsized = _test_sizes(scene.rasters, lambda sizes: sizes[0] == 0)
     here = _on_grounds(scene, varied)
     return float(np.broadcast_to(unsized, here.shape)[here].mean()) if here.any() else 0.0
 
 
 def _on_grounds(scene: Scene, names: Collection[str]) -> np.ndarray:
-    """Mask of terrain cells with these grounds."""
+    """Mask of terrain cells whose ground is in `names`."""
     grounds = [ground.name for ground in scene.grounds] or [usual_name(scene.case)]
     listed = np.array([False, *(name in names for name in grounds)])
     return listed[_grounds_of(scene.rasters)] & ~np.isnan(scene.rasters.z)

@@ -64,7 +64,7 @@ def run_models(
     case: Case, grounds: Sequence[str] = (), progress: bool = False, tables: Sequence[str] = ()
 ) -> Models:
     """Run a case with its impact sets by methods A and B, if the sizes are known; with each
-    classical model, or the given `grounds` (rows of the ground table, impact sets); and with these
+    classical model, or the given `grounds` (rows of the ground table, impact sets); and with the
     impact `tables`.
 
     Ground that the case assigns to zones or cells by name is the same for all models. Models differ

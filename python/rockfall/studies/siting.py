@@ -254,7 +254,6 @@ def _row(
     prices: Costs | None,
     limits: Limits,
 ) -> dict[str, Any]:
-    """Table row of an alignment."""
     came, crossed, comes, around, source = at[:5]
     row: dict[str, Any] = {
         "alignment": alignment.name, "distance": alignment.distance, "space": alignment.space,
@@ -315,8 +314,8 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Verdict on an alignment whose loads rest on unconfirmed assumptions, for tables and texts:
-    unproven within the limits, refused beyond a limit."""
+    """Columns of a verdict: undecided instead of yes if the loads rest on unconfirmed
+    assumptions."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))
@@ -345,7 +344,6 @@ def choose(rows: list[dict[str, Any]]) -> None:
 def _notes(
     case: Case, line: str, come: int, alignments: list[Alignment], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """Remarks on the table."""
     if not come:
         yield f"no boulder reaches {line}: the fraction that bypasses an alignment is unknown"
     if case.barrier:

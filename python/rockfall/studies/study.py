@@ -109,7 +109,7 @@ class Study:
 
 
 def with_numbers(scene: Scene, **numbers: Any) -> Scene:
-    """Scene with these values in &case, such as a seed."""
+    """Scene with `numbers` in &case, such as a seed."""
     if all(scene.case.case.get(key) == number for key, number in numbers.items()):
         return scene
     return replace(scene, case=scene.case.replace(case=numbers))

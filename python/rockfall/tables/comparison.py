@@ -41,7 +41,7 @@ def comparison_tables(comparison: Comparison) -> Iterator[Table]:
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """Notes for readers of the tables."""
+    """Notes below the tables."""
     judged = comparison.errors["consistent"], comparison.passing["consistent"]
     marked = any(consistent.eq(False).any() for consistent in judged)
     return [*([say("compare.exact")] if marked else []), *comparison.notes]

@@ -112,7 +112,6 @@ def _indices(at: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def _column(name: str) -> Column:
-    """Column of an ensemble result."""
     quantity, number_name = RESULTS[name]
     passing = QUANTITIES["fraction"]
     if number_name == "fraction":

@@ -24,7 +24,7 @@ from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
 
-MOST = 20  # objects or segments listed individually
+MOST = 20  # maximum objects or segments in a table
 NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # segment columns
 
 
@@ -160,7 +160,7 @@ def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
-    """Table of segments in this order (default: the most frequently hit first): frequencies, class,
+    """Table of segments in `order` (default: the most frequently hit first): frequencies, class,
     energies and heights."""
     frame = segments_of(hazard).assign(segment=place_names(hazard, "segment"))
     if order is None:
@@ -257,5 +257,4 @@ class Risk(Estimate):
     __slots__ = ()
 
     def shown(self, value: float, *, up: bool = False) -> Number:
-        """Format the risk, or a limit."""
         return small(value)

@@ -44,7 +44,7 @@ def models_text(models: Models) -> str:
 
 
 def check_models(result: xr.Dataset, models: Models, what: str) -> None:
-    """Raise an error if `models` belong to another case or have other lines."""
+    """Raise a RockfallError if `models` belong to another case or have other lines."""
     check_same_case(result, models.case, what)
     ours, theirs = (
         {line["name"]: (line["x"], line["y"]) for line in case_in(values.attrs).lines}
@@ -213,7 +213,7 @@ def validation_table(rows: pd.DataFrame) -> Table:
 
 
 def _with_error(row: pd.Series, whose: str, factor: float) -> str:
-    """Cell with a number and its standard error, rounded to two digits of the error."""
+    """Cell with a number (three digits) and its standard error (one digit)."""
     value, error = factor * row[whose], factor * row[f"{whose}_error"]
     if value != value:
         return "-"

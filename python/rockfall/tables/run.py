@@ -168,7 +168,6 @@ def hazard_inputs(hazard: xr.Dataset) -> Table:
 
 
 def _checksums(attrs: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Checksum of each input file."""
     for key, noted in json.loads(attrs["input_checksums"]).items():
         yield say("tables.checksum_sha"), f"{key}: {_noted(noted)}"
 

@@ -122,7 +122,6 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    """Model remarks of a scenario."""
     texts = str(hazard["scenario_warnings"].values[k]).splitlines()
     data = json.loads(str(hazard["scenario_messages"].values[k]))
     return [unpacked(remark, text) for remark, text in zip(data, texts, strict=True)]

@@ -193,7 +193,6 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
 
 
 def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
-    """Text on the sizes of the pilot boulders."""
     radii = sphere_radius(volumes)
     masses = density * volumes
     return (

@@ -123,7 +123,7 @@ class ScenarioRun:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
-        without_objects = result.drop_vars("row_size", errors="ignore")  # zones end at any edge
+        without_objects = result.drop_vars("row_size", errors="ignore")  # any exit affects zones
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
@@ -273,7 +273,6 @@ def _with_ends(
 
 
 def _classes(prefix: str, rates: Frequencies, matrix: Matrix) -> dict[str, np.ndarray]:
-    """Intensities and hazard classes."""
     classes = classify(rates, matrix)
     values = {f"{prefix}intensity": intensities(rates.value, matrix.periods).astype("i1")}
     for end, numbers in zip(CLASS_ENDS, classes, strict=True):
@@ -335,7 +334,7 @@ def _by_period(
     runs: Runs,
     places: Sequence[Sequence[Passing | None]],
 ) -> dict[str, np.ndarray]:
-    """Energies and heights by return period at places, and counts above levels of both."""
+    """Energies and heights by return period at places, and counts above each energy and height."""
     samples = [run.samples(kind) for run in runs]
     numbers = exceedance_numbers(places, samples, inputs.case.hazard["frequency_factor"])
     numbers["boulders_per_cluster"] = np.stack([run.per_place[kind] for run in runs])

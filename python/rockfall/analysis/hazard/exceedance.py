@@ -89,9 +89,9 @@ def levels_by_period(
     """Value exceeded once in each of `PERIODS`, with its 95 % limits, (3, periods), from the values
     of passing boulders in each run.
 
-    The value is 0 if boulders pass less often. The lower limit is exceeded once per period by the
-    lower limit of the frequency; the upper limit likewise. The upper limit is infinite if the
-    intervals allow this frequency above the simulated maximum.
+    The value is 0 if boulders pass less often. Its lower and upper limits are the values at which
+    the lower and upper limits of the exceedance frequency are once per period. The upper limit is
+    infinite if values above the simulated maximum may be that frequent.
     """
     sample = np.concatenate(values)
     of_run = np.repeat(np.arange(len(runs)), [part.size for part in values])

@@ -85,7 +85,8 @@ def return_period(
 def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Table with a row for each line, object or segment and each return period: `place` (line,
     object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with limits.
-    0: boulders arrive less often; empty or infinite upper limit: too few boulders."""
+    0 means that boulders arrive less often; an empty or infinite upper limit means too few
+    boulders."""
     rows = [
         {
             "place": kind,

@@ -195,7 +195,6 @@ def _sources() -> Iterator[tuple[str, Variable]]:
 
 
 def _lines() -> Iterator[tuple[str, Variable]]:
-    """Variables of evaluation lines and barriers."""
     dims = ("scenario", "line")
     what = "annual frequency of boulders that reach the line or barrier"
     yield from _with_ends("line_frequency", ("line",), what)
@@ -216,7 +215,6 @@ def _lines() -> Iterator[tuple[str, Variable]]:
 
 
 def _segments() -> Iterator[tuple[str, Variable]]:
-    """Variables of road segments."""
     dims, where = ("segment",), "where they first touch the segment"
     yield "segment_geometry", Variable(dims, "", "axis of the segment, well-known text")
     yield "segment_road", Variable(dims, "", "road of the segment")

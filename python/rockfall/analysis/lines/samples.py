@@ -44,7 +44,6 @@ class LineSamples:
 
     @property
     def boulders(self) -> int:
-        """Number of boulders."""
         return simulated(self.result) if self._source is None else self._source.number.size
 
     @property

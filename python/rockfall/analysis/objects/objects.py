@@ -3,8 +3,7 @@
 
 A boulder hits an object when its side touches the object in plan. Lines and outlines become
 evaluation lines with the width of the object, at which a boulder counts once; so do points with a
-width. Points without a width are hit if a boulder passes their map cell within the width of
-objects in maps.
+width. The hits of a point without a width are those of its map cell (&hazard object_width).
 """
 
 from __future__ import annotations

@@ -51,9 +51,8 @@ def mean_of(values: np.ndarray, top: float, clusters: Clusters) -> Frequencies:
 def mean_of_counts(
     harm: Harm, counts: np.ndarray, thresholds: np.ndarray, boulders: int, per_cluster: int
 ) -> Frequencies:
-    """Mean harm if only the numbers of boulders that hit, and that exceed each threshold [J], are
-    known: value and upper limit use the upper bound of each intensity, the lower limit its lower
-    bound."""
+    """Mean harm from the numbers of boulders that hit and that exceed each threshold [J]. Value and
+    upper limit assume the highest energy of each intensity, the lower limit the lowest."""
     ends = np.append(thresholds, np.inf)
     above = np.nextafter(np.append(0.0, thresholds), np.inf)
     upper, lower = (harm.scale * harm.curve.fraction(count) for count in (ends, above))
@@ -117,8 +116,8 @@ def diameters(result: xr.Dataset) -> np.ndarray:
 def annual(
     runs: Iterable[tuple[RunRisk, float]], factor: Sequence[float] = (1.0, 1.0)
 ) -> dict[str, np.ndarray]:
-    """Annual risk from runs and their annual frequencies, with the names of the hazard table. The
-    limits include the lowest and highest `factor` on the frequencies."""
+    """Annual risk from runs and their annual frequencies, by name in the hazard table. The limits
+    include the lowest and highest `factor` on the frequencies."""
     risks: dict[str, Any] = {}
     for run, yearly in runs:
         parts = {f"object_{name}": values for name, values in run.objects.items()}

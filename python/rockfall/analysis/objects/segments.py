@@ -36,7 +36,7 @@ TOUCHING = 1e-3  # maximum gap [m] between consecutive lines of the same road
 SLIVER = 1e-6  # rounding area between strips, relative to their squared width
 UNEQUAL = 2.0  # ratio of segment lengths above which their classes are not comparable
 MIN_LENGTH = 1.0  # minimum segment length [m]
-MAX_SEGMENTS = 20_000  # a boulder is tested against segments near each flight
+MAX_SEGMENTS = 20_000  # maximum number; each flight is tested against nearby segments
 
 
 @dataclass
@@ -233,7 +233,6 @@ def edges_along(length: float, step: float | None) -> np.ndarray:
 
 
 def _pieces(stretch: _Stretch, step: float | None, path: str) -> Iterator[_Piece]:
-    """Segments of a line."""
     from shapely.ops import substring
 
     edges = edges_along(stretch.axis.length, step)

@@ -198,7 +198,7 @@ def disagreement(comparison: Comparison) -> Text:
 
 
 def _by_chance(tested: int) -> int:
-    """Maximum number of chance rejections in independent tests at LEVEL, at 95 % probability."""
+    """95 % quantile of the number of chance rejections in independent tests at LEVEL."""
     below = 0.0
     for n in range(tested + 1):
         below += math.comb(tested, n) * LEVEL**n * (1 - LEVEL) ** (tested - n)
@@ -292,7 +292,6 @@ def _with_interval(printed: dict) -> dict:
 
 
 def _summary_of(sample: tuple[tuple[str, str], np.ndarray]) -> dict:
-    """Statistics of a sample with intervals."""
     (line, quantity), v = sample
     attrs = {"line": line, "quantity": quantity, "method": "sample", "n": v.size}
     return {**attrs, **sample_numbers(v, Sources.alone(v.size), quantity in SIGNED)}
@@ -414,7 +413,6 @@ def _at_rest(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def _notes(result: xr.Dataset, seen: Observed, source: Sources) -> Iterator[str]:
-    """Notes on the tables."""
     yield from seen.notes
     if note := kept_note(result):
         yield note

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ranking of results by their distance from the same observations, with its certainty.
+"""Ranking of results by their distance from the same observations, with the possible ranks of each.
 
 Each measure is a distance between a result and the observations. All results share the resamples of
 observed boulders, so the difference of two results excludes their shared error.
@@ -65,7 +65,7 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
 
 
 def _distances(result: xr.Dataset, seen: Observed) -> Iterator[tuple[str, np.ndarray]]:
-    """Distances and resampled distances by measure: (1 + RESAMPLES)."""
+    """Name of each measure, with its distance and the resampled distances (1 + RESAMPLES,)."""
     pair = samples(result, seen)
     if pair is not None:
         yield "stopping_distance", _resampled(*pair)
@@ -100,7 +100,8 @@ def _resampled(seen: Sample, made: Sample) -> np.ndarray:
 
 
 def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Distance from a published mean, with a normal error if n is known (else exact)."""
+    """Distances (1 + RESAMPLES,) of the simulated mean from a published mean, which has a normal
+    sampling error if n is known, else none."""
     crossed = ~np.isnan(values)
     if not crossed.any():
         return np.full(1 + RESAMPLES, np.inf)
@@ -116,7 +117,7 @@ def _mean_apart(printed: dict, values: np.ndarray, source: np.ndarray) -> np.nda
 
 
 def _ranked(measure: str, names: list[str], values: np.ndarray) -> Iterator[list]:
-    """Rows of a measure, ranked by distances (results, 1 + RESAMPLES)."""
+    """Rows of a measure, ranked by `values`, the distances (results, 1 + RESAMPLES)."""
     order = np.argsort(values[:, 0], kind="stable")
     with np.errstate(invalid="ignore"):
         apart = np.nan_to_num(values[:, None] - values[None], nan=0.0)

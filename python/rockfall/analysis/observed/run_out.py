@@ -304,7 +304,7 @@ class Frame(NamedTuple):
 
 
 def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
-    """Frames of the source groups with observed stopping places."""
+    """Frames by source group, for groups with observed stopping places."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return {}
@@ -371,7 +371,7 @@ def _rows(name: str, seen: Sample, made: Sample) -> Iterator[list]:
 
 
 def _limits(values: np.ndarray, enough: bool) -> list[float]:
-    """First value, with limits from the other values; NaN if too few boulders were resampled."""
+    """First of `values`, with limits from the others; limits are NaN unless `enough`."""
     limits = np.quantile(values[1:], LIMITS).tolist() if enough else [np.nan, np.nan]
     return [float(values[0]), *limits]
 

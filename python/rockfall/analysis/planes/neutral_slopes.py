@@ -42,9 +42,9 @@ class Rocks:
 
 
 def rocks_of(scene: Scene) -> Iterator[Rocks]:
-    """Rocks of each zone with cells, in table order. For raster sizes: of the fifth of the cells
-    with the smallest rocks by R_m or Rg70, the middle, and the fifth with the largest, each with
-    its median sizes. Absorbing cells, and ground without the case's impact sets, are omitted."""
+    """Rocks of each zone with cells, in table order. For raster sizes: median rocks of the smallest
+    fifth, the middle, and the largest fifth of the cells by R_m or Rg70. Absorbing cells, and
+    ground without the case's impact sets, are omitted."""
     surface, ground = scene.case.surface, scene.ground
     scale = radius_over_rg(scene.case) if surface["method"] == "A" else 1.0
     usual = _follows_sets(scene)
@@ -114,7 +114,7 @@ class NeutralSlopes:
         return np.sum(sets, axis=0) / np.sum(sets)
 
     def classes(self, radius: float, radii: np.ndarray) -> list[int]:
-        """Ratio class of the nearest set for each of these rocks."""
+        """Ratio class of the nearest set for each rock radius [m]."""
         return [int(np.argmax(set_weights(radius / r, False))) + 1 for r in radii]
 
     def of(self, radius: float, radii: np.ndarray) -> float:

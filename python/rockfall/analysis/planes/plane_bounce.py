@@ -28,7 +28,7 @@ Rebound = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 @dataclass(frozen=True)
 class Growth:
-    """Logarithm of the speed ratio between successive bounces."""
+    """Mean and spread of the logarithm of the speed ratio between successive bounces."""
 
     mean: float
     std: float

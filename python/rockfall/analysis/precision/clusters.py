@@ -42,8 +42,8 @@ class Clusters:
         return min(max(1.0, largest), float(self.most))
 
     def _effect(self, boulders: np.ndarray, counts: np.ndarray) -> float:
-        """Largest design effect for the fraction of the first boulders, over all numbers of them;
-        `counts` are boulders by source. The rule is `independent_boulders`."""
+        """Largest design effect of the fraction formed by the first k boulders, over all k, by the
+        rule of `independent_boulders`; `counts` are the boulders of each source."""
         number, n, m = self.source.number[boulders], counts.sum(), counts.size
         by_source = np.argsort(number, kind="stable")
         grouped = number[by_source]

@@ -55,7 +55,7 @@ def known_of(number: np.ndarray, source: Sources) -> Sources:
 
 
 def history(result: xr.Dataset, line: int, n: list[int]) -> History:
-    """Statistics at the line with this index after each of `n` boulders."""
+    """Statistics at the line with this index after each number of boulders in `n`."""
     source = sources(result)
     order = mixed(source)
     number = source.number[order]

@@ -110,7 +110,7 @@ class Sources:
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
-    """Stratum of each source, from the number of boulders that it released."""
+    """Stratum of each source; sources with a single boulder share one."""
     clusters = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
     clusters[single[1::2]] = single[: single[1::2].size * 2 : 2]

@@ -26,7 +26,7 @@ from rockfall.kernel_rules import SAMPLE_BITS, SAMPLE_COARSE, SAMPLE_EDGES
 from rockfall.limits import MIN_FOR_STD
 
 OF_SQUARES = False, MIN_FOR_STD, SKEWED_SQUARES  # arguments of `Sums.limits_of_mean` for squares
-FITTED, FITTED_POINTS = 3.0, 41  # fit window / interval, and number of points fitted
+FITTED, FITTED_POINTS = 3.0, 41  # fit window relative to the interval, and number of points fitted
 #: Lower edges and widths of bins, in stored units. A bin of width 1 contains a single number.
 LOW, WIDTH = SAMPLE_EDGES[:-1], np.diff(SAMPLE_EDGES)
 
@@ -119,7 +119,7 @@ def quantiles(ordered: np.ndarray, levels: Sequence[float]) -> np.ndarray:
 
 
 class Passing:
-    """Boulders that have a value, among all boulders from these sources."""
+    """Boulders that have a value, among all released boulders."""
 
     def __init__(self, everyone: Sources, which: np.ndarray) -> None:
         """`which` are the boulders with a value, as indices or a mask."""
@@ -131,7 +131,8 @@ class Values(Sample):
     """Values of individual boulders."""
 
     def __init__(self, values: np.ndarray, source: Sources | Passing) -> None:
-        """Values of boulders that have one, or of all boulders from these sources (with NaN)."""
+        """Values of the boulders in a `Passing`, or of all boulders of `Sources`, where missing
+        values are NaN."""
         if isinstance(source, Sources):
             has = ~np.isnan(values)
             values, source = values[has], Passing(source, has)
@@ -195,8 +196,9 @@ class Counts(Sample):
         tail: np.ndarray,
         sampled: bool,
     ) -> None:
-        """Counts in bins; words (parts, 5) of sums; coarse counts of each group, with its released
-        number; units per unit of the quantity; and the largest values (None without a tail)."""
+        """`bins` are counts, `words` (parts, 5) sums, `groups` coarse counts of source groups that
+        `released` boulders, `unit` the stored units per unit of the quantity, and `tail` the
+        largest values (may be empty)."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)

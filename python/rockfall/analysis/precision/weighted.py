@@ -15,7 +15,7 @@ from rockfall.kernel_rules import Z, fraction_limits
 @dataclass(frozen=True)
 class Weighted:
     """Boulders of several runs with common random numbers: weights and cluster indices. A cluster
-    is a boulder number, common to the runs, or its place if sources are sampled."""
+    is the boulders with the same number or, if sources are sampled, from the same place."""
 
     weight: np.ndarray
     cluster: np.ndarray

@@ -96,9 +96,8 @@ def set_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def _set_errors(name: str, method: str) -> dict[str, int]:
-    """Largest errors of mean values with a shipped impact set [%]: speeds and energies at
-    Vaujany, for this method of choosing rocks if the set was run with both methods, and run-out
-    distances at Tschamut."""
+    """Largest errors of mean values with a shipped impact set [%]: speeds and energies at Vaujany
+    (by `method`, if the set was run with both methods), and run-out distances at Tschamut."""
     chosen = {
         "speed": evidence("vaujany", quantity="speed_mean", model=f"{name}*"),
         "energy": evidence("vaujany", quantity="energy_translational_mean", model=f"{name}*"),

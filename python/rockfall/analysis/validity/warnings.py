@@ -33,7 +33,7 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
     """Warnings of several results by name, without duplicates and with the values of the first
-    result concerned. The results concerned are listed unless all are."""
+    result. If a warning does not apply to all results, their names precede it."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():

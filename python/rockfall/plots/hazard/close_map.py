@@ -74,7 +74,7 @@ def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
 
 
 def _around(middle: np.ndarray, sides: np.ndarray, terrain: Terrain | None) -> Extent:
-    """Extent of this size around a point, shifted and clipped to the terrain."""
+    """Extent with sides [m] around a point, shifted and clipped to the terrain."""
     low, high = middle - sides / 2, middle + sides / 2
     if terrain is not None:
         grid = terrain[1]

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Posteriors of a back-analysis; apart from other figures, which need none of its modules."""
+"""Posteriors of a back-analysis, in a separate module because other figures need none of its
+imports."""
 
 from __future__ import annotations
 

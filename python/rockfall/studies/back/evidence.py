@@ -336,7 +336,7 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """Posterior predictive probability that equally many simulated boulders deviate from the
+    """Posterior predictive probability that as many simulated boulders as observed deviate from the
     prediction at least as much as the observed boulders (Gelman, Meng and Stern 1996)."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)

@@ -24,7 +24,7 @@ NOISY = 1.0  # variance of the log-likelihood above which more boulders help mor
 DRAWS = 256  # rows in the file of draws
 ALONE = "by_data.csv"  # file of posteriors from each data set alone
 TRADED = 0.7  # correlation of a ground's strength and relief above which a warning is given
-CONTRADICTED = 0.05  # minimum p-value of all data sets together
+CONTRADICTED = 0.05  # p-value of all data sets together below which a warning is given
 
 
 class Parameter(NamedTuple):

@@ -50,7 +50,7 @@ class MemberMaps:
         return variables
 
     def _maps(self, name: str, part: np.ndarray) -> dict[str, tuple[np.ndarray, str, str]]:
-        """Values, meaning and units of the maps derived from a map, in some cells."""
+        """Maps derived from a map, in some cells: values, meaning and units."""
         members = self._dense(name, part)
         if name != "passages":
             attrs = self.attrs[name]

@@ -148,7 +148,7 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """Scene without outputs that studies do not use, except these maps."""
+    """Scene without outputs that studies do not use, except `maps`."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
     output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
