@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measurements, not tests: run `python -m benchmarks.speed.throughput` in the folder above."""
+"""Measurements, not tests: run, for example, `python -m benchmarks.speed.throughput` in the parent
+folder."""
 
 import sys
 from pathlib import Path

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]  # folder of the repository
 VAUJANY = ROOT / "cases/vaujany/case.nml"
-NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # keys of &output for minimal output
+NOTHING = {"maps": None, "rebounds": False, "trajectories": 0}  # &output without optional outputs
 # Execution modes, as in rockfall_scene_type:
 LANES = {"one by one": 0, "any processor": 1, "with AVX2": 2, "with AVX-512": 3}
 
@@ -30,7 +30,7 @@ def machine() -> str:
 
 def best_turns(pythons: list, folders: list[Path], words: list[str], repeat: int) -> list[tuple]:
     """Minimum wall and CPU seconds and peak memory [bytes] of a rockfall command, run in turn by
-    several Pythons, each in its folder."""
+    several Python programs, each in its folder."""
     best = [(float("inf"),) * 3] * len(pythons)
     for _ in range(repeat):
         for k, (python, folder) in enumerate(zip(pythons, folders, strict=True)):

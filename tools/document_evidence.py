@@ -107,7 +107,7 @@ def fallen(model: str) -> float:
 
 
 def default_directions() -> str:
-    """Errors of the default set that a design depends on, with their direction."""
+    """Sentences on those errors of the default set that affect a design, with their direction."""
     steep, default = (38, 42), "vaujany-observed"
     fast = (100 * runaway(slope, "1", f"{default}, R_m 0.2 m") for slope in steep)
     narrow = signed(only("vaujany", "EL2", "passing_height_std", default))

@@ -36,7 +36,7 @@ LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"
 
 
 def listed() -> str:
-    """List of names in this program."""
+    """Text of tests/interface.txt for this program."""
     parts = {
         "keys of a case: type, number of values, default, what is allowed, unit": _keys(),
         "commands of rockfall, their arguments: number, default, choices": _commands(),

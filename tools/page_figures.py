@@ -69,7 +69,7 @@ def overview(boulders: int) -> Image.Image:
 
 
 def without_scale(sheet: Image.Image) -> Image.Image:
-    """Map and its key, without the scale and the blank margins: the axis remains."""
+    """Crop a map and its key: without the scale and the blank margins, but with the axis."""
     sheet.paste("white", (0, round(0.825 * TALL), sheet.width, round(0.91 * TALL)))
     return sheet.crop((round(0.29 * sheet.width), 0, round(0.75 * sheet.width), TALL))
 

@@ -175,7 +175,7 @@ def long_message(place: str, text: str) -> Iterator[str]:
 
 
 def messages_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of each one-line string in a module, except docstrings; N for values."""
+    """Yield line and text of each one-line string in a module, except docstrings; N for values."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     parts = {
         id(part)
@@ -194,7 +194,7 @@ def messages_of(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def texts_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of each comment and each string of a source file."""
+    """Yield line and text of each comment and each string of a source file."""
     if path.suffix == ".f90":
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             yield from ((number, text) for text in re.findall(r"\"[^\"]*\"|!.*", line))
@@ -237,7 +237,7 @@ def wrong_in_code(path: Path) -> Iterator[str]:
 
 
 def empty_names(path: Path) -> Iterator[str]:
-    """Meaningless names of variables and arguments."""
+    """Yield messages on meaningless names of variables and arguments."""
     place = path.relative_to(ROOT)
     tree = ast.parse(path.read_text(encoding="utf-8"))
     promised = {
@@ -259,7 +259,7 @@ def empty_names(path: Path) -> Iterator[str]:
 
 
 def headless(path: Path) -> Iterator[str]:
-    """Docstrings that begin with neither a verb nor a noun."""
+    """Yield messages on docstrings that begin with neither a verb nor a noun."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
             if HEADLESS.match(ast.get_docstring(node) or ""):

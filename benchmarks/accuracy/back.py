@@ -38,8 +38,8 @@ SEED = 20_000  # seed of truths; their boulders and those of analyses use other 
 
 
 def terrain(name: str) -> np.ndarray:
-    """Terrain that descends to the south: a bumpy slope of 0.8 above a slope of 0.2, or a cliff, a
-    talus and a flat with a channel."""
+    """Terrain that descends to the south: a bumpy slope of gradient 0.8 above one of 0.2, or a
+    cliff, a talus and a flat with a channel."""
     random = np.random.default_rng(1)
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     rough = random.normal(0, 0.2, x.shape)
@@ -66,7 +66,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 def observe(
     inputs: Uncertain, k: int, stream: tuple[int, ...], stretch: float
 ) -> tuple[Observed, dict[str, float]]:
-    """Observations of a truth's boulders, and their description."""
+    """Observations of a truth's boulders; and the kind and the true parameters, by name."""
     point = np.random.default_rng(stream).random(inputs.ends[-1])
     draws = [inputs.at(name, point, k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))

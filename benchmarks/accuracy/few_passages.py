@@ -61,7 +61,7 @@ class Population(NamedTuple):
 
 
 def of_cases(boulders: int) -> Iterator[Population]:
-    """Populations of the long runs."""
+    """Yield the populations of the long runs."""
     with tempfile.TemporaryDirectory() as folder:
         for file, (ends, northings) in LINES.items():
             case = rockfall.read_case(_with_terrain(ROOT / "cases" / file, Path(folder)))
@@ -85,7 +85,7 @@ def _with_terrain(case: Path, folder: Path) -> Path:
 
 
 def of_laws(size: int) -> Iterator[Population]:
-    """Results for the known distributions, with half of the boulders passing."""
+    """Yield populations from the known distributions, in which half of the boulders pass."""
     for name, law in LAWS.items():
         random = np.random.default_rng(SEED)
         values = law(random, size)
@@ -93,7 +93,8 @@ def of_laws(size: int) -> Iterator[Population]:
 
 
 def drawn(found: Population, passages: float, random: np.random.Generator) -> tuple:
-    """Run with equal numbers of boulders from each source, for a given mean number of passages."""
+    """Sample of a short run: equal numbers of boulders from each source, for a mean number of
+    passages."""
     of, size = found.values.shape
     each = max(2, round(passages / np.isfinite(found.values).sum(axis=1).mean() * size / of))
     chosen = random.integers(size, size=(of, each)) + size * np.arange(of)[:, None]

@@ -57,7 +57,7 @@ def run(case: rockfall.Case, seed: int):
 
 
 def numbers(runs: list) -> dict[str, list[float]]:
-    """Statistics of the README, for each run."""
+    """Statistics of the case's README, by name, for each run."""
     found: dict[str, list[float]] = {}
     for one in runs:
         cell = grid_of(one.hazard_class)[0].cell
@@ -73,7 +73,8 @@ def numbers(runs: list) -> dict[str, list[float]]:
 
 
 def frequency_of(runs: list) -> np.ndarray:
-    """Annual frequencies of cells (3, y, x), averaged over all runs."""
+    """Annual frequencies of cells (levels, y, x), averaged over all runs: all hits, then each
+    threshold."""
     parts = [one.hit_exceedance_frequency.values.astype("f8") for one in runs]
     passing = [one.hit_frequency.values.astype("f8") for one in runs]
     return np.concatenate([np.mean(passing, axis=0)[None], np.mean(parts, axis=0)])

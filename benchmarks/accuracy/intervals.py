@@ -45,7 +45,8 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
 
 def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
     """Print how often return-level intervals contain the value, over lines and quantities."""
-    counts = {N: [0, 0, 0] for N in tails.LEVELS}  # intervals: right, existing, requested
+    # Numbers of intervals that contain the value, exist, and were requested:
+    counts = {N: [0, 0, 0] for N in tails.LEVELS}
     for k in range(truth.sizes["line"]):
         for quantity in tails.QUANTITIES:
             known = _known(truth, quantity, k)

@@ -46,7 +46,7 @@ RADIUS = float(np.cbrt(0.75 / np.pi * VOLUME))  # radius [m]
 DROP = 5.0  # drop height [m]
 SEEDS = range(1, 6)  # seeds for the errors of neutral slopes
 FLOWN = 1000  # number of boulders for a neutral slope
-FIRST, LAST = 20, 60  # contacts that count: the start is forgotten
+FIRST, LAST = 20, 60  # contacts that count; earlier ones depend on the release
 COMPLETE = 0.99  # fraction of boulders that must have all contacts before the plane ends
 FEW = 20  # minimum number of boulders at the line for a mean
 RATIO_OF_TABLES = 2  # R_b/R_m for tables that need it
@@ -63,8 +63,8 @@ class Number(NamedTuple):
 
 
 def plane(slope: float) -> tuple[np.ndarray, Grid]:
-    """Elevations of a plane that descends to the south [degree]. The tangent is rounded to a
-    multiple of 2^-40, so that each patch is exactly plane."""
+    """Elevations of a plane that descends to the south at this slope [degree]. The tangent is
+    rounded to a multiple of 2^-40, so that each patch is exactly plane."""
     tangent = round(np.tan(np.radians(slope)) * 2**40) / 2**40
     nx, ny = int(WIDE / CELL), int((ABOVE + DISTANCE + BELOW) / CELL)
     z = np.repeat(tangent * CELL * np.arange(ny, 0.0, -1)[:, None], nx, axis=1)
@@ -199,7 +199,8 @@ def look_at_tables(boulders: int) -> Measured:
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
-    """Value with its standard error; for percentages the page has the error once."""
+    """Text of a value with its standard error; percentages have no error, which the page gives
+    once."""
     value, error = number
     if np.isnan(value):
         return "-"

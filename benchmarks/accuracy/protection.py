@@ -35,7 +35,7 @@ PAIRS = [
 
 
 def script(name: str) -> ModuleType:
-    """Script of the case."""
+    """Import a script of the case."""
     spec = importlib.util.spec_from_file_location(name, PLACE / f"{name}.py")
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)

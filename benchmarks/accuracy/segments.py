@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def road_layer(folder: Path) -> Path:
-    """Layer with only the road from the objects."""
+    """Write a layer with only the road of the objects."""
     layer = json.loads((FOLDER / "objects.geojson").read_text())
     layer["features"] = [
         one for one in layer["features"] if one["geometry"]["type"] == "LineString"

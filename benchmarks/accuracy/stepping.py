@@ -246,7 +246,7 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
 
 
 def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
-    """Print the errors on the plane, with the order in the step of a single flight's error."""
+    """Print the errors on the plane, and the order of a single flight's error in the step."""
     title = "cases/plane"
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'one landing [m]':>18}", end="")
     print(f"{'100th contact [m]':>20}")
@@ -262,7 +262,7 @@ def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
 
 
 def slope(runs: list[Run], scheme: str) -> float:
-    """Order in the step of the error of a landing, from logarithms."""
+    """Order of the landing error in the step, from a fit of logarithms."""
     some = [one for one in runs if one.scheme == scheme]
     place = [one.printed["place"] for one in some]
     return float(np.polyfit(np.log([one.step for one in some]), np.log(place), 1)[0])

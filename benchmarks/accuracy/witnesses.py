@@ -39,7 +39,7 @@ BLOCKS, SCARS = 40, 20
 
 
 def terrain() -> np.ndarray:
-    """Terrain that descends to the south: a bumpy slope of 0.8 that flattens out below."""
+    """Terrain that descends to the south: a bumpy slope of gradient 0.8 that flattens out below."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
@@ -60,7 +60,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 
 
 def observe(inputs: Uncertain, k: int) -> tuple[Observed, dict[str, float]]:
-    """Witnesses of a truth, and their description."""
+    """Witnesses of a truth, and the true parameters by name."""
     random = np.random.default_rng((SEED, k))
     draws = [inputs.at(name, random.random(inputs.ends[-1]), k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))

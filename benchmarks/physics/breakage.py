@@ -30,7 +30,7 @@ BLOCKS = 20_000  # blocks per call
 
 
 def breaking(case: Case, **keys: object) -> Case:
-    """Case with breakage."""
+    """Case in which boulders break at release and at impacts."""
     return case.replace(breakage={"at": "both", "release_fall": 10.0} | keys)
 
 

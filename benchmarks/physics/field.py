@@ -96,7 +96,7 @@ class Part:
 
 
 def relief_laws(name: str) -> Iterator[Law]:
-    """Models of a ground with other reliefs."""
+    """Models of a ground with its relief multiplied by RELIEFS."""
     own = yielding_ground(shipped_rows().rows[name])[1]
     for factor in RELIEFS:
         yield changed_ground(f"table {name}, relief x {factor:g}", name, relief=factor * own.relief)

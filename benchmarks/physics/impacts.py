@@ -36,7 +36,8 @@ THROWS = 300
 
 
 def by_table(row: Row, law: Law) -> float:
-    """Mean translational energy after / before the first contact on flat terrain, by table."""
+    """Mean ratio of translational energy after and before the first contact on flat terrain, by a
+    table."""
     radius, speed = (row.number(key, 0.01, 100) for key in ("radius_m", "incoming_total_speed_mps"))
     angle = np.radians(row.number("impact_angle_deg", 0.1, 90))
     volume = 4 / 3 * np.pi * radius**3

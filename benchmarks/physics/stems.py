@@ -23,7 +23,8 @@ from rockfall.io.rasters.grid import Grid
 
 SPEEDS, DIAMETERS = (5, 10, 15, 20), (20, 30, 40, 50)  # [m/s], [cm]
 DENSITY, STILL = 2500.0, 0.02
-PLACES, APART, AHEAD, ABOVE = 200, 12.0, 2.0, 5.0  # hits; [m] between lanes, to stems, above ground
+# Number of hits; distances [m] between lanes, to stems and above ground:
+PLACES, APART, AHEAD, ABOVE = 200, 12.0, 2.0, 5.0
 CELL, GRAVITY = 5.0, 9.81  # [m], [m/s2]
 
 

@@ -26,7 +26,7 @@ MB = 1e6
 
 
 def run(folder: Path, kept: str, boulders: int, threads: int, output: str, *more: str) -> int:
-    """Peak memory of a run [bytes]."""
+    """Run some boulders; print the cost and return the peak memory [bytes]."""
     words = [*command(kept, boulders, threads, output), *more]
     begun = time.perf_counter()
     _, cpu, peak = run_child(*words, cwd=folder)

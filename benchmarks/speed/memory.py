@@ -39,7 +39,7 @@ UNIFORM, ZONES = "uniform_mean_radius = 0.25", "zones = 'zones.tif', table = 'zo
 
 
 def profile(side: int) -> np.ndarray:
-    """Elevations of a row: valleys 2 km wide, with slopes of up to 45 degrees [m]."""
+    """Elevations of a row [m]: valleys 2 km wide, with slopes of up to 45 degrees."""
     x = (np.arange(side) + 0.5) * CELL
     return np.round(1000.0 + 318.0 * np.cos(2 * np.pi * x / 2000.0), 2)
 

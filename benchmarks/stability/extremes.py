@@ -28,7 +28,7 @@ SHAPE = (60, 40)
 
 @dataclass
 class Scene:
-    """Case on an array of elevations, and its possible problems."""
+    """Case on an array of elevations, and the numerical risk that it tests."""
 
     name: str
     risk: str
@@ -115,12 +115,12 @@ def across(shape: tuple[int, int] = SHAPE) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane(gradient: float, cell: float = 2.0) -> np.ndarray:
-    """Slope that descends to the south."""
+    """Elevations of a slope that descends to the south."""
     return gradient * cell * across()[0]
 
 
 def rough(cell: float = 2.0) -> np.ndarray:
-    """Slope of 40 degrees with bumps at cell scale."""
+    """Elevations of a slope of 40 degrees with bumps at cell scale."""
     return plane(0.84, cell) + np.random.default_rng(3).normal(0, 0.15 * cell, SHAPE)
 
 

@@ -72,7 +72,7 @@ def pick(random: np.random.Generator, several: Any) -> Any:
 
 
 def elevations(random: np.random.Generator) -> np.ndarray:
-    """Numbers with few digits, all different from any nodata mark."""
+    """Elevations with few digits, which never equal a nodata mark."""
     ny, nx = random.integers(2, 7, 2)
     return np.round(random.uniform(-400, 4000, (ny, nx)), int(random.integers(0, 4)))
 

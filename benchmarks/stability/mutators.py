@@ -209,7 +209,7 @@ TEXT = (number, number, numbers, quoted, word, word, line_twice, line_ends, inse
 
 
 def columns(random: np.random.Generator, content: bytes, _: bytes) -> bytes:
-    """Make a table of very many columns or rows, or with an open quote."""
+    """Make very many columns or rows in a table, or an open quote."""
     head, _, rest = content.partition(b"\n")
     many = int(_one(random, (100, 100_000, 1_000_000)))
     how = (
@@ -341,7 +341,7 @@ def fifo(_: np.random.Generator, path: Path) -> None:
 
 
 def folder(_: np.random.Generator, path: Path) -> None:
-    """Make a folder with the name."""
+    """Make a folder with the name of the file."""
     path.unlink()
     path.mkdir()
 

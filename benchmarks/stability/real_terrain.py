@@ -60,7 +60,7 @@ def crossings(start: np.ndarray, speed: np.ndarray, time: np.ndarray, cell: floa
 
 
 def deepest(z: np.ndarray, grid, vertices: list[np.ndarray]) -> tuple[float, int]:
-    """Maximum depth [m] below the surface along flights of trajectories; number of flights."""
+    """Maximum depth [m] below the surface along trajectories, and number of flights."""
     column = {name: k for k, name in enumerate(fields("vertex"))}
     start = np.concatenate([v[:-1] for v in vertices])
     end = np.concatenate([v[1:] for v in vertices])

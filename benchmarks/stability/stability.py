@@ -49,7 +49,7 @@ TRACED = 100  # boulders per scene whose energy is followed over all contacts
 
 
 class Row(NamedTuple):
-    """Row of the table."""
+    """Row of the printed table."""
 
     scene: str
     risk: str
@@ -75,7 +75,7 @@ def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case,
 
 
 def check(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> list[Row]:
-    """Check the requirements of any scene."""
+    """Rows for the requirements of any scene."""
     about = scene.name, scene.risk
     wrong = without_reason(scene, result) + not_numbers(result)
     gain, bound = energy_gain(scene, case, result)
@@ -247,7 +247,7 @@ def plane_steps(
 
 
 def planes(folder: Path) -> Iterator[Row]:
-    """Contacts on slopes, and the drift over thousands of rebounds."""
+    """Yield rows for contacts on slopes, and for the drift over thousands of rebounds."""
     for name, gradient, r_n in (
         ("0", 0.0, 0.5), ("1e-12", 2.0**-40, 0.5), ("45", 1.0, 0.5), ("89.9", 572.9375, 0.5)
     ):  # fmt: skip
@@ -264,7 +264,7 @@ def planes(folder: Path) -> Iterator[Row]:
 
 
 def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
-    """Energy error of elastic impacts over all flights and contacts."""
+    """Row for the energy error of elastic impacts over all flights and contacts."""
     boulder, z = result.trajectory_boulder.values, result.trajectory_z.values
     speed2 = sum(result[f"trajectory_velocity_{axis}"].values ** 2 for axis in "xyz")
     energy = scene.gravity * z + speed2 / 2
@@ -279,8 +279,8 @@ def bowl(scene: Scene, case: rockfall.Case, result: xr.Dataset) -> Row:
 
 
 def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
-    """Check that, if no draw is admissible, each rebound is forced, counted, and satisfies the
-    energy rule."""
+    """Yield rows for a set without admissible draws: each rebound must be forced, counted, and
+    satisfy the energy rule."""
     before, after = (
         sum(w * result[f"trajectory_{way}_{axis}"].values ** 2 for axis, w in
             (("t", 1.0), ("n", 1.0), ("w", 0.4)))
@@ -294,7 +294,7 @@ def forced(scene: Scene, result: xr.Dataset) -> Iterator[Row]:
 
 
 def hops(scene: Scene, folder: Path) -> Iterator[Row]:
-    """Cost of a boulder with ever shorter hops, with the default impact limit."""
+    """Yield rows for the cost of a boulder with ever shorter hops."""
     limit = 100_000
     case = scene.case(folder, 25, impact={"impact_limit": limit})
     result = rockfall.run(case, **scene.arrays())
@@ -316,7 +316,8 @@ def covariances() -> dict[str, np.ndarray]:
 
 
 def factor(program: Path, name: str, c: np.ndarray, draws: int = 200_000) -> Iterator[Row]:
-    """Root of a covariance, and mean and covariance of matrices drawn with the root."""
+    """Yield rows for the root of a covariance, and for the mean and covariance of matrices drawn
+    with it."""
     numbers = " ".join(repr(float(x)) for x in c.ravel())
     done = subprocess.run([program], input=f"{draws} {numbers}", capture_output=True, text=True)
     if done.returncode:
@@ -382,7 +383,7 @@ def content(path: Path) -> dict[str, bytes]:
 
 
 def table(contacts: float, only: str, folder: Path) -> Iterator[Row]:
-    """All rows; the audit programs are built first."""
+    """Yield all rows; the audit programs are built first."""
     program, factors = build(folder / "kernel")
     some = []
     for scene in scenes():

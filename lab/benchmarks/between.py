@@ -37,7 +37,8 @@ from rockfall_lab.tables import table_of
 from tools.ship_tables import RADIUS, contacts_of, part_case
 
 LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # distance down the plane [m], initial speed [m/s], number
-CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0  # [m]; cells, rows above the release; [m]
+# Cell size [m], columns, rows above the release, length below the line [m]:
+CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0
 ABOVE_RELIEF, STEP = 6.0, 1.5  # [degree]: first slope above the relief, and step
 NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
 REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
@@ -123,8 +124,8 @@ def passing(keys: Keys, slope: float, folder: Path, seed: int) -> float:
 
 
 def half_slope(table: ImpactTable, guess: float) -> float:
-    """Slope [degree] on which half of the boulders pass, by a table: interpolated between
-    neighbours within STEP/2, by the logarithm of the odds."""
+    """Slope [degree] on which half of the boulders pass by a table, interpolated in the logarithm
+    of the odds between slopes STEP/2 apart."""
     keys = {"impact": {"table": "own.nc", "rest_angle": NO_REST}}
     odds: dict[float, float] = {}
     with tempfile.TemporaryDirectory() as name:

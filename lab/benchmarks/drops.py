@@ -18,7 +18,8 @@ from lab.benchmarks.plane import plane
 from rockfall.result.crossings import at_lines
 
 DROPS = 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 5.0  # drop heights [m]
-CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0  # [m]; cells above the release; [m]
+# Cell size [m], columns, rows, rows above the release, distance of the line [m]:
+CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0
 
 
 def passing(table: str, slope: float, drop: float, given: argparse.Namespace) -> float:

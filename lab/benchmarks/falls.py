@@ -28,7 +28,8 @@ from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
 DROPS = 2.0, 5.0, 10.0, 20.0, 50.0, 100.0  # drop heights [m]
-MARK, CELL, COLUMNS, ABOVE, BELOW = 60.0, 2.5, 60, 8, 60  # [m] down the plane; [m], cells
+# Distance down the plane [m], cell size [m], columns, rows above and below the release:
+MARK, CELL, COLUMNS, ABOVE, BELOW = 60.0, 2.5, 60, 8, 60
 GRAVITY, DENSITY, BOULDERS, CONTACTS = 9.81, 2700.0, 600, 100
 FASTER = {"speed": [1.0, 14.0, 60.0], "angle": [3.0, 45.0, 90.0]}  # [m/s], [degree]
 

@@ -26,11 +26,11 @@ from rockfall_lab.blocks.case import BlockCase
 from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
-RADIUS, SPEED, ANGLE = 0.4, 5.0, 30.0  # [m], [m/s], angle to the plane [degree]
+RADIUS, SPEED, ANGLE = 0.4, 5.0, 30.0  # R_b [m], speed [m/s], angle to the plane [degree]
 MARKS = 25.0, 50.0, 100.0, 200.0  # distances along the slope [m]
 FAR = 300.0  # maximum run-out [m]
 SLOPES = 12, 15, 20, 25, 30, 38  # slopes [degree]
-CELL, COLUMNS, ABOVE = 2.5, 80, 8  # [m]; cells, and rows above the release
+CELL, COLUMNS, ABOVE = 2.5, 80, 8  # cell size [m], columns, rows above the release
 
 
 def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -34,7 +34,8 @@ TURNS = 0, 22.5, 45, 181  # class limits of turns [degree]
 INTERNAL, PER_SIZE = (20.3, 33.8), (0.17, 0.26)  # [degree], [-]
 PARTS = 5  # number of groups of layers, omitted in turn
 RATIOS, THROWS = (1, 2, 3, 5, 8, 12, 20), (20, 20, 10, 5, 3, 2, 1)  # used by --cost
-RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8  # [m], [m/s], [m]
+# Block radius [m], initial speed [m/s], distance to pass [m], cell size [m], columns, rows above:
+RADIUS, SPEED, PASSED, CELL, COLUMNS, ABOVE = 0.4, 5.0, 100.0, 2.5, 80, 8
 
 
 def wyllie(angle: np.ndarray) -> np.ndarray:
@@ -55,7 +56,7 @@ def with_error(values: np.ndarray) -> str:
 
 
 def rows_of(data: xr.Dataset) -> dict[str, str]:
-    """Statistics of contacts after flights, as text and numbers."""
+    """Statistics of contacts after flights, as text by name."""
     column = {str(name): values.values.astype(float) for name, values in data.items()}
     flight = (column["entry"] == 0) & (column["incidence"] > 0)
     angle = column["incidence"]

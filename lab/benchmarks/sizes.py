@@ -29,7 +29,8 @@ from rockfall_lab.blocks.contacts import run_throws
 from rockfall_lab.tables import table_of
 
 SHAPE, DENSITY, BOULDERS = "compact", 2700.0, 600
-LENGTH, LINE, SPEED = 400.0, 200.0, 5.0  # [m], distance of the line [m], [m/s]
+# Length of the plane [m], distance of the line [m], initial speed [m/s]:
+LENGTH, LINE, SPEED = 400.0, 200.0, 5.0
 CELL, COLUMNS, ABOVE = 2.5, 120, 8
 
 

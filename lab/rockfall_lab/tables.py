@@ -37,7 +37,7 @@ BINS: dict[str, tuple[int, ...]] = {  # number of bins for each key, if there ar
 }
 ENOUGH = 24  # records per bin; the number of bins is reduced to have this many
 KEPT = 32_000  # maximum number of contacts per table
-ALONE = 2 / 3  # fraction of these, on rocks, that need no contact before them
+ALONE = 2 / 3  # fraction of the records, on rocks, that need no preceding contact
 RIDGE = 0.01  # regularisation of a bin's least squares, over the variance of each input
 USUAL = 0.02, 0.98  # quantiles of W/V while a block rolls: values beyond are clipped
 SLOWEST = 0.05  # V/sqrt(g R_b) of a flight, below which its direction is not significant
@@ -395,6 +395,6 @@ def _bin(record: np.ndarray, kind: str) -> _Bin:
     normal = x @ x.T + RIDGE * len(record) * np.diag(variance)
     solution = np.linalg.solve(normal, x @ y.T).T
     low, high = inputs.min(axis=1), inputs.max(axis=1)
-    if kind == "roll":  # nearly all blocks spin: the others do not affect the map
+    if kind == "roll":  # rare values of W/V must not widen the range
         low[2], high[2] = np.quantile(value["w_in"] / value["speed_in"], USUAL)
     return _Bin(solution.reshape(MAPPED, INPUTS), low, high)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rockfall.scene.scene import Scene
 
 U = 2.0**-53  # unit roundoff
-UNDECIDED = 1e-12  # relative margin of a decision: some thousand roundings
+UNDECIDED = 1e-12  # relative margin of a decision: several thousand roundings
 FIELDS = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "in_t", "in_n", "in_w",
           "out_t", "out_n", "out_w", "ratio")  # fmt: skip
 SPEED, IN, OUT, RATIO = slice(4, 7), slice(7, 10), slice(10, 13), 13

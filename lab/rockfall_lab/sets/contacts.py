@@ -56,7 +56,7 @@ class Contacts:
 def read_contacts(path: str | Path) -> Contacts:
     """Read contacts from a CSV file: columns `LIMITS` [m/s], and any of `OPTIONAL`.
 
-    A RockfallError names line and column of invalid values, including contacts that gain energy.
+    A RockfallError gives line and column of invalid values, including contacts that gain energy.
     """
     path = Path(path)
     if not path.name.isprintable():

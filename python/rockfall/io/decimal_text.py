@@ -14,7 +14,7 @@ FOUR = np.frombuffer(b"".join(b"%04d" % k for k in range(10**GROUP)), "u4")
 DIGITS = 9  # digits that identify any single-precision number
 MAX_DECIMALS = 16
 TEN = 10 ** np.arange(MAX_DECIMALS + 1)
-DECIMALS, COARSE = 4, 1000.0  # decimals of a double; from COARSE on, single precision is coarser
+DECIMALS, COARSE = 4, 1000.0  # decimals of a double; above COARSE, single precision has fewer
 SMALL, LARGE = 1e-7, 1e11  # NumPy formats non-zero numbers outside this range
 ZERO, MINUS, POINT, COMMA, NEWLINE = b"0-.,\n"
 

@@ -168,7 +168,7 @@ def best_of_prior(count: int) -> np.ndarray:
 
 
 def wave(count: int) -> None:
-    """Most likely states of the prior that are far from each other."""
+    """Add likely states of the prior that are far from each other to the settings."""
     unit = best_of_prior(6 * count)[:, : len(PARAMETERS)]
     chosen = [0]
     while len(chosen) < count:

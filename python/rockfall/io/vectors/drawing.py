@@ -36,7 +36,8 @@ LINES = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE",
 HATCHES = ("HATCH", "MPOLYGON")
 DRAWN = (*LINES, *HATCHES, "POINT", "INSERT")  # entity types counted in paper space
 TEXT_BOX = 8  # boundary flag for a text box
-OUTERMOST, FILLED = 1, 2  # styles of hatches: one level of holes, none; otherwise islands in holes
+# Hatch styles with one level of holes, and with none; others have islands in holes:
+OUTERMOST, FILLED = 1, 2
 PLAIN = ("AcDb2dPolyline", "AcDb3dPolyline")  # polylines that are not meshes
 NOWHERE = np.empty((0, 2))
 UNITS_OF_METRES = (0, 6)  # $INSUNITS: none, metres

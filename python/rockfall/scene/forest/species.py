@@ -9,7 +9,7 @@ from rockfall.io.tables import check_needed, read_table
 from rockfall.scene.forest.attributes import plain_name
 from rockfall.scene.layers import Inputs, file_checksum
 
-CONIFER, BROADLEAF = "conifer", "broadleaf"  # names used if only the fraction of conifers is known
+CONIFER, BROADLEAF = "conifer", "broadleaf"  # used if only the fraction of conifers is known
 MAX_FACTOR = 100.0
 _SHIPPED = Path(str(importlib.resources.files("rockfall") / "data" / "species.csv"))
 
