@@ -4,9 +4,9 @@
     python -m benchmarks.physics.sites -o FOLDER [--only PIECE ...] [--data FOLDER]
         [--slopes N] [--boulders N] [--law NAME=TABLE ...] [--ground ROW ...]
 
-Models are the given models, or all shipped impact sets, impact tables and grounds. Takes hours. A
-piece is complete if its file begins with the same command, so another call resumes after the last
-complete piece. Without --data, sites with field data are omitted.
+Models are the given models, or all shipped impact sets, impact tables and grounds. Takes about
+half an hour on one core. A piece is complete if its file begins with the same command, so another
+call resumes after the last complete piece. Without --data, sites with field data are omitted.
 """
 
 import argparse
