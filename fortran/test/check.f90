@@ -24,7 +24,7 @@ contains
       end if
    end subroutine check
 
-   !> `got` must be within `relative` of `want` (absolute when `want` is zero); NaN is never close.
+   !> Check that `got` is within `relative` of `want` (absolute if `want` is zero); NaN always fails.
    subroutine check_close(name, got, want, relative)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: got, want, relative
@@ -41,7 +41,7 @@ contains
       if (.not. ok) print "(2(a, g0))", "   got ", got, ", want ", want
    end subroutine check_close
 
-   !> Print the count; the program ends with status 1 if a check failed or none was made.
+   !> Print the count. The program ends with status 1 if a check failed, or if there was none.
    subroutine finish()
       print "(i0, a, i0, a)", passed, " passed, ", failed, " failed"
       if (failed > 0 .or. passed == 0) error stop 1

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Roots of covariance matrices: kernel, laboratory and reference planes use the same rule to accept a covariance and to
-!> draw from it (theory, chapter 5). If the correlations are clearly positive definite, the root is LAPACK's Cholesky
-!> factor. Libraries disagree on the rank of singular matrices, so for all other matrices rotations in a fixed order
-!> determine the rank and the root.
+!> Roots of covariance matrices. The kernel, the laboratory and the reference planes accept a covariance and draw from
+!> it by the same rule (theory, chapter 5). If the correlations are clearly positive definite, the root is LAPACK's
+!> Cholesky factor. Libraries disagree on the rank of singular matrices, so for all other matrices rotations in a fixed
+!> order determine the rank and the root.
 module rockfall_covariance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp
@@ -15,10 +15,11 @@ module rockfall_covariance
    real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! tolerance of correlations [-]
    !> Eigenvalues of correlations above this are far above rounding errors: Cholesky's method cannot fail [-].
    real(wp), parameter :: clearly_definite = 1.0e-12_wp
-   !> Six printed digits change a correlation by up to 1e-5, and thus an eigenvalue of a 9 x 9 matrix by up to 9e-5 [-].
+   !> Eigenvalues down to minus this are accepted as rounding of printed numbers [-]: six digits change a correlation by
+   !> up to 1e-5, and thus an eigenvalue of a 9 x 9 matrix by up to 9e-5.
    real(wp), parameter :: printed_tolerance = 1.0e-4_wp
    real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! tolerance of L L^T against C, in correlations [-]
-   real(wp), parameter :: negligible = 1.0e-30_wp  !! entry next to 1 that needs no rotation [-]
+   real(wp), parameter :: negligible = 1.0e-30_wp  !! off-diagonal entries up to this are not rotated away [-]
    integer, parameter :: max_sweeps = 30           !! usually 6 to 10
 
    interface  ! LAPACK
@@ -33,11 +34,10 @@ module rockfall_covariance
 
 contains
 
-   !> Root L of a covariance C, C = L L^T, with the standard deviations D and the correlations R = V E V^T. Where R is
-   !> clearly definite, D^-1 L is its Cholesky factor, and `drawn` is C itself. Otherwise L = D V sqrt(E) with negative
-   !> eigenvalues set to zero, and `drawn` is L L^T: D^-1 L L^T D^-1 is the semidefinite matrix
-   !> nearest to R. Errors: an entry that is not finite, asymmetry, a negative variance, a
-   !> covariance without variance, an indefinite matrix.
+   !> Root L of a covariance C = D R D, where D are the standard deviations and R the correlations. If R is clearly
+   !> definite, L = D chol(R), and `drawn` is C itself. Otherwise R = V E V^T with negative eigenvalues set to zero, L =
+   !> D V sqrt(E), and `drawn` is L L^T, the covariance of numbers drawn with L. Errors: an entry that is not finite,
+   !> asymmetry, a negative variance, a covariance without variance, an indefinite matrix.
    pure subroutine covariance_root(name, c, root, drawn, error)
       character(len=*), intent(in) :: name           !! name of C, for messages
       real(wp), intent(in) :: c(:, :)                !! any [unit]

@@ -22,7 +22,7 @@ module rockfall_random
    integer(i8), parameter :: for_forest = 11  !! counter: cell and stem; stem 0 gives the number of stems
    integer(i8), parameter :: for_tree = 12    !! counter: boulder, and index of this tree among those it hit
    integer(i8), parameter :: for_breakage = 13  !! counter: fragment
-   integer(i8), parameter :: for_strength = 14  !! counter: boulder; a fragment uses that of its boulder
+   integer(i8), parameter :: for_strength = 14  !! counter: boulder; a fragment has the strength of its boulder
    integer, parameter :: purpose_bit = 24  !! position of the purpose in the counter's last word, above the block number
 
    !> Index of the word used for each quantity within a draw. Changing them changes results.
@@ -41,7 +41,7 @@ module rockfall_random
    integer, parameter :: tree_class_word = 1    !! for_tree: class of the turn
    integer, parameter :: tree_within_word = 2   !! for_tree: position within the class; its last bit selects the side
    integer, parameter :: cone_word = 1          !! for_breakage: angle to the velocity of the boulder
-   integer, parameter :: around_word = 2        !! of for_breakage: direction around that velocity
+   integer, parameter :: around_word = 2        !! direction around that velocity (for_breakage)
 
    integer, parameter :: words_per_block = 4
    integer, parameter :: rounds = 10  !! recommended for Philox; 7 rounds are the minimum that passes all tests
@@ -58,7 +58,7 @@ module rockfall_random
       real(wp) :: c(6, 0:32*8 - 1)  !! ascending powers of (t - middle), t the scaled tail probability, 1..2
    end type normal_table_t
 
-   !> The first three fraction bits select the eighth of the octave, the remaining bits the position in it.
+   !> The first three fraction bits select the eighth of the octave, the remaining bits the position within it.
    integer, parameter :: within_bits = fraction_bits - 3
    integer(i8), parameter :: within_mask = 2_i8**within_bits - 1
    integer, parameter :: first_piece = exponent_bias*8  !! exponent of 1.0 and three fraction bits

@@ -75,7 +75,7 @@ void _gfortran_os_error_at(const char *place, const char *format, ...)
     _Exit(2);
 }
 
-/* Check whether the process can map `bytes` more bytes; the mapping is released. */
+/* Return whether the process can map `bytes` more bytes; the mapping is released. */
 int rockfall_fits(int64_t bytes)
 {
 #if defined(_WIN32)

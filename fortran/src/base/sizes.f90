@@ -10,7 +10,7 @@ module rockfall_sizes
 
    integer, parameter :: max_message = 1024   !! one-line error message; equals ROCKFALL_MESSAGE in include/rockfall.h
    integer, parameter :: max_list = 512       !! row of a table, list of names
-   integer, parameter :: max_array_row = 256  !! row of the table of arrays; equals ROCKFALL_TEXT there
+   integer, parameter :: max_array_row = 256  !! row of the table of arrays; equals ROCKFALL_TEXT in include/rockfall.h
 
    ! Numbers of columns of each kind of row (names in rockfall_variables):
    integer, parameter :: n_boulder_fields = 12, n_boulder_counts = 9, n_line_fields = 12, n_vertex_fields = 15
@@ -19,7 +19,7 @@ module rockfall_sizes
    ! quantiles of a class.
    integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &
                          n_lateral_quantiles = 13
-   ! Maps: layers of counts (including thresholds), sums and maxima in a plan; stacks of layers.
+   ! Map tallies: numbers of counts (including thresholds), sums and maxima in a plan, and of stacks of layers.
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
    integer, parameter :: n_block_shapes = 3  !! block shapes of the laboratory

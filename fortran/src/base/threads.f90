@@ -13,8 +13,8 @@ module rockfall_threads
    integer, parameter :: batch = 16  !! boulders taken by a thread at a time
    integer, parameter :: max_threads = 1024  !! far above the cores of any machine: more is a mistake
    integer(c_int64_t), parameter :: kilobyte = 1024
-   integer(c_int64_t), parameter :: headroom = 16000*kilobyte   !! memory for everything else [bytes]
-   integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! [bytes] memory of a thread besides its stack
+   integer(c_int64_t), parameter :: headroom = 16000*kilobyte  !! memory needed apart from stacks and work space [bytes]
+   integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! memory of a thread apart from its stack [bytes]
    integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! "ulimit -s 512" is enough [bytes]
 
    interface  ! room.c
@@ -91,8 +91,8 @@ contains
       deadline = now + int(min(seconds*rate, 0.4_wp*huge(now)), i8)
    end function deadline_in
 
-   !> Take the next indices `from` to `to`, at most `count` up to n, from a counter shared by all threads. Returns from
-   !> > to if no index is left, or if the deadline has passed and at least one index was taken.
+   !> Take the next batch of indices, at most `count` and up to n, from a counter shared by all threads. The batch is
+   !> empty (`from` exceeds `to`) if no index is left, or if the deadline has passed and an index was taken before.
    subroutine take_batch(next, n, count, deadline, from, to)
       integer, intent(inout) :: next       !! next index
       integer, intent(in) :: n, count

@@ -65,8 +65,8 @@ contains
       log_capacity = decayed_strength(decay_class)*log_factor*max_stem_energy(diameter)
    end function log_capacity
 
-   !> Point in the air just in front of a barrier. Because coordinates are rounded, the distance ensures that other
-   !> features at the barrier, such as a line along it, are still ahead of the next flight.
+   !> Point in the air just in front of a barrier. Coordinates are rounded: the distance ensures that other features at
+   !> the barrier, such as a line along it, are still ahead of the next flight.
    pure type(landing_t) function point_in_front(dem, landing, v) result(point)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing  !! at the barrier

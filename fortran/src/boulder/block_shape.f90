@@ -16,13 +16,13 @@ module rockfall_block_shape
    type :: shape_mix_t
       real(wp) :: below(n_block_shapes) = 1.0_wp   !! cumulative fractions of the shapes; the last is 1 [-]
       integer(i1), allocatable :: of_source(:)     !! shape of each source's boulders, if sources give shapes; 0: drawn
-      integer, allocatable :: ground(:, :)         !! (grounds, shapes) index of the ground that has the table for a
-                                                   !! shape; not allocated if each table applies to all shapes
+      integer, allocatable :: ground(:, :)  !! (grounds, shapes): index of the ground whose table is for a shape; not
+                                            !! allocated if tables apply to all shapes
    end type shape_mix_t
 
 contains
 
-   !> Shape mix with the given non-negative fractions; if all are zero, each boulder has a given shape.
+   !> Shape mix with the given fractions >= 0; if all are zero, each boulder's shape is given.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
       real(wp), intent(in) :: shares(n_block_shapes)
       integer :: k

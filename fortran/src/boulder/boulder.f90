@@ -39,7 +39,7 @@ module rockfall_boulder
       real(wp) :: mass = 0    !! [kg]
    end type boulder_t
 
-   !> Random properties of a boulder that modify the ground along its whole path.
+   !> Random properties of a boulder that modify all grounds along its path.
    type :: soil_draw_t
       real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
       real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of an impact table [-]
@@ -171,7 +171,7 @@ contains
    !> Boulder as specified by its source.
    pure type(boulder_t) function boulder_of(source, factor) result(boulder)
       type(source_boulder_t), intent(in) :: source
-      real(wp), intent(in) :: factor  !! volume relative to that given for the source [-]
+      real(wp), intent(in) :: factor  !! factor on the volume given for the source [-]
 
       boulder%volume = factor*source%volume
       boulder%radius = sphere_radius(boulder%volume)
@@ -232,7 +232,7 @@ contains
       type(volume_distribution_t), intent(in) :: distribution
 
       select case (distribution%kind)
-      ! truncation at zero raises the mean most if the untruncated mean is zero: by sqrt(2/pi) = 0.798 std
+      ! the mean increases most, by sqrt(2/pi) std = 0.798 std, if it is zero before truncation
       case (normal_volume); volume = distribution%mean + 0.8_wp*distribution%std
       case (uniform_volume); volume = (distribution%min + distribution%max)/2
       case (pareto_volume); volume = mean_of_pareto(distribution)

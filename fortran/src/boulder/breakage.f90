@@ -14,9 +14,8 @@ module rockfall_breakage
    !> New surface created by the energy E: S = new_area E**area_power [m2], E in J.
    real(wp), parameter :: new_area = 0.0031_wp, area_power = 0.7562_wp
    real(wp), parameter :: kept_energy = 0.99_wp  !! kinetic energy after breaking relative to the energy before [-]
-   !> Area ratio at which the published dimension D is largest. Beyond it the published straight
-   !> lines of b and q would give fewer fragments, and none from 0.646 on (D < 0), so D stays
-   !> constant.
+   !> Area ratio at which the published dimension D is largest. Beyond it, the published straight lines of b and q would
+   !> give fewer fragments, and none from 0.646 on (D < 0), so D stays constant.
    real(wp), parameter :: ratio_of_max_dimension = 0.43_wp
 
    !> Conditions of breakage, and parameters of the fragments.

@@ -22,7 +22,7 @@ module rockfall_flight
       real(wp) :: v(3)                 !! [m/s]
       real(wp) :: above = 0.0_wp       !! height above the patch, >= 0 [m]
       real(wp) :: rate                 !! rate of change of `above`, known exactly after a rebound [m/s]
-      real(wp) :: heading(2) = 0.0_wp  !! heading of the tangential velocity after the rebound, in plan, any length
+      real(wp) :: heading(2) = 0.0_wp  !! heading of the tangential velocity after the rebound, in plan, of any length
    end type flight_t
 
    !> End of a flight: the first contact, or the exit from the known terrain.
@@ -203,8 +203,8 @@ contains
       curvature = -0.5_wp*gravity - c*p*q
    end function curvature
 
-   !> Return 1 if d0 + d1 s + d2 s**2, with d0 >= 0, becomes negative in 0..length, else 0 (a number, so that loops
-   !> vectorise).
+   !> Return 1 if d0 + d1 s + d2 s**2, with d0 >= 0, becomes negative for s in 0..length, else 0 (a number, so that
+   !> loops vectorise).
    elemental real(wp) function strikes_ground(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! length of the span [s]
@@ -217,7 +217,7 @@ contains
       strikes_ground = merge(1.0_wp, dips, d0 + length*(d1 + length*d2) < 0)
    end function strikes_ground
 
-   !> First time [s] at which the height becomes negative, if it does, from the form of the root without cancellation.
+   !> First time [s] at which the height becomes negative, if it does. The form of the root avoids cancellation.
    elemental real(wp) function strike_time(d0, d1, d2, length) result(s)
       real(wp), intent(in) :: d0, d1, d2  !! as in strikes_ground
       real(wp), intent(in) :: length      !! length of the span [s]
@@ -242,7 +242,7 @@ contains
       max_height = merge(vertex, max_height, within > 0)
    end function max_height
 
-   !> Height above a patch at its entry, and its rate of change.
+   !> Height above a patch where a flight enters it, and rate of change of this height.
    elemental subroutine enter_patch(x, y, z, v1, v2, v3, gravity, per_cell, t, i, j, z00, a, b, c, d0, d1)
       real(wp), intent(in) :: x, y, z, v1, v2, v3  !! start of the flight [m], [m/s]
       real(wp), intent(in) :: gravity              !! [m/s2]
@@ -273,7 +273,7 @@ contains
       end associate
    end subroutine put_on_surface
 
-   !> Nearest point of a patch in plan, as fractions of its sides and as coordinates.
+   !> Nearest point of a patch in plan: position in the patch, and coordinates.
    elemental subroutine place_on_patch(x, y, cell, per_cell, i, j, z00, a, b, c, u, w, x_on, y_on, z_on)
       real(wp), intent(in) :: x, y                !! [m]
       real(wp), intent(in) :: cell, per_cell      !! cell size, its inverse [m], [1/m]

@@ -36,7 +36,8 @@ module rockfall_forest
    !> Parameters common to all stems.
    type :: tree_model_t
       real(wp) :: stem_height = huge(1.0_wp)      !! boulders higher than this pass over the stem [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]   !! limits of x between frontal, lateral and scratch [-]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]  !! x, as in absorbed_fraction: frontal below the first limit, scratch
+                                                 !! from the second [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
@@ -121,7 +122,7 @@ contains
       bucket = 1 + bucket_index(this, 1, x) + this%nx*bucket_index(this, 2, y)
    end function bucket
 
-   !> Column (axis 1) or row (axis 2) of the bucket that contains a coordinate, from 0; clamped to the grid.
+   !> Column (axis 1) or row (axis 2), from 0, of the bucket that contains a coordinate; clamped to the grid.
    pure integer function bucket_index(this, axis, coordinate)
       type(forest_t), intent(in) :: this
       integer, intent(in) :: axis
@@ -148,8 +149,8 @@ contains
       absorbed_fraction = max(0.0_wp, -0.046_wp + 1.026_wp/(1 + exponential(-8.007_wp*(0.58_wp - x)*ln10)))
    end function absorbed_fraction
 
-   !> Return whether the plan path of a flight may enter the disc of a stem from outside. The test needs no roots or
-   !> divisions. It is true for all flights for which find_first_hit finds a stem, and for few others.
+   !> Return whether the plan path of a flight may enter the disc of a stem from outside. True for all flights for which
+   !> find_first_hit finds a stem, and for few others; the test needs no roots or divisions.
    pure logical function may_hit_tree(this, x, y, path, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y            !! start of the flight [m]

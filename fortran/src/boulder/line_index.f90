@@ -52,7 +52,7 @@ contains
          total = 1
          do k = 1, product(index%n)
             total = total + index%first(k)
-            index%first(k) = total  ! decreases while lines are stored
+            index%first(k) = total  ! end of the bucket; decreases to its first element while lines are stored
          end do
          index%first(size(index%first)) = total
          allocate (index%line(total - 1))
@@ -69,7 +69,7 @@ contains
       real(wp) :: p(2), q(2), reach(2), from, to, t(2), x(2)
       integer :: k, j, column, bucket, rows(2), columns(2)
 
-      reach = margin + index%per_bucket*max(0.0_wp, minval(this%x) - this%low(1))  ! half width of an object
+      reach = margin + index%per_bucket*max(0.0_wp, minval(this%x) - this%low(1))  ! half width and margin
       do k = 2, size(this%x)
          p = ([this%x(k - 1), this%y(k - 1)] - index%low)*index%per_bucket
          q = ([this%x(k), this%y(k)] - index%low)*index%per_bucket

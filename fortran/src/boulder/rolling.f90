@@ -17,14 +17,14 @@ module rockfall_rolling
    public :: roll_t, touch_t, find_roll, find_slide, slide_on_patch, walk_patches, falls_away, time_slide, &
              flight_after_roll, speed_within, cut_roll, ground_points
 
-   !> Maximum height of the ground above or below a chord between recorded points, over R_b [-].
+   !> Maximum vertical distance between the ground and a chord of recorded points, over R_b [-].
    real(wp), parameter :: chord_tolerance = 0.01_wp
 
-   !> A recorded point this close to the end of a path counts as its end: fraction of the duration [-].
+   !> A recorded point this close to the end of a path, as a fraction of the duration [-], counts as its end.
    real(wp), parameter :: end_tolerance = 1.0e-9_wp
 
-   !> A boulder rests even if the drop exceeds the drop that friction can hold, by less than this
-   !> fraction [-]: on a plane at the rest angle, rounding errors must not decide.
+   !> A boulder still rests if the drop exceeds the drop that friction can hold by less than this fraction [-]: on a
+   !> plane at the rest angle, rounding errors must not decide.
    real(wp), parameter :: hold_tolerance = 1.0e-6_wp
 
    type :: roll_t
@@ -33,24 +33,24 @@ module rockfall_rolling
       real(wp) :: direction(3)         !! from start to end, unit [-]
       type(flight_t) :: path           !! straight path at the mean speed, followed without gravity
       type(landing_t) :: landing       !! end of the path: start of the next flight, or edge of the known terrain
-      logical :: from_table = .false.  !! the contact is from a table; the following components are then valid
+      logical :: from_table = .false.  !! the contact is from an impact table, and the components below are valid
       real(wp) :: length = 0.0_wp      !! distance along the ground [m]
       real(wp) :: v(3) = 0.0_wp        !! velocity at the end [m/s]
       real(wp) :: w = 0.0_wp           !! W = R_b omega at the end [m/s]
       real(wp) :: heading(2) = 0.0_wp  !! heading at the end, of any length
-      real(wp) :: above = 0.0_wp       !! height above the ground at the end [m]
-      real(wp) :: waits = 0.0_wp       !! time spent waiting at the end [s]
+      real(wp) :: above = 0.0_wp       !! height above the ground at the end, where the next flight starts [m]
+      real(wp) :: waits = 0.0_wp       !! waiting time at the end [s]
    end type roll_t
 
-   !> State of the last contact of a boulder on a table's ground.
+   !> State of a boulder since its last contact on ground with an impact table.
    type :: touch_t
       integer :: ground = 0        !! index of the ground; 0: none
-      integer :: next = 0          !! table record that followed the contact's record in the laboratory; 0: none
+      integer :: next = 0          !! table record that followed the last record in the laboratory; 0: none
       real(wp) :: ratio = 0.0_wp   !! R_b/R_m [-]
       logical :: rolling = .false.
       real(wp) :: normal = 0.0_wp  !! V_n [m/s]
       real(wp) :: height = 0.0_wp  !! height of the centre above the mean ground, over R_b [-]
-      real(wp) :: lift = 0.0_wp    !! rise of its centre since it landed, over R_b [-]
+      real(wp) :: lift = 0.0_wp    !! rise of the centre since the boulder landed, over R_b [-]
       integer :: part = 1          !! part of the table used for the boulder
       real(wp) :: key = 1.0_wp     !! as in approach_t [-]
       logical :: beyond = .false.  !! R_b/R_m is outside the table
@@ -101,9 +101,9 @@ contains
       roll%path%rate = 0
    end subroutine find_roll
 
-   !> Path of a contact by a table: along a tangent of the ground, in a given time. The boulder follows it at the speed
-   !> of the contact's mean energy, so that line crossings show that energy, or faster if it would not arrive in time.
-   !> It then waits for the remaining time.
+   !> Path of a contact drawn from an impact table: along a tangent of the ground, in a given time. The boulder moves at
+   !> the speed of the contact's mean energy, so that line crossings show that energy, or faster if it would not arrive
+   !> in time. It then waits for the remaining time.
    !>
    !> `off`: the ground falls away faster than the boulder falls, so the boulder leaves the ground at once.
    pure subroutine find_slide(dem, gravity, landing, t, length, time, speed, roll, off)

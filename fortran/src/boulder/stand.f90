@@ -9,7 +9,7 @@ module rockfall_stand
    private
    public :: stems_in_cell, stem_numbers, thinning_numbers
 
-   real(wp), parameter :: max_mean = 16.0_wp  !! maximum mean of a Poisson number drawn from one random number
+   real(wp), parameter :: max_mean = 16.0_wp  !! maximum mean of a Poisson number drawn from one uniform number
 
 contains
 
@@ -60,8 +60,8 @@ contains
       end do
    end function poisson
 
-   !> Four uniform numbers in (0, 1) for stem 1, 2, ... of a cell: its eastward and northward position, the quantile of
-   !> its diameter, and its species.
+   !> Four uniform numbers in (0, 1) for stem 1, 2, ... of a cell: for its eastward and northward position, its
+   !> diameter, and its species.
    pure function stem_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell
@@ -71,8 +71,9 @@ contains
       u = uniform(random_words(key, for_forest, cell, int(stem, i8), 0_i8))
    end function stem_numbers
 
-   !> Two further uniform numbers in (0, 1) for a stem. They decide whether it is kept in a stand less dense than the
-   !> densest in its cell, and whether it remains after thinning. They are independent of those from `stem_numbers`.
+   !> Two further uniform numbers in (0, 1) for a stem, independent of those from `stem_numbers`. The first decides
+   !> whether the stem belongs to a stand less dense than the densest in its cell, the second whether it remains after
+   !> thinning.
    pure function thinning_numbers(key, cell, stem) result(u)
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: cell

@@ -24,7 +24,7 @@ module rockfall_case
    public :: line_groups, barrier_strengths
 
    integer(i8), parameter :: keeps_all = huge(1_i8)
-   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then multiplies the mean by 4.6.
+   !> Maximum volume_std/volume_mean of a normal distribution: truncation at zero then multiplies the mean by 4.4.
    integer, parameter :: max_spread = 5
    real(wp), parameter :: share_rounding = 0.002_wp  !! maximum rounding error of a sum of fractions with three decimals
 
@@ -146,7 +146,7 @@ contains
       end do
    end function group_of
 
-   ! From here on, kinds and ranges of all values are checked; what follows are rules between keys.
+   ! From here on, the kind and range of each value have been checked. What follows are rules between keys.
 
    pure integer(i8) function integer_of(group, key) result(value)
       type(group_t), intent(in) :: group
@@ -574,7 +574,7 @@ contains
       type(group_t), intent(in) :: group
       integer, intent(in) :: min_points
       type(error_t), allocatable, intent(out) :: error
-      logical :: equal, single  ! the points are equal in number; there would be a single point if commas were decimal
+      logical :: equal, single  ! x and y have equal length; there would be a single point if commas were decimal
 
       equal = value_count(group, "x") == value_count(group, "y")
       single = min_points == 1 .and. value_count(group, "x") == 2 .and. has_comma(group, "y")
@@ -637,7 +637,7 @@ contains
                                   g=1, size(list%group))])
    end function inline_groups
 
-   !> Check lines, barriers and dams from layers. Other code reads their coordinates and checks them like inline ones.
+   !> Check lines, barriers and dams from layers. Python reads and checks their coordinates.
    pure subroutine check_layers(list, this, error)
       type(namelist_t), intent(in) :: list
       type(case_t), intent(inout) :: this

@@ -35,8 +35,8 @@ contains
       end do
    end subroutine check_effects
 
-   !> Mark keys that have their default, whether written or not, in groups that no layer completes. The form of
-   !> rebounds is not marked if a table is named, because the table has its own default.
+   !> Mark keys that have their default, whether written or not, except in groups whose layer may give values. The form
+   !> of rebounds is not marked if a table is named, because the table has its own default.
    pure subroutine mark_defaults(list)
       type(namelist_t), intent(inout) :: list
       integer :: e, g

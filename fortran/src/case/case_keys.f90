@@ -490,7 +490,7 @@ contains
       end do
    end subroutine complete
 
-   !> Format the defaults of a case as text: those of the table, except that an impact table implies its rebounds.
+   !> Format the defaults of a case as text. They are from the table, except that an impact table implies its rebounds.
    pure function default_case(list) result(text)
       type(namelist_t), intent(in) :: list
       character(len=:), allocatable :: text

@@ -31,7 +31,7 @@ module rockfall_impact_sets
       real(wp) :: mean(n_set_numbers, impact_ratios) = 0.0_wp           !! means of a1..a9
       real(wp) :: covariance(n_set_numbers, n_set_numbers, impact_ratios) = 0.0_wp
       !> Lateral deviations [degree]: the limits of the incidence classes, padded with 90, and the quantiles of each
-      !> class, padded with those of the last.
+      !> class, padded with the quantiles of the last class.
       real(wp) :: incidence(n_incidence_limits, impact_ratios) = 90.0_wp
       real(wp) :: lateral(lateral_quantiles, lateral_classes, impact_ratios) = 0.0_wp
       !> Minimum and maximum incident speed [m/s] and angle [degree] in the data that each set was fitted to.

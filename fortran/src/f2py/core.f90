@@ -98,7 +98,8 @@ contains
    !> Create an empty scene, which receives the arrays of scene_arrays_t before it is built.
    subroutine new_scene(west, north, cell, nodes, first, draw, handle)
       real(c_double), intent(in) :: west, north, cell       !! outer edges, cell size [m]
-      integer(c_int), intent(in) :: nodes(2), first(2)      !! columns, rows of the raster; first ones in the arrays
+      integer(c_int), intent(in) :: nodes(2), first(2)  !! columns and rows of the raster; column and row of the first
+                                                        !! array element
       integer(c_int), intent(in) :: draw                    !! index of the draw of the impact sets; 0: the only draw
       integer(c_int64_t), intent(out) :: handle
 
@@ -171,8 +172,8 @@ contains
       opened => scene_at(pointer_of(handle))
    end function scene_of
 
-   !> Open a run of a scene, or of `boulders` boulders after the first `before`, with maps that cover a window (first
-   !> column and row, numbers of columns and rows).
+   !> Open a run of a scene, or of the `boulders` boulders after the first `before`, with maps of a window (first column
+   !> and row, numbers of columns and rows).
    subroutine open_run(handle, before, boulders, window, threads, most_columns, run, code, message)
       integer(c_int64_t), intent(in) :: handle, before, boulders
       integer(c_int), intent(in) :: window(4), threads
@@ -188,8 +189,8 @@ contains
       call return_run(opened, error, run, code, message)
    end subroutine open_run
 
-   !> Open a run without a scene, as a part or as the sum of parts. Needs the case, the number of grounds (0: only
-   !> impact sets), and whether sources have features of a layer and whether boulders have several shapes (1 or 0).
+   !> Open a run without a scene: a part, or the sum of parts. `grounds` is the number of grounds (0: only impact sets);
+   !> `features` and `shapes` are 1 if sources have features of a layer and if boulders have several shapes, else 0.
    subroutine open_joined_run(case, boulders, window, grounds, features, shapes, part_last, group_part, run, code, &
                               message, np, ng)
       integer(c_int), intent(in) :: np, ng
@@ -351,7 +352,7 @@ contains
    end subroutine begin_part
 
    !> Store a filled part in its run, if its values are possible on a terrain with this raster. With only_samples 1,
-   !> only samples and numbers of rows are stored.
+   !> store only samples and numbers of rows.
    subroutine unpack_part(run, only_samples, corner, nodes, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run
@@ -389,7 +390,7 @@ contains
       grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
    end function grid_of
 
-   !> Describe what is wrong with the values of a variable, given its name in files; blank if a run can have them.
+   !> Describe the fault in the values of a variable, given its name in files; blank if none.
    subroutine value_fault(name, values, fault, n)
       integer(c_int), intent(in) :: n
       character(len=*), intent(in) :: name
@@ -399,8 +400,9 @@ contains
       fault = fault_of_values(name, values)
    end subroutine value_fault
 
-   !> Describe the first difference between two runs, where the other must begin this one; blank if none. Character 1
-   !> separates texts, in the order of identity_t; numbers are its integers, boulders first.
+   !> Describe the first difference between two runs; blank if the other run begins this one. Texts are the version and
+   !> the two checksums of identity_t, separated by character 1. Numbers are boulders (total, first, last), nodes of the
+   !> grid (2), and window (4).
    subroutine run_difference(our_case, their_case, ours, theirs, numbers, corners, what)
       integer(c_int64_t), intent(in) :: our_case, their_case
       character(len=*), intent(in) :: ours, theirs
@@ -434,8 +436,8 @@ contains
       identity%window = int(numbers(6:9))
    end function identity_of
 
-   !> Compute a map of a run and write it to an array of its cells, given by address. The second number of `boulders` is
-   !> the number that may behave alike (1: independent).
+   !> Compute a map of a run, and write it to an array at an address. `boulders` are the completed boulders, and the
+   !> number of boulders that may behave alike (1: independent).
    subroutine map(run, name, boulders, address, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, address
@@ -465,8 +467,8 @@ contains
       passages = [map_min_count(name, opened%run%min_passages), map_thin_below(name, per_cluster)]
    end subroutine map_passages
 
-   !> Free the tallies and samples of a run once all results are computed; if `go` is 1, also the counts, sums and
-   !> maxima of maps. Their views become invalid.
+   !> Free the tallies and samples of a run once all results are computed. `go` is 1 to free also the counts, the sums,
+   !> and the maxima of maps, else 0. Their views become invalid.
    subroutine forget_tallies(run, go)
       integer(c_int64_t), intent(in) :: run
       integer(c_int), intent(in) :: go(3)
@@ -559,8 +561,9 @@ contains
       end do
    end subroutine points_along
 
-   !> Split blocks by the breakage rule of a case: area ratios; fragment volumes, padded with 0; volumes of fines [m3];
-   !> 1 if the maximum number of fragments was reached. An unbroken block is its only fragment.
+   !> Split blocks by the breakage rule of a case: area ratios [-]; fragment volumes, padded with 0 [m3]; volumes of
+   !> fines [m3]; capped: 1 if the maximum number of fragments was reached, else 0. An unbroken block is its only
+   !> fragment.
    subroutine split_blocks(case, volume, energy, ratio, fragments, fines, capped, n, room)
       integer(c_int), intent(in) :: n, room
       integer(c_int64_t), intent(in) :: case
@@ -588,7 +591,8 @@ contains
       end do
    end subroutine split_blocks
 
-   !> Run one boulder, and keep up to `room` of the `recorded` vertices of its trajectory; nothing is tallied.
+   !> Run one boulder, and store at most `max_vertices` of the `recorded` vertices of its trajectory; nothing is
+   !> tallied.
    subroutine trajectory(handle, number, vertex, recorded, boulder, counts, max_vertices)
       !f2py threadsafe
       integer(c_int), intent(in) :: max_vertices
@@ -846,7 +850,7 @@ contains
       last = last_of(opened%scene%release, source)
    end subroutine boulders_of_source
 
-   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `room` are recorded in total.
+   !> Numbers of the n boulders in first..last whose trajectories are recorded, if `requested` are recorded in total.
    subroutine recorded_numbers(handle, first, last, number, n, requested)
       integer(c_int64_t), intent(in) :: handle, first, last
       integer, intent(in) :: requested
@@ -862,7 +866,7 @@ contains
       end associate
    end subroutine recorded_numbers
 
-   !> Number of boulders in the first `part` of `of` parts of a run of n boulders.
+   !> Number of boulders in the first `part` of `parts` equal parts of a run of n boulders.
    subroutine boulders_in_parts(n, part, parts, boulders)
       integer(c_int64_t), intent(in) :: n, part, parts
       integer(c_int64_t), intent(out) :: boulders
@@ -870,7 +874,7 @@ contains
       boulders = proportional_part(n, part, parts)
    end subroutine boulders_in_parts
 
-   !> Limits of the 95 % intervals of fractions of `boulders`.
+   !> Limits of the 95 % intervals of fractions [-] of a number of boulders.
    subroutine fraction_limits(fraction, boulders, low, high, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: fraction(n), boulders
@@ -919,9 +923,9 @@ contains
       limits = limits_of(key_table(k))
    end subroutine key_limits
 
-   !> Read text in namelist format, in one of the forms in rockfall_handles: returns a handle and the length of its
-   !> values. `facts` of a case, 1 or 0: it has trees; its sources are points; boulders are given by the source layer;
-   !> by rasters; rebounds follow an impact table by default; boulders can have each of the block shapes.
+   !> Read text in namelist format, in one of the forms in rockfall_handles. Returns a handle and the length of its
+   !> values as JSON. `facts` of a case, each 1 or 0: it has trees; sources are points; the source layer gives boulders;
+   !> rasters give boulders; impact tables are the default; boulders can have each of the block shapes (3).
    subroutine read_values(form, text, name, handle, facts, length, code, message)
       character(len=*), intent(in) :: form, text, name
       integer(c_int64_t), intent(out) :: handle  !! 0 on error
@@ -1191,7 +1195,7 @@ contains
    !> Probability of each impact set, given a ratio R_b/R_m.
    subroutine weights_of_sets(ratio, between, weights)
       real(c_double), intent(in) :: ratio
-      integer(c_int), intent(in) :: between  !! as in `run`
+      integer(c_int), intent(in) :: between  !! stochastic interpolation between sets: 1 or 0
       real(c_double), intent(out) :: weights(n_impact_sets)
 
       weights = ratio_weights(ratio, between /= 0)
@@ -1252,7 +1256,7 @@ contains
       case ("shapes"); value = shapes                ! block shapes of boulders
       case ("sphere"); value = sphere                ! default shape of boulders
       case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders in the first chunk
-      case ("max_speed"); value = max_speed         ! [m/s] of boulders
+      case ("max_speed"); value = max_speed         ! maximum speed of a boulder [m/s]
       case ("max_draws"); value = max_draws          ! per rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
@@ -1267,7 +1271,7 @@ contains
       case ("save_rest"); value = save_rest          ! minimum pause between saves, over the duration of the last save
       case ("chunk_crossings"); value = real(chunk_crossings, c_double)
       case ("z_95"); value = z_95                    ! [-]
-      case ("min_for_mean"); value = min_for_mean    ! number of boulders for a reliable interval
+      case ("min_for_mean"); value = min_for_mean    ! number of passages for a reliable interval of a mean
       case ("min_for_std"); value = min_for_std
       case ("scene_layout"); value = scene_layout
       case ("part_layout"); value = part_layout
@@ -1283,7 +1287,7 @@ contains
       end select
    end subroutine constant
 
-   !> Constant numbers of the kernel by name, at most `room`; n is 0 for unknown names.
+   !> Constant numbers of the kernel by name. `n` is their number, at most `room`; 0 for unknown names.
    subroutine constants(name, values, n, room)
       integer(c_int), intent(in) :: room
       character(len=*), intent(in) :: name
@@ -1298,7 +1302,7 @@ contains
       case ("size_weights"); found = size_weights  ! probabilities of the obstacle sizes of method A
       case ("ead_energy"); found = ead_energy    ! maximum energy of each class of EAD 340059, from class 0 [J]
       case ("sample_units"); found = [units_of]  ! unit in SI of the quantities (rows) at lines and at ends (columns)
-      case ("sample_edges")  ! edges of sample bins, in those units; too many for the stack
+      case ("sample_edges")  ! edges of sample bins, in the units of sample_units; too many for the stack
          deallocate (found)
          allocate (found(n_sample_bins + 1))
          do k = 1, size(found)

@@ -79,7 +79,7 @@ contains
       end do
    end function namelist_text
 
-   !> Values as written; the text of an entry lacks the closing quote of its last value.
+   !> Values as written, with the closing quote of the last value, which the text of an entry lacks.
    pure function values_text(entry) result(text)
       type(entry_t), intent(in) :: entry
       character(len=:), allocatable :: text

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Crossings of a long run in an unnamed file in the folder of its output, so that memory does not grow with their
-!> number. Blocks follow in the order in which boulders end, as in part files.
+!> number. Blocks are in the order in which boulders end, as in part files.
 module rockfall_crossing_store
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
@@ -39,7 +39,7 @@ contains
       if (this%unit == -1) then
          open (newunit=this%unit, file=this%name, access="stream", form="unformatted", status="replace", &
                action="readwrite", iostat=status)
-         if (status == 0) removed = remove_file(this%name)  ! fails if open files keep their names: see close_store
+         if (status == 0) removed = remove_file(this%name)  ! fails if open files keep their names, see close_store
          this%size = [integer(i8) ::]
          this%at = [integer(i8) ::]
       end if

@@ -218,7 +218,7 @@ contains
       end do
    end subroutine pass_arrays
 
-   !> Write the crossings of a store before those of the run.
+   !> Write the crossings of a store, before the crossings of the run.
    subroutine write_blocks(file, run, store)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in) :: run
@@ -248,7 +248,7 @@ contains
       end do
    end subroutine write_blocks
 
-   !> Transfer an array: of boulders only the first `rows` rows, of crossings those after the first `before`.
+   !> Transfer an array: the first `rows` rows of an array of boulders; crossings after the first `before`.
    subroutine pass_array(file, row, rows, before)
       type(netcdf_file_t), intent(inout) :: file
       type(array_t), intent(in) :: row
@@ -358,7 +358,8 @@ contains
       call close_netcdf(file)
    end function is_finished
 
-   !> Read a part from which a run continues. It must start where the run starts; other and damaged parts are rejected.
+   !> Read the part from which a run continues. Its boulders must be the first of the run; other and damaged parts are
+   !> rejected.
    subroutine read_part(name, inputs, run, error)
       character(len=*), intent(in) :: name
       type(inputs_t), intent(in) :: inputs

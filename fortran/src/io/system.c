@@ -21,7 +21,7 @@ enum { TAKEN, HELD, NO_LOCKS, NOT_WRITABLE, NO_LOCK_FILE };
 static const double together = 0.1;
 static volatile sig_atomic_t status;  /* exit status for the first signal: 130, 143 */
 static struct timespec came;          /* time of the first signal */
-static char last_words[4096];         /* message in case of a crash */
+static char last_words[4096];         /* message printed at a crash */
 static char lock[4096];               /* lock file of this process; "" for none */
 static int lock_file = -1;
 

@@ -73,7 +73,7 @@ module rockfall_system
 
 contains
 
-   !> Attribute crashes to a file, until `end_reading`.
+   !> Report crashes until `end_reading` as caused by a file.
    subroutine begin_reading(name)
       character(len=*), intent(in) :: name
 

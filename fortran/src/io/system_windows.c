@@ -13,7 +13,7 @@
 enum { TAKEN, HELD, NO_LOCKS, NOT_WRITABLE, NO_LOCK_FILE };
 
 static volatile LONG status;     /* exit status for the first signal: 130, 143 */
-static char last_words[4096];    /* message in case of a crash */
+static char last_words[4096];    /* message printed at a crash */
 static char lock[4096];          /* lock file of this process; "" for none */
 static int lock_file = -1;
 

@@ -307,8 +307,8 @@ contains
       end do
    end subroutine cross_patches
 
-   !> Find up to two cells that a flight leaves over its patch, which one cell boundary crosses along each axis, in the
-   !> middle. Cell values equal those of `visit_path`.
+   !> Find up to two cells that a flight leaves over its patch: along each axis, one cell boundary crosses the middle of
+   !> the patch. Cell values equal those of `visit_path`.
    subroutine leave_cells(f, gravity, cell, heights)
       type(flights_t), intent(inout) :: f
       real(wp), value :: gravity, cell  !! [m/s2], [m]

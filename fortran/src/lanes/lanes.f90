@@ -66,7 +66,7 @@ module rockfall_lanes
    !> All impact sets of a scene, ground by ground.
    type :: set_list_t
       type(impact_set_t), allocatable :: set(:)
-      integer, allocatable :: offset(:)  !! number of sets before those of each ground; -1 if a ground has none
+      integer, allocatable :: offset(:)  !! number of sets of the grounds before each ground; -1 if a ground has none
    end type set_list_t
 
    !> Contacts of the landed boulders, in order of landing.
@@ -77,10 +77,10 @@ module rockfall_lanes
       logical :: outside(lanes)                                  !! R_b/R_m is outside the calibrated range
       integer(i8), dimension(lanes) :: number = 0, impact = 0
       real(wp), dimension(lanes) :: length = 0                   !! length of the flight [m]
-      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! at the end of this flight, start of the next [m2/s2]
+      real(wp), dimension(lanes) :: speed2_in = 0, speed2 = 0    !! |v|**2 after this flight, before the next [m2/s2]
       integer :: draws(lanes)
       logical :: forced(lanes)
-      real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted ranges: each 1 or 0
+      real(wp), dimension(lanes) :: fast = 0, steep = 0          !! outside the fitted range of speed, of angle: 1 or 0
       real(wp), dimension(lanes) :: w = 0, next_w = 0            !! W = R_b omega before the contact, after it [m/s]
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0   !! unit heading [-]
       real(wp), dimension(lanes) :: g1 = 0, g2 = 0, steepness = 0  !! gradient and steepness of the patch [-]
@@ -105,7 +105,7 @@ module rockfall_lanes
       real(wp), dimension(slots) :: z1 = 0, z2 = 0, z3 = 0       !! standard normal numbers [-]
       real(wp), dimension(slots) :: out1 = 0, out2 = 0, out3 = 0 !! V_t, V_n, W after the contact [m/s]
       real(wp), dimension(slots) :: admissible = 0               !! 1 if the draw is admissible, else 0
-      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted ranges: each 1 or 0
+      real(wp), dimension(slots) :: fast = 0, steep = 0          !! outside the fitted range of speed, of angle: 1 or 0
    end type draws_t
 
    interface
@@ -323,7 +323,7 @@ contains
       end do
    end subroutine meet_obstacles
 
-   !> Find the flights that may hit a tree.
+   !> Mark the flights that may hit a tree.
    subroutine find_paths_to_trees(forest, active, l, near)
       type(forest_t), intent(in) :: forest
       type(boulder_result_t), intent(in) :: active(lanes)
@@ -400,8 +400,8 @@ contains
       end do
    end subroutine find_cells
 
-   !> Read the elevations of the cells and their neighbours. If neighbours are missing, other cells are read, which
-   !> avoids branches.
+   !> Read the elevations of the cells and their neighbours. If neighbours are missing, the elevations of other cells
+   !> are read, which avoids branches.
    subroutine read_elevations(dem, n, c)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: n

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Number of the best lanes that the processor supports, as in rockfall_scene_type; meson.build has the instructions. */
+/* Most advanced execution mode that the processor supports, numbered as in rockfall_scene_type; meson.build lists the
+   instructions that each mode requires. */
 int rockfall_supported_lanes(void)
 {
 #if defined(__x86_64__)

@@ -71,7 +71,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: total = 0, left = 0, per_total = 0  !! energies, as in limit_energy [-]
       real(wp), dimension(lanes) :: velocity_factor = 0, n_left = 0  !! as in scale_to_energy; V_n [-]
       real(wp), dimension(lanes) :: slide = 0, time = 0, speed = 0  !! as in find_slide [m], [s], [m/s]
-      real(wp), dimension(lanes) :: inside = 0, off = 0           !! ends on its first patch; leaves the ground: 1 or 0
+      real(wp), dimension(lanes) :: inside = 0, off = 0  !! path ends on its first patch; leaves the ground: 1 or 0
       real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch at the end, as in patch_t
       real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain, up to the end [m]
       real(wp), dimension(lanes) :: found = 0                     !! 1 if the loops find the end, else 0
@@ -208,8 +208,8 @@ contains
       end do
    end subroutine compute_incidence
 
-   !> Sort contacts by ground, with contacts after flights before those of rolling boulders. Boulders that land along
-   !> the normal have no tangent; `table_contact` handles them.
+   !> Sort contacts by ground; within a ground, contacts after flights come before contacts of rolling boulders.
+   !> Boulders that land along the normal have no tangent; `table_contact` handles them.
    subroutine sort_contacts(b, first)
       type(table_batch_t), intent(inout) :: b
       integer, intent(out) :: first(:)  !! first contact after flights (2*ground - 1) and of rolls (2*ground)
@@ -436,7 +436,7 @@ contains
       end do
    end subroutine follow_records
 
-   !> Find the lengths of contacts, and which contacts end on their first patch.
+   !> Find the lengths of the paths of contacts, and which paths end on their first patch.
    subroutine start_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -466,7 +466,7 @@ contains
       end do
    end subroutine start_slides
 
-   !> Find the patches on which the other contacts end.
+   !> Find the patches on which the other paths end.
    subroutine leave_patches(dem, l, b)
       type(terrain_t), intent(in) :: dem
       type(landings_t), intent(in) :: l
@@ -495,7 +495,7 @@ contains
       end do
    end subroutine leave_patches
 
-   !> Find the ends of contacts; where the ground falls away, a contact ends at its start.
+   !> Find the ends of the paths; where the ground falls away, a path ends at its start.
    subroutine end_slides(l, gravity, per_cell, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -558,7 +558,7 @@ contains
       end do
    end subroutine find_paths_near_lines
 
-   !> Find the paths of the other contacts, and all requested paths.
+   !> Find the paths whose ends the loops did not find, and all paths if requested.
    subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* Impact tables for several contacts: finds the bins in the same way as rockfall_impact_table, and reads rows of a
-   table, anywhere in memory, as columns of lanes, by loads and shuffles of whole vectors. Compiled three times, like
+/* Impact tables for several contacts at a time: finds the bins in the same way as rockfall_impact_table, and reads rows
+   of a table, anywhere in memory, into columns of lanes by vector loads and shuffles. Compiled three times, like
    rockfall_lanes; meson.build defines the names of the procedures. */
 #if defined(__AVX2__)
 #include <immintrin.h>

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of the boulders that would hit an object of a given width in the middle of each cell: their centre comes closer
-!> to it in plan than half the width plus one boulder radius. Unlike passages, hits do not depend on the cell size.
+!> Maps of the boulders that would hit an object of a given width in the middle of each cell: in plan, their centre
+!> comes closer than half the width plus their radius. Unlike passages, hits do not depend on the cell size.
 module rockfall_hit_maps
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t
@@ -38,7 +38,7 @@ contains
       needs_hits = associated(maps%hits) .or. associated(maps%hits_exceeded)
    end function needs_hits
 
-   !> Record a path, up to a time.
+   !> Record a path, up to a time after its start.
    pure subroutine record_path(paths, gravity, flight, time, spin)
       type(paths_t), intent(inout) :: paths
       real(wp), intent(in) :: gravity, time, spin  !! as in path_t
@@ -55,9 +55,9 @@ contains
       paths%path(paths%n) = path_t(flight%x, flight%y, flight%v, gravity, time, spin)
    end subroutine record_path
 
-   !> Find the cells whose centre is within a distance of a boulder's paths, each once, with the maximum energy there.
-   !> The maximum is at one end of the path within that distance, because the vertical speed changes monotonically. For
-   !> each row, an array covers the columns near the paths, which is cheaper than searching for the cell.
+   !> Find the cells whose centre comes within a distance of a boulder's paths, each cell once, with the maximum energy
+   !> there. The vertical speed changes monotonically, so the maximum is at one end of the path within that distance.
+   !> For each row, an array covers the columns near the paths: this is faster than searching for the cell.
    pure subroutine find_hits(hits, dem, paths, distance)
       type(visits_t), intent(inout) :: hits
       type(terrain_t), intent(in) :: dem
@@ -182,8 +182,8 @@ contains
       nodes = [max(1, ceiling(low*per_cell) + 1), min(n, floor(high*per_cell) + 1)]
    end function nodes_between
 
-   !> Times during which a path is within a distance of a node along one axis; the whole path if rounding leaves
-   !> nothing.
+   !> Times during which a path is within a distance of a node along one axis; the times of the whole path if rounding
+   !> leaves none.
    pure subroutine restrict_times(offset, v, distance, time, times)
       real(wp), intent(in) :: offset, v       !! start relative to the node [m]; velocity along the axis [m/s]
       real(wp), intent(in) :: distance, time  !! [m], [s]

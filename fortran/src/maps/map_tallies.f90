@@ -32,10 +32,10 @@ module rockfall_map_tallies
       integer(i8), pointer, contiguous :: sums(:, :, :) => null()
       real(sp), pointer, contiguous :: maxima(:, :, :) => null()
       integer(i4), pointer, contiguous :: column(:, :) => null(), bin_counts(:, :) => null()
-      integer(i4), pointer :: columns(:) => null()        !! scalar: number of columns assigned
-      integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t; see its first_partial
+      integer(i4), pointer :: columns(:) => null()        !! number of columns assigned (a scalar)
+      integer(i4), pointer, contiguous :: last_source(:, :, :) => null()  !! as in maps_t
       integer(i8) :: first_partial = 0
-      type(stacks_t), allocatable :: own(:)               !! of threads after the first, if private
+      type(stacks_t), allocatable :: own(:)               !! stacks of the threads after the first, if private
       integer(i8) :: max_columns = max_columns            !! maximum number of columns of `bin_counts`
       type(contributing_t) :: shared                      !! cells of partial sources, set by `settle_partial_sources`
       type(c_ptr), private :: block(n_blocks) = c_null_ptr  !! memory of all arrays above
@@ -86,8 +86,8 @@ contains
       end associate
    end subroutine allocate_tallies
 
-   !> Allocate bin counts for all cells; if memory is short, try half the number, repeatedly. A column uses memory only
-   !> after a boulder passes its cell, and boulders may pass few cells. Memory is left for other data.
+   !> Allocate bin counts for all cells. If memory is short, try half the number, repeatedly, and leave half of the
+   !> available memory to other data. A column uses memory only after a boulder passes its cell.
    subroutine allocate_bin_counts(tallies, cells)
       type(map_tallies_t), intent(inout) :: tallies
       integer(i8), intent(in) :: cells
@@ -101,7 +101,7 @@ contains
             if (c_associated(block)) exit
             columns = columns/2
          end do
-         if (k > 0 .and. c_associated(block)) then  ! leave the other half of the available memory
+         if (k > 0 .and. c_associated(block)) then  ! leave half of the available memory to other data
             call free_block(block)
             columns = columns/2
             block = zeroed_block(columns*rows, 4)
@@ -133,7 +133,7 @@ contains
       call free_block(tallies%block)
    end subroutine free_tallies
 
-   !> Free the tallies once all maps are computed; counts, sums and maxima only if `stacks` is true.
+   !> Free the tallies once all maps are computed; counts, sums and maxima only where `stacks` is true.
    subroutine forget_tallies(tallies, stacks)
       type(map_tallies_t), intent(inout) :: tallies
       logical, intent(in) :: stacks(3)
@@ -217,7 +217,8 @@ contains
       end do
    end subroutine take_own_tallies
 
-   !> Add tallies of the same cells, if memory suffices for their bin counts; cells without tallies take no memory.
+   !> Add tallies of the same cells, if memory suffices for their bin counts (`fit`); cells without tallies take no
+   !> memory.
    pure subroutine add_tallies(tallies, part, fit)
       type(map_tallies_t), intent(inout) :: tallies
       type(map_tallies_t), intent(in) :: part
@@ -264,8 +265,8 @@ contains
 
    ! ---- partial sources ----------------------------------------------------------------------
 
-   !> In the cells of partial sources, count only the boulders first..last (sign 1), as a part requires; `shared` stores
-   !> these cells. Sign -1 reverts this, so that a run can continue.
+   !> For a part: count only the boulders first..last in the cells of partial sources (sign 1), and store these cells in
+   !> `shared`. Sign -1 reverts this, so that a run can continue.
    subroutine settle_partial_sources(tallies, release, first, last, sign)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release
@@ -279,8 +280,8 @@ contains
       call adjust_released(maps, release, tallies%shared, sign)
    end subroutine settle_partial_sources
 
-   !> Restore the cells of partial sources from `shared`, as read from a file. `good` if they belong to the sources
-   !> split by the boulders first..last, with correct numbers of boulders and ordered cells.
+   !> Restore the cells of partial sources from `shared`, as read from a file. `good`: they belong to the sources split
+   !> by the range of boulders first..last, their numbers of boulders are correct, and their cells ascend.
    subroutine restore_sources(tallies, release, first, last, good)
       type(map_tallies_t), intent(inout) :: tallies
       type(release_t), intent(in) :: release

@@ -15,7 +15,7 @@ module rockfall_map_values
    real(wp), parameter :: z_95 = 1.959964_wp  !! standard normal quantile of 0.975, for 95 % intervals [-]
    integer, parameter :: min_for_mean = 10  !! passages below which the interval of a mean is not reliable
    integer, parameter :: min_for_std = 100  !! passages below which the interval of a standard deviation is not reliable
-   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! maximum columns of bin counts; one more marks overflow
+   integer(i8), parameter :: max_columns = 2_i8**31 - 2  !! maximum number of columns; one more marks overflow
    integer, parameter :: halvings = 5  !! number of times that the number of columns may be halved
 
    !> Index of each tally in its stack of layers; 0 = not requested.
@@ -23,12 +23,12 @@ module rockfall_map_values
       integer :: count(n_map_counts - 2) = 0  !! passages, deposits, contributing sources, their boulders, hits
       !> Energy, speed, jump height, passing height; for tree hits: heights, absorbed energies, number.
       integer :: sum(n_map_sums) = 0
-      integer :: square(4) = 0 !! index among the sums of the first of two layers for squares
+      integer :: square(4) = 0 !! for each quantity, the first of two layers for squares among the sums
       integer :: max(n_map_maxima) = 0    !! as `sum`, without the last two
       integer :: travel(3) = 0     !! steepest and flattest energy line, shortest time: indices among the maxima
-      integer :: exceeded(2) = 0   !! first layer of thresholds of passages and of hits, among the counts
+      integer :: exceeded(2) = 0   !! first layer of thresholds among the counts, for passages and for hits
       integer :: thresholds = 0    !! number of thresholds
-      integer :: bins(4) = 0   !! first row of the bin counts
+      integer :: bins(4) = 0   !! first row of each quantity in the bin counts
       integer :: rows = 0      !! number of rows of the bin counts
    end type map_plan_t
 
@@ -201,7 +201,7 @@ contains
       maps%slots => slots
    end function map_views
 
-   !> Minimum number of passages for which a map shows a value in a cell; 0 for maps without a minimum.
+   !> Minimum number of passages in a cell for which a map shows a value; 0 for maps without a minimum.
    pure integer function map_min_count(name, min_passages)
       character(len=*), intent(in) :: name
       integer, intent(in) :: min_passages  !! as given in the case
@@ -323,9 +323,9 @@ contains
       std = sqrt(real(n*squares - int(total, i16)*total, wp)/(real(n, wp)*(n - 1)))
    end function std_of_sums
 
-   !> Rank of a limit of the 95 % interval for quantile p of n independent numbers, from the binomial distribution, as
-   !> in line statistics. No limit exists below the first or above the last number. Boulders of a cluster may behave
-   !> alike, which increases the variance at most by a factor equal to the cluster size.
+   !> Rank of a limit of the 95 % interval for quantile p of n numbers, from the binomial distribution, as in line
+   !> statistics. No limit exists below the first or above the last number. Boulders of a cluster may behave alike,
+   !> which increases the variance at most by a factor equal to the cluster size.
    pure real(wp) function limit_rank(p, n, per_cluster, side)
       real(wp), intent(in) :: p    !! [-]
       integer(i8), intent(in) :: n

@@ -37,7 +37,7 @@ module rockfall_maps
       integer :: bin_offset = -1  !! row of `bin_counts` before the first of this quantity; -1: not counted
    end type layer_t
 
-   !> Requested maps; other maps are not associated. All are (nx, ny); row 1 is the northernmost.
+   !> Maps; those not requested are not associated. All are (nx, ny); row 1 is the northernmost.
    type :: maps_t
       integer(i4), pointer, contiguous :: passages(:, :) => null()    !! number of boulders that passed
       integer(i4), pointer, contiguous :: deposits(:, :) => null()    !! number of boulders that came to rest
@@ -45,7 +45,7 @@ module rockfall_maps
       integer(i4), pointer, contiguous :: released(:, :) => null()    !! number of boulders released by these sources
       !> Last source that was counted in the cell boulder by boulder (nx, ny, layers); see rockfall_source_maps.
       integer(i4), pointer, contiguous :: last_source(:, :, :) => null()
-      integer(i8) :: first_partial = 0  !! source with its own, second layer of `last_source`
+      integer(i8) :: first_partial = 0  !! partial source at the start of the run; it has layer 2 of `last_source`
       type(layer_t) :: layer(4)
       !> Boulders whose maximum energy exceeds each `threshold` (nx, ny, thresholds).
       integer(i4), pointer, contiguous :: exceeded(:, :, :) => null()
@@ -86,7 +86,7 @@ module rockfall_maps
    !> Cells under a straight path, along one axis.
    type :: axis_t
       integer :: cell = 0, step = 1       !! current cell; step to the next: 1 or -1
-      real(wp) :: cut = no_hit_time       !! time at which the path leaves it, since its start [s]
+      real(wp) :: cut = no_hit_time       !! time since its start at which the path leaves the cell [s]
       real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, cell size [m], 1/v [s/m], 0 at rest
    end type axis_t
 
@@ -383,7 +383,7 @@ contains
       visits%timed = timed
    end subroutine join_visits
 
-   !> Index of the visit to a cell; for a new cell, the next index, which is entered in the table.
+   !> Index of the visit to a cell; a new cell gets the next index, which is entered in the table.
    pure subroutine find_visit(visit, cell, entry, index)
       type(visit_t), intent(in) :: visit(:)
       integer, intent(in) :: cell(2)         !! column, row
@@ -520,8 +520,8 @@ contains
       if (associated(layer%max)) call raise_maximum(layer%max(i, r), real(value, sp))
    end subroutine add_value
 
-   !> Add the square of a number, which may overflow an integer: with n = a*base + b it is (a*a*base + 2*a*b)*base +
-   !> b*b.
+   !> Add the square of a number, which may overflow an integer. With n = a*base + b, the square is (a*a*base +
+   !> 2*a*b)*base + b*b.
    subroutine add_square(square, i, r, n)
       integer(i8), intent(in), pointer, contiguous :: square(:, :, :)  !! as in layer_t
       integer, intent(in) :: i, r
@@ -567,7 +567,8 @@ contains
       maps%bin_counts(bin, slot) = maps%bin_counts(bin, slot) + 1
    end subroutine count_bin
 
-   !> Assign a slot for counts to a cell; 0 if none is available. Unwritten memory may have any contents.
+   !> Assign a slot for counts to a cell; 0 if none is available. The new slot is set to zero, because its memory may
+   !> have any contents.
    subroutine assign_slot(maps, i, r, slot)
       type(maps_t), intent(in) :: maps
       integer, intent(in) :: i, r
@@ -591,7 +592,7 @@ contains
       if (associated(maps%slots)) lacks_slots = maps%slots > size(maps%bin_counts, 2)
    end function lacks_slots
 
-   !> Raise a maximum; most visits only read its current value.
+   !> Raise a maximum to `value` if that is larger; most visits only read it.
    elemental subroutine raise_maximum(maximum, value)
       real(sp), intent(inout) :: maximum  !! in J, m/s or m, or as stored by rockfall_travel_maps
       real(sp), intent(in) :: value       !! in the unit of `maximum`

@@ -44,7 +44,7 @@ contains
       max_single(energy) = distribution%density*volume*gravity*fall
       max_single(speed) = sqrt(2*gravity*fall)
       max_single(jump_height) = fall
-      max_single(passing_height) = fall + volume**(1/3.0_wp)*max_steepness  ! R_b is below the side of such a cube
+      max_single(passing_height) = fall + volume**(1/3.0_wp)*max_steepness  ! R_b is below the side of the cube
       hits = real(boulders, wp)*max_hits
       max_total(:4) = boulders*max_single*per_unit
       max_total(energy) = min(max_total(energy), &
@@ -73,8 +73,9 @@ contains
       end if
    end subroutine check_overflow
 
-   !> Bound of the sum of n independent volumes [m3], by Chernoff: the probability that a sum of at least 2e times its
-   !> mean exceeds k times the maximum volume is below 2**-k; k = 128 makes an overflow practically impossible.
+   !> Upper bound of the sum of n independent volumes [m3]. By Chernoff, the sum exceeds k times the maximum volume with
+   !> a probability below 2**-k, if that is at least 2e times the mean of the sum; k = 128 makes an overflow practically
+   !> impossible.
    pure real(wp) function sum_of_many(n, mean, max_single)
       integer(i8), intent(in) :: n
       real(wp), intent(in) :: mean, max_single  !! mean and maximum of one volume [m3]

@@ -3,9 +3,9 @@
 !> number of boulders released by these sources. A source counts once per cell, however its boulders are distributed
 !> over threads, calls and parts.
 !>
-!> Boulders of a source are consecutive. If one thread runs all boulders of a source, it collects the cells first. A
-!> source shared by several threads or calls writes its number to `last_source` when it is counted. Calls come in order:
-!> if a cell has the number of a later source, earlier sources are complete there.
+!> Boulders of a source are consecutive. If one thread runs all boulders of a source, it collects the cells first. If
+!> several threads or calls share a source, its number is written to `last_source` when it is counted. Calls come in
+!> order: where a cell has the number of a later source, earlier sources are complete.
 module rockfall_source_maps
    use rockfall_kinds, only: wp, i4, i8
    use rockfall_boulder, only: release_t, source_of, first_of, last_of, released_by
@@ -15,7 +15,7 @@ module rockfall_source_maps
    public :: contributing_t, counts_sources, gather_cells, add_source, add_source_of_boulder
    public :: partial_sources, first_partial, contributing_cells, boulders_within, adjust_released
 
-   !> Cells to which partial sources contribute, by source. The range has only some boulders of a partial source.
+   !> Cells to which partial sources (with only some of their boulders in the range) contribute, by source.
    type :: contributing_t
       integer(i8), allocatable :: cell(:)      !! cell number from 0, row by row from the north-west
       integer(i4), allocatable :: source(:)
@@ -121,7 +121,7 @@ contains
       sources = pack(ends, partial)
    end function partial_sources
 
-   !> Source split by the start of a range of boulders, 0 if none; later sources must not overwrite it in `last_source`.
+   !> Source split by the start of a range of boulders, 0 if none. Later sources must not overwrite it in `last_source`.
    pure integer(i8) function first_partial(release, first)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: first

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Maps of the arrival of boulders: steepest and flattest energy line, and shortest time. Stored as maxima of positive
-!> numbers, which do not depend on order; 0 if no boulder arrived.
+!> Maps of the arrival of boulders: steepest and flattest energy line, and shortest time. All are stored as maxima of
+!> positive numbers, so that the order of boulders does not matter; 0 if no boulder arrived.
 module rockfall_travel_maps
    use rockfall_kinds, only: wp, sp
    use rockfall_math, only: degree, arcsine
@@ -10,7 +10,7 @@ module rockfall_travel_maps
    private
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
-   real(wp), parameter :: offset = 2.0_wp            !! added to a sine of either sign, gives a positive number [-]
+   real(wp), parameter :: offset = 2.0_wp            !! added to a sine of either sign to make it positive [-]
    real(wp), parameter :: sine_steps = 2.0_wp**22    !! resolution of sines: both sums are exact in single precision
 
 contains
@@ -29,7 +29,7 @@ contains
       needs_travel = associated(maps%steepest) .or. associated(maps%flattest) .or. associated(maps%shortest)
    end function needs_travel
 
-   !> Record the times at which the visits of a flight began.
+   !> Record the time at which each visit of a flight begins.
    pure subroutine time_visits(visits, dem, start, v, start_time, duration)
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem

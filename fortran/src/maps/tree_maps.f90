@@ -37,7 +37,7 @@ contains
    pure subroutine add_tree_hit(hits, cell, height, absorbed)
       type(tree_hits_t), intent(inout) :: hits
       integer, intent(in) :: cell(2)         !! column, row
-      real(wp), intent(in) :: height, absorbed  !! height [m] and absorbed energy [J], as in placed_t
+      real(wp), intent(in) :: height, absorbed  !! as in tree_contact_t [m], [J]
       type(tree_contact_t), allocatable :: larger(:)
 
       if (.not. allocated(hits%hit)) allocate (hits%hit(first_capacity))
@@ -50,7 +50,7 @@ contains
       hits%hit(hits%n) = tree_contact_t(cell, height, absorbed)
    end subroutine add_tree_hit
 
-   !> Add a boulder's hits to the maps; thread-safe.
+   !> Add a boulder's tree hits to the maps; thread-safe.
    subroutine add_tree_hits(maps, hits)
       type(maps_t), intent(in) :: maps
       type(tree_hits_t), intent(in) :: hits

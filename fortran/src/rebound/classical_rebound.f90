@@ -19,7 +19,7 @@ module rockfall_classical_rebound
    integer, parameter :: by_sets = 1, rockyfor3d = 2, pfeiffer_bowen = 3, bourrier_hungr = 4, constant = 5, &
                          absorbing = 6, by_table = 7, by_ratio_table = 8
 
-   !> Obstacle height [m] with which Rockyfor3D marks areas that no boulder leaves, such as lakes.
+   !> Rockyfor3D marks areas that no boulder leaves, such as lakes, by this obstacle height [m].
    real(wp), parameter :: absorbing_obstacle = 100.0_wp
 
    !> Speeds of Pfeiffer and Bowen (1989) [m/s]: 30, 20 and 250 ft/s.
@@ -111,13 +111,13 @@ contains
    !> hops on any slope would shrink to zero within a finite distance. A rebound that gains energy, or does not rise, is
    !> limited as in rockfall_impact.
    !>
-   !> W is that of a sphere with equal rotational energy, as everywhere between rebounds; inside this procedure the
-   !> boulder rotates with its own inertia.
+   !> Between rebounds, W is that of a sphere with equal rotational energy; within this procedure, the boulder rotates
+   !> with its own inertia.
    pure subroutine classical_rebound(this, table, words, tilt, boulder, inertia, obstacle, v_in, out)
       type(classical_t), intent(in) :: this
       type(normal_table_t), intent(in) :: table
       integer(i8), intent(in) :: words(rebound_words)
-      real(wp), intent(in) :: tilt      !! tilt of the ground relative to its roughness, 0 to 1 [-]
+      real(wp), intent(in) :: tilt      !! tilt of the ground, divided by `roughness`, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia   !! I/(m R**2) [-]
       real(wp), intent(in) :: obstacle  !! obstacle height [m]

@@ -47,7 +47,7 @@ contains
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number, impact       !! numbers of the boulder and of the contact
       integer(i8), intent(in) :: words(rebound_words)  !! random words of the first draw
-      real(wp), intent(in) :: tilt                    !! tilt of the ground relative to its roughness, 0 to 1 [-]
+      real(wp), intent(in) :: tilt                    !! tilt of the ground, divided by its maximum, 0 to 1 [-]
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: inertia                 !! moment of inertia of the boulder, I/(m R**2) [-]
       real(wp), intent(in) :: obstacle                !! obstacle height [m]

@@ -96,9 +96,9 @@ contains
       end do
    end subroutine set_covariance
 
-   !> Covariance of A that gives V_out = A V_in the distribution of A V_in + |V_in| e, |V|**2 = V_t**2 + V_n**2 +
-   !> W**2, e normal with covariance S (theory, chapter 5). A and e are drawn together for each impact, and |V_in| e is
-   !> distributed as E V_in, where E has independent columns of covariance S: so C + S (x) I.
+   !> Covariance C + S (x) I of A + E. Adding noise |V_in| e to A V_in has the same effect, where A has the covariance
+   !> C, e is normal with covariance S, and |V|**2 = V_t**2 + V_n**2 + W**2 (theory, chapter 5): |V_in| e is distributed
+   !> as E V_in, where E has independent columns of covariance S.
    pure function with_noise(c, s) result(total)
       real(wp), intent(in) :: c(entries, entries), s(3, 3)  !! [-]
       real(wp) :: total(entries, entries)
@@ -110,7 +110,7 @@ contains
       end do
    end function with_noise
 
-   !> Fitted ranges, given the ends of speed and angle.
+   !> Fitted ranges from the minimum and maximum of speed and angle.
    pure type(fitted_t) function fitted(speed, angle)
       real(wp), intent(in) :: speed(2)  !! [m/s]
       real(wp), intent(in) :: angle(2)  !! angle to the surface [degree]
@@ -135,8 +135,8 @@ contains
       angle = merge(1.0_wp, angle, normal2 > this%sine2(2)*speed2)
    end subroutine beyond_fit
 
-   !> Impact set for a ratio R_b/R_m, rounded and limited to 1..5 (theory, chapter 5). `outside`: the ratio is beyond
-   !> 0.5..5.5, where no set is calibrated.
+   !> Number of the impact set for a ratio R_b/R_m, which is rounded and limited to 1..5 (theory, chapter 5). `outside`:
+   !> the ratio is beyond 0.5..5.5, where no set is calibrated.
    pure subroutine find_nearest_set(ratio, number, outside)
       real(wp), intent(in) :: ratio  !! R_b/R_m [-]
       integer, intent(out) :: number

@@ -37,8 +37,8 @@ module rockfall_impact_table
 
    !> Inputs of the map of a bin: V_t, V_n, W, and for a rolling block its height.
    integer, parameter :: n_inputs = 4
-   !> Map of a bin and range of its inputs: offsets of the rows (n_inputs numbers each) for velocity along, V_n and W,
-   !> and of the range; then W over V.
+   !> Offsets in `map`: rows of the map of a bin for velocity along, V_n and W (n_inputs numbers each), then minimum and
+   !> maximum of each input; those of W are over V.
    integer, parameter :: along_map = 0, n_map = 4, w_map = 8, low = 12, high = 16, map_fields = 20
    real(wp), parameter, public :: usual_density = 2700         !! usual density of boulders [kg/m3]
    real(wp), parameter, public :: usual_weight = usual_density*9.81_wp  !! [N/m3]
@@ -109,8 +109,8 @@ module rockfall_impact_table
       real(wp) :: speed             !! sqrt(V_t**2 + V_n**2) [-]
       real(wp) :: height = 0.0_wp   !! height above the mean ground, of a rolling block [-]
       logical :: rolling = .false.  !! continuation of a truncated contact
-      real(wp) :: key               !! factor from V**2 to the speed key, so that rho_b V_n**2/(2 p_y) equals the
-                                    !! record's: size/strength of the boulder, over that of its part of the table [-]
+      real(wp) :: key  !! factor from V**2 to the speed key: the boulder's size over the size of its column, so that
+                       !! rho_b V_n**2/(2 p_y) equals that of the record [-]
       real(wp) :: stretch           !! ratio of the contact's duration to the record's, sqrt(key) [-]
       real(wp) :: inertia           !! I/(m R_b**2) [-]
       real(wp) :: pull(2)           !! gravity along the heading, and across it towards the descent, over g [-]
@@ -121,7 +121,7 @@ module rockfall_impact_table
    type :: outcome_t
       real(wp) :: along, across, normal, w  !! velocity along the initial heading, towards the descent, V_n, W [-]
       real(wp) :: duration, rise            !! [-]
-      real(wp) :: reach                     !! advance over the speed of the mean energy [-]
+      real(wp) :: reach                     !! advance over mean_speed [-]
       real(wp) :: height                    !! height of the centre above the mean ground [-]
       real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b, without the work of
                                             !! gravity along the slope
@@ -161,8 +161,8 @@ contains
       end do
    end subroutine index_records
 
-   !> Find the maximum speed for the incidence and spin of each bin: that of the fastest record. Bins of rolling blocks
-   !> have none.
+   !> Find the maximum speed at the incidence and spin of each bin, from its fastest record. Bins of rolling blocks have
+   !> none.
    pure subroutine find_fastest(table, bins)
       type(impact_table_t), intent(inout) :: table
       integer, intent(in) :: bins
@@ -392,8 +392,8 @@ contains
       call prefetch(table%record(record_fields, record))
    end subroutine prefetch_record
 
-   !> Factor for the record's velocities: the ratio of the speeds, or 1 for a rolling block. The fastest bin is open:
-   !> beyond it, a contact is a scaled copy of the fastest record.
+   !> Factor for the record's velocities: the ratio of the speeds, or 1 for a rolling block. The fastest bin has no
+   !> upper limit: beyond its fastest record, a contact is a scaled copy of that record.
    elemental real(wp) function speed_scale(ratio, rolling, v1, fastest)
       real(wp), intent(in) :: ratio    !! ratio of the boulder's speed to the record's [-]
       real(wp), intent(in) :: rolling  !! 1 or 0
@@ -407,7 +407,7 @@ contains
       speed_scale = merge(v1/merge(fastest, 1.0_wp, beyond > 0), speed_scale, beyond > 0)
    end function speed_scale
 
-   !> Difference between a map input and that of the record, limited to the range of the bin's records.
+   !> Map input of a contact, limited to the range of the bin's records, minus the value of its record.
    elemental real(wp) function input_change(input, unit, lowest, highest, of_record)
       real(wp), intent(in) :: input            !! [-]
       real(wp), intent(in) :: unit             !! scale of the range, for V_t and V_n or for W [-]
@@ -424,16 +424,16 @@ contains
       mapped_shift = change1*m1 + change2*m2 + change3*m3 + change4*m4
    end function mapped_shift
 
-   !> Duration of a contact. If the key is the absolute speed, the duration scales with R_b instead of its square root.
+   !> Duration of a contact. If the key is the absolute speed, the duration scales with R_b instead of sqrt(R_b).
    elemental real(wp) function own_duration(of_record, keeps, stretch)
       real(wp), intent(in) :: of_record  !! duration of the record [-]
-      real(wp), intent(in) :: keeps      !! 1: the boulder rolls or follows the block; else 0
+      real(wp), intent(in) :: keeps      !! 1: the boulder rolls or follows the recorded sequence; else 0
       real(wp), intent(in) :: stretch    !! as in approach_t [-]
 
       own_duration = merge(of_record, of_record*stretch, keeps > 0)
    end function own_duration
 
-   !> Advance of a contact over the speed of its mean energy: the record's value, scaled to the boulder's duration.
+   !> Advance of a contact over its mean_speed: the record's value, scaled to the boulder's duration.
    elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
       real(wp), intent(in) :: of_record       !! advance of the record [-]
       real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
@@ -453,8 +453,8 @@ contains
    !> Velocity along or across the heading. Velocities scale with the speed, but the contribution of gravity scales with
    !> the duration: it is replaced separately.
    elemental real(wp) function own_velocity(scale, of_record, pull, duration, record_pull, record_duration)
-      real(wp), intent(in) :: scale, of_record               !! from speed_scale [-]; velocity of the record [-]
-      real(wp), intent(in) :: pull, duration                 !! pull of gravity, over g; duration of the contact [-]
+      real(wp), intent(in) :: scale, of_record               !! ratio from speed_scale; velocity of the record [-]
+      real(wp), intent(in) :: pull, duration  !! pull of gravity along or across, over g; duration of the contact [-]
       real(wp), intent(in) :: record_pull, record_duration   !! pull and duration of the record [-]
 
       own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
@@ -463,7 +463,7 @@ contains
    !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
    !> laboratory's. The force is that of gravity at the rest angle of the ground. The velocity is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
-      real(wp), intent(in) :: along         !! velocity of a boulder held as long as the block [-]
+      real(wp), intent(in) :: along  !! velocity of the boulder if friction acted for the duration of the record [-]
       real(wp), intent(in) :: rolling       !! 1: the boulder rolls, with the block's duration; else 0
       real(wp), intent(in) :: hold          !! as in impact_table_t [-]
       real(wp), intent(in) :: pull1, pull2  !! gravity along and across the heading, over g [-]
@@ -479,7 +479,7 @@ contains
    !> Return 1 if the map of the bin shifts a record, else 0: a flight must not be shifted into the ground.
    elemental real(wp) function takes_shift(exit, normal, shift)
       real(wp), intent(in) :: exit           !! as in outcome_t
-      real(wp), intent(in) :: normal, shift  !! V_n before the shift, and its shift [-]
+      real(wp), intent(in) :: normal, shift  !! V_n before the shift, and the shift of V_n [-]
 
       takes_shift = merge(1.0_wp, 0.0_wp, normal + shift > 0)
       takes_shift = merge(1.0_wp, takes_shift, exit > flies)
@@ -559,8 +559,8 @@ contains
       bin = ((i - 1)*bins%n(2) + j - 1)*bins%n(3) + k
    end function key_bin
 
-   !> Return 1 + the number of edges, multiplied by a unit, below a value. All edges are compared, because an early exit
-   !> would be mispredicted.
+   !> Return 1 + the number of edges that, multiplied by a unit, are below a value. All edges are compared, because an
+   !> early exit would be mispredicted.
    pure integer function edge_bin(vectors, edge, unit, value)
       integer, intent(in) :: vectors
       real(wp), intent(in) :: edge(edge_vector, vectors)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Local frame of an impact: the plane of the surface normal and the tangential direction of motion. Procedures
-!> transform the incoming velocity to this frame, and the velocity after the impact to that of the next flight.
+!> transform the incoming velocity to this frame, and compute the next flight from the velocity after the impact.
 module rockfall_local_frame
    use rockfall_kinds, only: wp
    use rockfall_terrain, only: terrain_t, cell_descent

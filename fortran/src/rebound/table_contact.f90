@@ -20,13 +20,13 @@ module rockfall_table_contact
    public :: update_touch, end_touch, keeps_sequence, resolve_on_plane, find_pull, find_record, apply_record, &
              limit_energy, after_fall, scale_to_energy, compute_departure, takeoff_height, velocity_after
 
-   !> Random numbers of a contact: for the record, and for side or heading if the ground does not determine it.
+   !> Indices of the uniform numbers of a contact: for the record, and for side or heading if the ground does not
+   !> determine it.
    integer, parameter :: record_u = 1, side_u = 3
 
    !> Rise over R_b up to which a truncated contact continues [-]; the laboratory records higher rises as flights.
    real(wp), parameter :: max_rise = 0.02_wp
-   !> V_n over V_t above which a contact of a rolling boulder on steeper ground counts as one after
-   !> a flight [-].
+   !> V_n over V_t above which a contact of a rolling boulder on steeper ground counts as one after a flight [-].
    real(wp), parameter :: impact_ratio = 0.5_wp
 
    !> Twice the kinetic energy over m g R_b below which the laboratory considers a block at rest [-].
@@ -47,8 +47,8 @@ module rockfall_table_contact
 
 contains
 
-   !> Draw a contact, and find the path `roll` to its end. `touch` is that from update_touch, and is updated for the
-   !> next contact.
+   !> Draw a contact, and find the path `roll` to its end. `touch` comes from update_touch, and is updated for the next
+   !> contact.
    pure subroutine table_contact(dem, gravity, table, boulder, inertia, u, landing, v, before, omega_r, touch, &
                                  roll, contact)
       type(terrain_t), intent(in) :: dem
@@ -160,7 +160,7 @@ contains
    !> Return 1 if the next contact follows the recorded sequence, else 0.
    elemental real(wp) function keeps_sequence(off, rolled, rolls)
       real(wp), intent(in) :: off            !! as returned by find_slide: 1 or 0
-      real(wp), intent(in) :: rolled, rolls  !! 1 if the block, the boulder stays on the ground, else 0
+      real(wp), intent(in) :: rolled, rolls  !! the block stays on the ground; the boulder does: 1 or 0
 
       keeps_sequence = merge(0.0_wp, 1.0_wp, rolled > rolls)
       keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)
@@ -197,7 +197,7 @@ contains
       t = t/sqrt(1 + t(3)*t(3))
    end function random_tangent
 
-   !> Components of gravity along and across a tangent, and the side of the descent.
+   !> Components of gravity along and across a tangent, and side of the descent.
    elemental subroutine find_pull(g1, g2, cosine, t1, t2, t3, u, along, across, side)
       real(wp), intent(in) :: g1, g2             !! gradient of the plane [-]
       real(wp), intent(in) :: cosine             !! cosine of the slope, 1/sqrt(1 + |g|**2) [-]
@@ -249,8 +249,8 @@ contains
       touch%next = out%next
    end subroutine apply_record
 
-   !> Limit the energy to slightly less than the energy before the contact plus the work of gravity along the slope;
-   !> compute the speed of the mean energy, and the length. Gravity acts along the length that remains after limiting.
+   !> Limit the energy to slightly less than the energy before the contact plus the work of gravity along the slope.
+   !> Compute the mean speed and the length that remain; gravity works only along this length.
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, pull, reach, radius, total, &
                                      left, per_total, speed, slide)
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
@@ -278,7 +278,7 @@ contains
    !> the ground at once because the ground falls away.
    elemental real(wp) function after_fall(left, extra_drop, off)
       real(wp), intent(in) :: left  !! as returned by limit_energy [-]
-      real(wp), intent(in) :: extra_drop  !! drop in addition to that of the plane, over R_b [-]
+      real(wp), intent(in) :: extra_drop  !! drop beyond the drop of the plane, over R_b [-]
       real(wp), intent(in) :: off   !! 1 if the ground falls away, else 0
 
       after_fall = merge(max(0.0_wp, left + 2*extra_drop), left, left > min_speed*min_speed)

@@ -20,7 +20,7 @@ contains
       if (size(scene%release%x) > 0) boulder_count = last_of(scene%release, size(scene%release%x, kind=i8))
    end function boulder_count
 
-   !> Volume distribution of a scene; if sources give volumes, that of the largest and heaviest boulders.
+   !> Volume distribution of a scene; if sources give volumes, the distribution for the largest and heaviest boulders.
    pure type(volume_distribution_t) function max_volumes(scene) result(volumes)
       type(scene_t), intent(in) :: scene
       integer :: k
@@ -70,8 +70,8 @@ contains
       lift_of = lift_of + dot_product(v, v)/(2*scene%gravity)
    end function lift_of
 
-   !> Check that sources in raster rows first to last lie on known terrain, given a window of the terrain. Raises `head`
-   !> to the maximum energy head of their boulders.
+   !> Check that the sources in raster rows first to last lie on known terrain, given a window that contains these rows.
+   !> Raises `head` to the maximum energy head of their boulders.
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: first, last  !! rows, counted from the north

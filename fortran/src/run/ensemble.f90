@@ -158,7 +158,7 @@ contains
       integer(i8) :: quick
       integer :: k, from, to
 
-      quick = deadline_in(0.0_wp)  ! duration of a boulder unknown before the first
+      quick = deadline_in(0.0_wp)  ! the duration of a boulder is unknown before the first
       do
          call take_batch(next, size(results), merge(batch, 1, deadline_in(0.0_wp) < quick), deadline, from, to)
          if (from > to) return
@@ -214,7 +214,7 @@ contains
             !$omp end do
             to = source
          else
-            ! group small sources to about one batch of boulders
+            ! group small sources into about one batch of boulders
             sources = int(max(1_i8, batch*(to - source + 1)/max(1_i8, last_of(scene%release, to) - next + 1)))
             !$omp do schedule(dynamic, sources)
             do s = source, to
@@ -233,7 +233,7 @@ contains
       end do
    end subroutine run_by_source
 
-   !> Last of the consecutive sources from `source` that have at most `max_small` boulders each, all within first..last;
+   !> Last of the consecutive sources from `source` that have at most `max_size` boulders each, all within first..last;
    !> source - 1 if none.
    pure integer(i8) function last_small_source(release, source, first, last, max_size) result(to)
       type(release_t), intent(in) :: release
@@ -270,8 +270,9 @@ contains
       end if
    end subroutine trace_boulder
 
-   !> Numbers of the boulders in first..last with recorded trajectories: `requested` in the complete run, the first of
-   !> each source, in proportion to the boulders of the source. The choice does not depend on the range.
+   !> Numbers of the boulders in first..last whose trajectories are recorded. In the complete run, `requested` boulders
+   !> are recorded: the first of each source, in proportion to its number of boulders. The choice does not depend on the
+   !> range.
    pure function recorded_boulders(release, requested, first, last) result(number)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: requested, first, last

@@ -64,8 +64,8 @@ module rockfall_handles
 
 contains
 
-   !> Read the groups of a text. `form` is "case" (values are checked and completed), "defaults" (any text, completed by
-   !> every group of a case), or "any" (unknown groups and keys are allowed).
+   !> Read the groups of a text. `form` is "case" (values are checked and completed), "defaults" (any text; all groups
+   !> of a case are added), or "any" (unknown groups and keys are allowed).
    subroutine read_values(this, form, text, name, error)
       class(case_handle_t), intent(inout) :: this
       character(len=*), intent(in) :: form, text, name  !! text; `form`; name of the text for messages
@@ -194,7 +194,7 @@ contains
       end associate
    end function terrain_known
 
-   !> Confine boulders to these columns and rows of the maps, which must be the same for all runs of a scene.
+   !> Confine boulders to these columns and rows of the maps. All runs of a scene must have the same limits.
    subroutine limit(this, first, last)
       type(scene_handle_t), intent(inout) :: this
       integer, intent(in) :: first(2), last(2)
@@ -273,7 +273,7 @@ contains
       call continue_run(scene%case, scene%scene, other%run, this%run, error)
    end subroutine begin_continued
 
-   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's. No
+   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's scene. No
    !> boulder starts after `seconds`, but at least one is completed.
    subroutine advance(this, scene, first, step, n, seconds, done, error)
       class(run_handle_t), intent(inout) :: this

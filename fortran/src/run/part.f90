@@ -23,7 +23,7 @@ module rockfall_part
    private
    public :: part_t, part_lengths_t, pack_part, pack_samples, make_room, unpack_part, unpack_samples, part_arrays
 
-   !> Arrays of a part that differ from those of its run.
+   !> Arrays of a part that differ from the arrays of its run.
    type :: part_t
       integer(i8), allocatable :: number(:)            !! boulder number of each row, if not all rows are kept
       type(layout_t) :: layout                         !! layout of samples
@@ -39,7 +39,7 @@ module rockfall_part
 
 contains
 
-   !> Pack a run, after settle_partial_sources, into a part.
+   !> Pack a run into a part, after settle_partial_sources.
    subroutine pack_part(run, part, error)
       type(run_t), intent(inout) :: run
       type(part_t), intent(inout) :: part
@@ -251,7 +251,7 @@ contains
           .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
    end function sample_fault
 
-   !> Return whether the known numbers of each column form a heap; sorted numbers do.
+   !> Return whether the known numbers of each column form a heap, as sorted numbers do.
    pure logical function are_heaps(samples)
       type(samples_t), intent(in) :: samples
       integer :: k, line

@@ -55,8 +55,9 @@ contains
    end function real_row
 
    !> Angle below the horizontal [degree] of the line from the apex of the talus to the end of a boulder; NaN without an
-   !> apex. The plan distance is the difference of radii from the source, so that a boulder lateral to the apex does not
-   !> count as far away. The angle is 90 unless the end is below the apex and at least `baseline` beyond it.
+   !> apex. The plan distance is the difference of their distances from the source, so that a boulder to the side of the
+   !> apex does not count as far away. The angle is 90 unless the end is below the apex and at least `baseline` beyond
+   !> it.
    pure real(wp) function shadow_angle(outcome)
       type(boulder_result_t), intent(in) :: outcome
       real(wp) :: fall, distance

@@ -51,8 +51,8 @@ module rockfall_run_loop
 
 contains
 
-   !> Run the case, or range shard(1) of shard(2) ranges of its boulders, whose sizes differ by at most one boulder. The
-   !> run is refused if its results do not fit in memory.
+   !> Run all boulders of the case, or range shard(1) of shard(2) ranges, whose sizes differ by at most one boulder. A
+   !> run whose results do not fit in memory is refused.
    subroutine run_case(case, grid, scene, shard, observer, run, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid  !! grid of the terrain

@@ -43,14 +43,14 @@ module rockfall_run_state
    integer, parameter :: ahead = 8                         !! number of crossings prefetched in advance
    integer, parameter :: n_totals = size(boulder_counts) - 3  !! number of boulder_counts that are summed
 
-   !> Run, or a range of its boulders. Arrays that the case does not need have size zero.
+   !> A complete run, or a range of its boulders. Arrays that the case does not need have size zero.
    type :: run_t
-      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders in the whole run, before the range, in it
+      integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the run, before the range, in the range
       integer(i8) :: done = 0                             !! completed boulders of the range, from its start
       integer(i8) :: per_source = 0                       !! boulders of each source; 0 if they differ
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
-      ! Rows of all boulders of the range, or only of the boulders in `number`; in the second case samples cover all.
+      ! Rows of all boulders of the range, or only of those in `number`; then samples cover all boulders.
       integer(i8), allocatable :: number(:)
       integer, allocatable :: real_columns(:), integer_columns(:)  !! columns of row_reals and row_integers in use
       real(wp), allocatable :: reals(:, :)                !! (rows, columns)
@@ -60,7 +60,7 @@ module rockfall_run_state
       integer(i8) :: crossed(1) = 0                       !! number of crossings in the last chunk, kept or sampled
       type(crossing_rows_t) :: crossings                  !! line crossings of the boulders with rows
       ! Sums over the completed boulders:
-      integer(i8) :: count(n_totals) = 0                  !! last counts of boulder_counts
+      integer(i8) :: count(n_totals) = 0                  !! sums of the last columns of boulder_counts
       integer(i8) :: histogram(bins, quantities) = 0
       logical :: histograms_requested = .false.
       integer(i8), allocatable :: by_ground(:)            !! rebounds by ground, if the scene has several grounds
@@ -79,8 +79,8 @@ module rockfall_run_state
 
 contains
 
-   !> Open a run of a scene, or of `boulders` of its boulders after the first `before`, with none completed. Maps cover
-   !> a window: first column and row, numbers of columns and rows.
+   !> Open a run of a scene, or of the `boulders` boulders after the first `before`; none is completed. Maps cover a
+   !> window: first column and row, numbers of columns and rows.
    subroutine open_run(case, scene, before, boulders, window, run, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene
@@ -258,7 +258,7 @@ contains
       call free_samples(run%samples)
    end subroutine close_run
 
-   !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps only if
+   !> Free the tallies and samples of a run once all results are computed; counts, sums and maxima of maps only where
    !> `stacks` is true. Views of other arrays stay valid.
    subroutine forget_tallies(run, stacks)
       type(run_t), intent(inout) :: run
@@ -330,9 +330,9 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run n boulders of the run, every `step`-th from the first, on a scene, which may be a window of the run's
-   !> terrain: boulders that leave it are not counted, and must be rerun. With a step above 1, not allowed with maps of
-   !> sources, `done` does not change.
+   !> Run n boulders of the run, every `step`-th from the first, on a scene, which may be a window of the run's terrain.
+   !> Boulders that leave the window are not counted, and must be rerun. With a step above 1, which maps of sources do
+   !> not allow, `done` does not change.
    subroutine advance(run, scene, first, step, chunk, seconds, n, error)
       type(run_t), intent(inout), target :: run
       type(scene_t), intent(in) :: scene
@@ -423,7 +423,7 @@ contains
       run%integers(row, :) = integers(run%integer_columns)
    end subroutine store_row
 
-   !> Append the crossings of a chunk by boulders that have rows to the crossings of earlier chunks.
+   !> Append the crossings of a chunk to the crossings of earlier chunks; only for boulders that have rows.
    subroutine store_crossings(run, scene, first, step, results, crossings, row, fit)
       type(run_t), intent(inout) :: run
       type(scene_t), intent(in) :: scene
@@ -495,7 +495,7 @@ contains
       type(crossings_t), intent(in) :: crossings(:)
       integer, intent(in) :: thread, threads   !! number of this thread, and of all threads
       integer, allocatable :: first(:), boulder(:), place(:)
-      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! of a batch of crossings
+      real(wp) :: radius(at_once), row(size(line_fields), at_once)  !! values of a batch of crossings
       integer :: source(at_once), line, k, m, n
 
       allocate (first(size(scene%lines) + 1), boulder(sum(crossings%n)), place(sum(crossings%n)))

@@ -28,7 +28,8 @@ module rockfall_scene
    private
    public :: build_scene_of_case, object_reach
 
-   !> Maximum distance of lines from the middle of the terrain, in m and in half sides of the terrain.
+   !> Maximum distance of vertices of lines from the middle of the terrain: the larger of these, in m and in half sides
+   !> of the terrain.
    real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
 
    !> Ground type as passed to the kernel.
@@ -234,8 +235,8 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines that extend from the terrain to impossible places, due to a decimal comma or a vertex in another CRS.
-   !> Lines completely off the terrain only cause a warning.
+   !> Refuse lines that extend from the terrain to impossible places, because of a decimal comma or a vertex in another
+   !> CRS. Lines completely outside the terrain only cause a warning.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid

@@ -75,7 +75,7 @@ module rockfall_scene_arrays
       real(wp), pointer, contiguous :: z8(:, :) => null()        !! elevations [m] in double precision, or
       real(sp), pointer, contiguous :: z4(:, :) => null()        !! in single precision; NaN = no data
       integer(i1), pointer, contiguous :: zone1(:, :) => null()  !! index of each cell's column in `sizes`, from 1, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! same for more than 127 materials
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()  !! the same for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null() !! or sizes per cell (nx, ny, 1 or 3) [m]
       real(wp), allocatable :: sizes(:, :)                       !! R_m, or Rg70, Rg20, Rg10 (1 or 3, materials) [m]
       real(wp), allocatable :: source_x(:), source_y(:)          !! map coordinates [m]
@@ -92,11 +92,11 @@ module rockfall_scene_arrays
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! strength factors of the species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
       integer :: draw = 0                                        !! index of the draw; 0: the file has only one
-      character(len=:), allocatable :: ground_text, ground_names  !! as in grounds_of, with
-      integer, allocatable :: ground_length(:)                   !! if not only the case's impact sets apply,
+      character(len=:), allocatable :: ground_text, ground_names  !! as in parsed_grounds, with
+      integer, allocatable :: ground_length(:)                   !! lengths of texts; if not only impact sets apply,
       integer, allocatable :: ground_table(:)                    !! impact table of each ground, from 1; 0: none
       type(table_arrays_t) :: tables                             !! impact tables
-      integer(i1), allocatable :: material_ground(:)             !! with the 1-based ground of each material, or
+      integer(i1), allocatable :: material_ground(:)             !! index of the ground of each material, from 1, or
       integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! ground of each cell; default: the first
       integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if impact tables differ by shape
    contains

@@ -28,8 +28,8 @@ module rockfall_state_table
 
 contains
 
-   !> Add an array, which must be contiguous and must not be moved. Its kind comes from the table of variables, or from
-   !> `kind` if it is not in the table; the same applies to the dimensions of a sample.
+   !> Add an array, which must be contiguous and must not be moved. Its kind and, for a sample, its dimensions come from
+   !> the table of variables; for arrays not in that table, from `kind` and `axes`.
    subroutine add(this, group, name, axes, values, kind)
       class(table_t), intent(inout) :: this
       character(len=*), intent(in) :: group, name

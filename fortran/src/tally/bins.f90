@@ -13,7 +13,7 @@ module rockfall_bins
    !> First octave as a power of two, and number of octaves: 64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512 m.
    integer, parameter :: first(4) = [6, -2, -4, -4], octaves(4) = [27, 10, 13, 13]
    integer, parameter :: per_octave = 4
-   !> Number of low bits of a double that do not affect its bin: the 52 fraction bits less log2(per_octave).
+   !> Number of low bits of a double that do not affect its bin: the 52 fraction bits minus log2(per_octave).
    integer, parameter :: bits_below = fraction_bits - 2
    !> Number of bins; the first also counts smaller numbers, the last larger ones.
    integer, parameter :: n_log_bins(4) = per_octave*octaves + 2
@@ -32,7 +32,7 @@ contains
       log_bin = min(quarter + 2, n_log_bins(quantity))
    end function log_bin
 
-   !> Lower edge of a bin, in the unit of the quantity; past the last, open-ended bin, its own lower edge.
+   !> Lower edge of a bin, in the unit of the quantity; for n_log_bins + 1, the lower edge of the last, open-ended bin.
    pure real(wp) function log_bin_edge(quantity, bin)
       integer, intent(in) :: quantity, bin
       integer :: quarter

@@ -25,14 +25,14 @@ module rockfall_crossing_rows
       type(column_t) :: real(n_reals)             !! columns of crossing_fields
       real(sp), allocatable :: volume(:)          !! volume of the fragment, if boulders may break [m3]
       integer(i4), allocatable :: fragments(:)    !! number of fragments that crossed, if boulders may break
-      integer(i1), allocatable :: outcome(:)      !! outcome at a barrier; 0: not hit; no length without barriers
+      integer(i1), allocatable :: outcome(:)      !! outcome at a barrier; 0: not hit; size zero without barriers
    end type crossing_rows_t
 
 contains
 
-   !> Initialise without any row.
+   !> Initialise without rows.
    pure subroutine start_rows(may_break, may_hit, rows)
-      logical, intent(in) :: may_break, may_hit  !! whether boulders may break, and barriers may be hit
+      logical, intent(in) :: may_break, may_hit  !! boulders may break; barriers may be hit
       type(crossing_rows_t), intent(out) :: rows
       integer :: k
 
@@ -44,7 +44,7 @@ contains
       end do
    end subroutine start_rows
 
-   !> Allocate more rows, column by column, so that at most one column is in memory twice.
+   !> Allocate more rows, column by column, so that at most one column is in memory twice. `fit`: memory suffices.
    pure subroutine make_room(rows, more, fit)
       type(crossing_rows_t), intent(inout) :: rows
       integer(i8), intent(in) :: more
@@ -99,7 +99,7 @@ contains
       call move_alloc(longer, column)
    end subroutine lengthen
 
-   !> Append rows from another object.
+   !> Append rows from another object, if memory suffices (`fit`).
    pure subroutine append_rows(rows, others, fit)
       type(crossing_rows_t), intent(inout) :: rows
       type(crossing_rows_t), intent(in) :: others
@@ -130,7 +130,7 @@ contains
       rows%n = 0
    end subroutine clear_rows
 
-   !> Sort rows by line, then by boulder; this needs memory for two orders and a column.
+   !> Sort rows by line, then by boulder, if memory suffices (`fit`) for two orders and a column.
    subroutine sort_rows(lines, rows, fit)
       integer, intent(in) :: lines  !! number of lines
       type(crossing_rows_t), intent(inout) :: rows

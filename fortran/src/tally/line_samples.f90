@@ -20,14 +20,14 @@ module rockfall_line_samples
    character(len=20), parameter :: end_quantity(*) = [character(len=20) :: &
       "plan_distance", "path_length", "travel_time", "speed_max", "jump_height_max", "volume", "impacts"]
    integer, parameter :: n_quantities = size(line_quantity), tails = 6
-   !> Units of samples per SI unit. At lines mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
+   !> Units of samples per SI unit: at lines mm/s, mm, J, mrad/s, millionths; at ends mm, ms, mm/s, cm3, 1.
    real(wp), parameter :: mega = 1.0e6_wp, kilo = 1.0e3_wp, unity = 1.0_wp
    real(wp), parameter :: units_of(n_quantities, 2) = reshape( &
       [kilo, kilo, kilo, unity, unity, unity, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
    integer, parameter :: max_parts = 50, ranges = 20  !! above this number, sources are combined into ranges
-   integer, parameter :: max_parted = 256             !! maximum of parts times places, else fewer ranges; 0.6 MB each
+   integer, parameter :: max_parted = 256             !! maximum parts times places, else fewer ranges; 0.6 MB each
    integer, parameter :: max_grouped = 2048           !! maximum number of source groups times places; 10 kB each
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
@@ -42,7 +42,7 @@ module rockfall_line_samples
                          forward_row = findloc(line_fields, "energy_translational", dim=1), &
                          turning_row = findloc(line_fields, "energy_rotational", dim=1)
 
-   !> Part and group of each source; a group belongs to one part.
+   !> Parts and groups of the sources; a group belongs to one part.
    type :: layout_t
       integer(i4), allocatable :: part(:), group(:)  !! part and group of each source
       integer(i4), allocatable :: part_last(:)       !! last feature or source of each part
@@ -135,7 +135,7 @@ contains
       type(layout_t), intent(in) :: layout
       integer, intent(in) :: sources(:)      !! source of each boulder
       real(wp), intent(in) :: values(:, :)   !! (boulders, quantities)
-      integer, intent(in) :: kind, place     !! 1 for lines, 2 for ends
+      integer, intent(in) :: kind, place     !! 1 for lines, 2 for ends; place as in samples_t
       real(wp), parameter :: limit = real(largest_unit, wp)
       integer(i4), dimension(size(sources)) :: part, group
       integer :: q
@@ -149,8 +149,8 @@ contains
    end subroutine add_quantities
 
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
-   !> the ground is R / cos(slope) vertically above it, and R along the normal. In flight, both distances are measured
-   !> from the point at the jump height.
+   !> the ground is R_b/cos(slope) vertically above it, and R_b along the normal. In flight, both distances are measured
+   !> from a point at the jump height.
    pure function line_quantities(row, radius) result(q)
       real(wp), intent(in) :: row(:)  !! line_fields
       real(wp), intent(in) :: radius  !! R_b [m]

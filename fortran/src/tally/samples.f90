@@ -24,9 +24,8 @@ module rockfall_samples
    integer(i8), parameter :: largest_unit = 2_i8**45  !! larger numbers are clamped
    !> Words of a sum and a sum of squares, with two digits each in base 2**62; then the maximum.
    integer, parameter :: n_words = 5, base_bits = 62
-   !> Number of largest values stored at a line: up to `most_largest`, and `all_largest` over all lines, but at least
-   !> the number needed for a return level from independent boulders (MAX_ABOVE in return_levels.py, plus two
-   !> neighbours).
+   !> Maximum number of largest values stored at a line, and over all lines. A line stores at least the number needed
+   !> for a return level from independent boulders (MAX_ABOVE in return_levels.py, plus two neighbours).
    integer, parameter :: most_largest = 100000, all_largest = 2000000, fewest_largest = 2002
 
    integer, parameter :: batch = 256  !! numbers added at a time
@@ -35,8 +34,8 @@ module rockfall_samples
    !> contains the bins of one coarse bin, and is created for its first boulder. Unused memory pages cost nothing.
    type :: samples_t
       integer(i4) :: blocks = 0                                         !! number of blocks in use
-      integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0 = none (coarse bins, quantities,
-      !!                                                                   parts, places)
+      integer(i4), pointer, contiguous :: at(:, :, :, :) => null()      !! block, 0: none (coarse bins,
+                                                                        !! quantities, parts, places)
       integer(i4), pointer, contiguous :: counts(:, :) => null()        !! (bins of a block, blocks)
       integer(i8), pointer, contiguous :: sums(:, :, :, :) => null()    !! (words, quantities, parts, places)
       integer(i4), pointer, contiguous :: groups(:, :, :, :) => null()  !! (coarse bins, quantities, groups, places)
@@ -55,13 +54,13 @@ module rockfall_samples
 
 contains
 
-   !> Allocate empty samples, if memory suffices: quantities by part and coarsely by group, at all places; boulders by
-   !> status; and the largest values of each tail at lines. Each of `boulders` has one value per place.
+   !> Allocate empty samples, if memory suffices (`fit`): quantities by part and coarsely by group, at all places;
+   !> boulders by status; and the largest values of each tail at lines. Each of `boulders` has one value per place.
    subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: quantities, parts, groups, places, statuses, tails
       integer(i8), intent(in) :: boulders
-      logical, intent(in) :: sampled  !! whether the sources are a sample
+      logical, intent(in) :: sampled  !! the sources are a sample of all sources
       logical, intent(out) :: fit
       integer(i8) :: n, blocks
       integer :: k
@@ -129,7 +128,8 @@ contains
       call free_block(samples%block)
    end subroutine free_samples
 
-   !> Free data needed only for counting, once all results are computed. Results are views of the counts, which remain.
+   !> Free data needed only for counting, once all results are computed. The counts remain, because results are views of
+   !> them.
    subroutine forget_samples(samples)
       type(samples_t), intent(inout) :: samples
 
@@ -190,7 +190,7 @@ contains
       end do
    end subroutine find_blocks
 
-   !> Find the block of a coarse bin, or assign a new block. Threads add at different places, but share all blocks.
+   !> Find the block of a coarse bin, or assign a new block. Threads add at different places, but share the blocks.
    subroutine find_block(samples, at, block)
       type(samples_t), intent(inout) :: samples
       integer(i4), intent(inout) :: at

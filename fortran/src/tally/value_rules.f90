@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values that each variable of a run can have, by variable name in files.
+!> Values that each variable of a run may have, by its name in files.
 module rockfall_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use rockfall_kinds, only: wp
@@ -21,7 +21,7 @@ module rockfall_value_rules
 
 contains
 
-   !> Describe the fault in values of a variable that has no missing values; "" if a run can have them.
+   !> Describe the fault in the values of a variable; "" if none.
    pure function value_fault(name, values, grid) result(fault)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: values(:)

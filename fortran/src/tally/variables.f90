@@ -298,7 +298,7 @@ module rockfall_variables
       .or. variable_table%group == "count")
    character(len=27), parameter :: energy_fields(*) = pack(variable_table%name, &
       variable_table%group == "energy")
-   !> Columns of rows, each with its group; every run has the columns of the first group.
+   !> Columns of the rows of boulders, and the group of each column; every run has those of group "boulder".
    logical, parameter :: is_row_real(*) = variable_table%kind == "real" &
       .and. (variable_table%group == "boulder" .or. variable_table%group == "energy" &
              .or. variable_table%group == "mass" .or. variable_table%group == "shadow" &

@@ -12,8 +12,8 @@ module rockfall_apex
    integer, parameter :: found = 0, pit = 1, unknown = 2, not_loaded = 3
 
    real(wp), parameter :: cliff = 1.0_wp      !! tangent of 45 degrees: talus is flatter
-   real(wp), parameter :: flat = 0.364_wp     !! tangent of 20 degrees: boulders at rest are seen at steeper angles
-   real(wp), parameter :: baseline = 20.0_wp  !! shortest distance that counts as a slope [m]
+   real(wp), parameter :: flat = 0.364_wp     !! tangent of 20 degrees, below the shadow angles of boulders at rest
+   real(wp), parameter :: baseline = 20.0_wp  !! shortest plan distance over which a slope is measured [m]
    integer, parameter :: sides(2, 4) = reshape([-1, 0, 1, 0, 0, -1, 0, 1], [2, 4])
 
 contains
@@ -35,7 +35,7 @@ contains
       at = [start, 0.0_wp]
       call find_height(dem, at, status)
       apex = at
-      since = 0  ! steps from the apex
+      since = 0  ! steps since the apex
       do k = 0, 4*(dem%nx + dem%ny)
          if (status == not_loaded) apex = at
          if (status == not_loaded) return
@@ -95,7 +95,7 @@ contains
       if (any(abs(v) > 0)) unit = v/sqrt(sum(v**2))
    end function unit
 
-   !> Elevation at a point.
+   !> Set at(3) to the elevation of a point.
    pure subroutine find_height(dem, at, status)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(inout) :: at(3)  !! [m]

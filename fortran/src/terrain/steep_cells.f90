@@ -49,8 +49,8 @@ contains
    end subroutine keep_steep_cells
 
    !> Ratio of surface to plan area for the cells of sources, sqrt(1 + tan**2) [-] by Horn (1981). If the 3x3 window is
-   !> incomplete, the gradient is that of the patch next to the source, as for the descent of a cell. The ratio is 1
-   !> outside the known terrain, where sources are not allowed.
+   !> incomplete, the gradient of the patch at the source is used, as in cell_descent. The ratio is 1 outside the known
+   !> terrain, where sources are not allowed.
    pure function surface_ratios(dem, x, y) result(ratio)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x(:), y(:)  !! local coordinates [m]

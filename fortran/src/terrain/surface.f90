@@ -19,10 +19,10 @@ module rockfall_surface
    type :: surface_t
       integer :: method = method_b
       real(wp) :: size_to_radius = 0.5_wp  !! method A: 1/2 treats Rg as a diameter, 1 as a radius [-]
-      !> Sizes of each material m [m]: (1, m) mean radius, or (1:3, m) Rg70, Rg20, Rg10.
+      !> Sizes of material m [m]: mean radius (1, m), or Rg70, Rg20, Rg10 (1:3, m).
       real(wp), allocatable :: sizes(:, :)
       integer(i1), pointer, contiguous :: zone1(:, :) => null()   !! (nx, ny) column of `sizes`, or
-      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! same for more than 127 materials
+      integer(i2), pointer, contiguous :: zone2(:, :) => null()   !! the same for more than 127 materials
       real(sp), pointer, contiguous :: values(:, :, :) => null()  !! (nx, ny, 1 or 3) sizes of each cell [m]
       !> Index of the ground type per material or cell, if there are several.
       integer(i1), allocatable :: material_ground(:)

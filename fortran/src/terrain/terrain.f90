@@ -284,7 +284,7 @@ contains
 
    !> Direction of steepest descent of a raster cell by 3x3 finite differences (Horn 1981, doi:10.1109/PROC.1981.11918),
    !> as the downhill vector -grad z, not normalised; and whether the cell is a pit (none of its eight neighbours is
-   !> lower). If the window is incomplete, the descent is that of the patch, and the cell is no pit.
+   !> lower). If the window is incomplete, the gradient of the patch is used, and the cell is no pit.
    pure subroutine cell_descent(dem, at, patch_gradient, descent, pit)
       type(terrain_t), intent(in) :: dem
       integer, intent(in) :: at(2)              !! as returned by cell_of

@@ -34,7 +34,7 @@ contains
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: v(3)          !! incoming velocity [m/s]
       real(wp), intent(in) :: omega_r       !! W after the rebound [m/s]
-      type(roll_t), intent(inout) :: roll   !! roll, which ends if the boulder breaks in a contact from a table
+      type(roll_t), intent(inout) :: roll   !! ends if the boulder breaks in a contact from a table
       type(boulder_result_t), intent(inout) :: result
       type(flight_t), intent(inout) :: flight
       type(scratch_t), intent(inout) :: scratch

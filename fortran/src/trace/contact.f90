@@ -191,7 +191,7 @@ contains
       integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
       logical, intent(inout) :: outside    !! R_b/R_m is outside the calibrated ratios
-      real(wp), intent(out) :: fast, steep !! 1 or 0
+      real(wp), intent(out) :: fast, steep !! 1 if the speed, and 1 if the angle, is outside; else 0
       real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
 
       fast = 0

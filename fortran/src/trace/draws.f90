@@ -35,8 +35,8 @@ contains
       shape = drawn_shape(scene%shapes, uniform(word(shape_word)))
    end function block_shape_of
 
-   !> Properties of the ground for a boulder along its whole path: if the ground is stronger for one of two boulders at
-   !> one point, it is stronger everywhere.
+   !> Properties of the ground for a boulder along its whole path: ground that is stronger for this boulder at one point
+   !> is stronger for it everywhere.
    pure type(soil_draw_t) function drawn_soil(key, table, radius_sigma, number) result(soil)
       type(random_key_t), intent(in) :: key
       type(normal_table_t), intent(in) :: table

@@ -28,14 +28,14 @@ module rockfall_fragments
    private
    public :: trace_fragments
 
-   !> Outcomes at a barrier in ascending order: if several fragments reach the barrier, the highest counts.
+   !> Outcomes at a barrier in ascending order: if several fragments reach the barrier, the last in this order counts.
    integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
 
    !> Pieces to be traced.
    type :: pending_t
       integer :: n = 0
       type(piece_t), allocatable :: piece(:)
-      integer(i8) :: born = 0        !! number of the last fragment so far
+      integer(i8) :: born = 0        !! number of the last fragment created
    end type pending_t
 
    !> Sums and maxima over the pieces traced.
@@ -49,7 +49,8 @@ module rockfall_fragments
       integer(i8) :: histogram(bins, quantities) = 0
       integer(i8), allocatable :: by_ground(:)
       type(crossings_t), allocatable :: crossings
-      real(wp), allocatable :: raised(:, :)  !! (3, lines): maximum lowest point, centre, upper edge of fragments [m]
+      real(wp), allocatable :: raised(:, :)  !! (3, lines): maximum heights of lowest point, centre and upper edge of
+                                             !! the fragments [m]
       real(wp), allocatable :: energy(:)     !! for each line, maximum energy of the fragments that crossed it [J]
       type(record_t) :: path         !! path of the fragment that travelled farthest
    end type all_pieces_t

@@ -47,7 +47,7 @@ module rockfall_outcome
       integer :: stop_cell(2) = 0          !! column, row; only valid after a contact
       integer :: trees_hit = 0             !! number of tree hits, including repeated hits
       integer :: fragments = 1             !! number of fragments; 1: the boulder did not break
-      integer :: breakages = 0, capped = 0 !! number of breakages; number limited by max_fragments
+      integer :: breakages = 0, capped = 0 !! number of breakages; number of them limited by max_fragments
       real(wp) :: fines = 0.0_wp           !! volume that became fines [m3]
       type(energy_balance_t) :: energy = energy_balance_t()  !! if the scene has trees or barriers, or on request
    end type boulder_result_t
@@ -83,8 +83,7 @@ contains
       result%jump_height_max = max(result%jump_height_max, jump_height)
    end subroutine add_flight
 
-   !> Count a rebound, and whether it was limited or outside the fitted ranges. Branchless, because branches would be
-   !> mispredicted.
+   !> Count a rebound, and whether it was limited or outside the fitted ranges. No branches: they would be mispredicted.
    pure subroutine count_outcome(out, outside, fast, steep, result)
       type(rebound_t), intent(in) :: out
       logical, intent(in) :: outside, fast, steep
@@ -102,13 +101,13 @@ contains
    pure subroutine add_ground_loss(before, after, spin, result)
       real(wp), intent(in) :: before  !! energy before the contact
       real(wp), intent(in) :: after   !! energy after the contact, without `spin`
-      real(wp), intent(in) :: spin    !! energy after the contact of a rotation not included in `after`
+      real(wp), intent(in) :: spin    !! energy after the contact of a rotation that `after` does not include
       type(boulder_result_t), intent(inout) :: result
 
       result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)
    end subroutine add_ground_loss
 
-   !> Close the energy balance with the energy at the end and the energy released along the path.
+   !> Close the energy balance with the kinetic energy at the end and the energy released along the path.
    pure subroutine close_energy_balance(gravity, z, v, omega_r, result)
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: z        !! elevation at the end [m]

@@ -38,7 +38,7 @@ contains
       if (record%n <= size(record%vertex)) record%vertex(record%n) = vertex
    end subroutine record_vertex
 
-   !> Set the velocity at the last vertex to that of the ground leg that starts there.
+   !> Set the velocity at the last vertex to the velocity on the ground leg that starts there.
    pure subroutine start_ground_leg(record, v, leg)
       type(record_t), intent(inout) :: record
       real(wp), intent(in) :: v(3)  !! [m/s]

@@ -34,7 +34,7 @@ module rockfall_scratch
    !> Additional records of a boulder that may break: visits with energies, from `merge_visits`.
    type :: gathered_t
       type(visits_t) :: hits
-      type(visits_t) :: passing            !! visits from merge_passing
+      type(visits_t) :: passing            !! passing heights, from merge_passing
       integer :: stops = 0                 !! number of fragments that came to rest
       integer, allocatable :: stop_cell(:, :)  !! column and row of each of these fragments
    end type gathered_t

@@ -60,7 +60,7 @@ contains
       if (result%status == left_window) return
       if (scratch%cells_requested) call join_visits(scratch%visits)
       mass = result%boulder%mass
-      if (allocated(scratch%gathered)) mass = 1  ! visits already include the mass
+      if (allocated(scratch%gathered)) mass = 1  ! the energies of visits already include the mass
       if (scene%histograms_requested) totals%histogram = totals%histogram + scratch%histograms%count
       if (allocated(scratch%by_ground)) totals%by_ground = totals%by_ground + scratch%by_ground
       if (scratch%cells_requested) call add_visits(maps, scratch%visits, mass)

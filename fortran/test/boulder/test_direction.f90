@@ -189,7 +189,7 @@ contains
       call check_close("on the flat", angle_between(at_angle(1.0_wp), after), -0.3_wp, 1.0e-14_wp)
    end subroutine test_by_lab
 
-   !> If the descent is within the drawn angle, the heading becomes that of the descent.
+   !> If the descent is within the drawn angle, it becomes the heading.
    subroutine test_not_past()
       real(wp) :: before(2), after(2), aspect(2), draw(3), apart
       integer :: k, met

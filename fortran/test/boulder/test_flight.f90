@@ -27,7 +27,7 @@ program test_flight
 
 contains
 
-   !> Elevations a x + b y at nodes with spacing `cell`.
+   !> Elevations a x + b y [m] at nodes with spacing `cell` [m].
    pure function plane(a, b, cell) result(z)
       real(wp), intent(in) :: a, b, cell
       real(wp) :: z(nx, ny)
@@ -360,7 +360,7 @@ contains
       end associate
    end function ground
 
-   !> Maximum depth of a flight below the ground [m]: between sides of patches, depth is a quadratic, determined by
+   !> Maximum depth of a flight below the ground [m]. Between sides of patches, depth is a quadratic, determined by
    !> three points.
    real(wp) function depth(z, cell, start, time)
       real(wp), intent(in) :: z(:, :), cell, time

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Trees: energies computed with 30 digits, and all hits found, no others.
+!> Trees: energies computed with 30 digits; all hits are found, and no others.
 program test_forest
    use rockfall_kinds, only: wp, i8
    use rockfall_math, only: degree

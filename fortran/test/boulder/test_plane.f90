@@ -19,7 +19,7 @@ program test_plane
 
    integer, parameter :: rebounds = 100, nx = 80, ny = 70
    real(wp), parameter :: cell = 5.0_wp, gravity = 9.81_wp, drop = 2.0_wp, small = 1.0e-10_wp
-   !> Keeps energy from growing, and speeds on a slope of 30 degrees almost constant.
+   !> With this matrix no rebound gains energy, and speeds on a slope of 30 degrees stay almost constant.
    real(wp), parameter :: matrix(3, 3) = reshape([0.675_wp, 0.2_wp, 0.3_wp, 0.05_wp, -0.4_wp, &
                                                   0.05_wp, &
                                                   0.1_wp, -0.1_wp, 0.4_wp], [3, 3])
@@ -35,7 +35,7 @@ program test_plane
 
 contains
 
-   !> Plane of 30 degrees; `bearing` is that of the descent, anticlockwise from east [degrees].
+   !> Plane of 30 degrees that descends towards `bearing`, anticlockwise from east [degrees].
    subroutine test_contacts(bearing)
       real(wp), intent(in) :: bearing
       type(scene_t) :: scene

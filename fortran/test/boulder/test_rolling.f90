@@ -231,7 +231,7 @@ contains
       end do
    end subroutine test_ground_points
 
-   !> Number of patch borders between two coordinates [m]; a border at the second does not count.
+   !> Number of patch borders between two coordinates [m], without a border at `b`.
    pure integer function crossed(a, b)
       real(wp), intent(in) :: a, b
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* The C interface on an inclined plane: an example, and tests of its documented behaviour. */
+/* C interface on an inclined plane: an example, and tests of its documented behaviour. */
 #include <math.h>
 #include <rockfall.h>
 #include <stdio.h>

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# The loops over lanes must be vector instructions. Counted are packed square roots and divisions: as many as gfortran 12
-# makes, because the link makes a copy of a loop for each kind of run, and one copy may become scalar alone. Change the
-# numbers with the loops. MASKS: minimum in the AVX-512 version.
+# Check that the loops over lanes are vectorised, by counting packed square roots and divisions. The link copies each loop
+# for each kind of run, and a single copy may become scalar, so the minimum numbers are those of gfortran 12: adapt them
+# when the loops change. MASKS: minimum number of masked instructions in the AVX-512 version.
 #
 # Usage: vectorised.sh PROGRAM MASKS
 objdump -d --no-show-raw-insn "$1" | awk -v least_masks="$2" '

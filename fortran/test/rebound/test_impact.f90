@@ -478,7 +478,7 @@ contains
       real(wp), parameter :: speeds(6) = [2.0_wp, 2 - near, 2 + near, 20.0_wp, 20 + near, 20 - near]
       real(wp), parameter :: angles(4) = [5 + near, 5 - near, 60 - near, 60 + near]
       type(fitted_t) :: this, any_
-      real(wp) :: v(2), speed, angle  ! 1 or 0
+      real(wp) :: v(2), speed, angle  ! speed, angle: 1 if outside, else 0
       integer :: k
 
       this = fitted([2.0_wp, 20.0_wp], [5.0_wp, 60.0_wp])

@@ -49,7 +49,7 @@ contains
    !> Set a table with one bin for each kind of contact; the first record begins with a flight.
    subroutine set_table(record, by_speed)
       real(wp), intent(in) :: record(:, :)  !! (record_fields, records): the first for flights, then for rolls
-      logical, intent(in) :: by_speed       !! whether the ground yields
+      logical, intent(in) :: by_speed       !! the ground yields
       integer :: k
 
       table = impact_table_t()

@@ -93,7 +93,8 @@ contains
                  < 1.0e-4_sp)
    end subroutine test_tail
 
-   !> A line keeps all numbers of few boulders; of many, 100,000 at few lines, and as needed by a return level at many.
+   !> A line keeps all numbers of few boulders. Of many boulders, it keeps 100,000 if lines are few, and the number
+   !> needed for a return level if lines are many.
    subroutine test_length_of_tails()
       call check("all of few boulders", length(1, 500_i8, .false.) == 500)
       call check("100,000 at one line", length(1, 10_i8**7, .false.) == 100000)
