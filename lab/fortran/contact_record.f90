@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Records of consecutive contacts of a block with yielding ground or of a boulder with rocks. Both laboratories share
-!> these definitions of throws, ends of contacts, and recorded quantities.
+!> Records of consecutive contacts of a block with yielding ground, or of a boulder with rocks. Both laboratories share
+!> these definitions of throws, contacts, and recorded quantities.
 !>
 !> A contact begins when the body touches the ground, and ends when the body leaves for a flight: away from the mean
-!> surface and past the top of its path, for longer and higher than the limits below. Smaller hops, and hollows crossed
-!> in the air while falling, belong to the contact. A contact that lasts too long is cut into records.
+!> surface, over the top of its path, and for longer and higher than the limits below. Smaller hops, and hollows crossed
+!> in the air while falling, belong to the contact. A contact that lasts too long is cut into several records.
 module lab_contact_record
    use rockfall_kinds, only: wp
    use rockfall_math, only: degree, sine_cosine
@@ -43,7 +43,7 @@ module lab_contact_record
       real(wp) :: advance = 0       !! distance along the heading before the contact [m]
       real(wp) :: rise = 0          !! rise of the centre [m]
       real(wp) :: height = 0        !! height of the centre above the mean surface at the start [m]
-      real(wp) :: energy = 0        !! kinetic energy after/before [-]
+      real(wp) :: energy = 0        !! kinetic energy after over before [-]
    end type contact_t
 
    !> State of motion at the beginning or the end of a contact.
@@ -51,7 +51,7 @@ module lab_contact_record
       real(wp) :: time = 0, x(3) = 0, v(3) = 0, spin(3) = 0, energy = 0
    end type instant_t
 
-   !> Throw with its body, initial conditions, and contacts.
+   !> Throw: its body, initial conditions, and contacts.
    type :: thrown_t
       integer :: body = 0                          !! index of the block, or of the layer of rocks
       type(throw_t) :: throw

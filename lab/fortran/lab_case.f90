@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Case file of the laboratory: its groups and keys in one table. Defaults are those of the types; limits of packings,
-!> shots and throws are checked by their modules. A case with a group &throw throws boulders at its layers; other cases
+!> Case file of the laboratory: its groups and keys in one table. Defaults are those of the types. The modules of
+!> packings, shots and throws check their limits. A case with a group &throw throws boulders at its layers; other cases
 !> fire single impacts.
 module lab_case
    use rockfall_kinds, only: wp, i8

@@ -38,8 +38,8 @@ module lab_f2py
 
 contains
 
-   !> Names in the order of the arrays of a kind. Kind `status`: numbered from 1; `impact_alone`: keys that do not apply
-   !> to throws at rocks.
+   !> Names in the order of the arrays of a kind. For `status`, names are numbered from 1; `impact_alone` are the keys
+   !> that do not apply to throws at rocks.
    subroutine names(kind, text)
       character(len=*), intent(in) :: kind
       character(len=max_list), intent(out) :: text
@@ -65,9 +65,9 @@ contains
       end select
    end subroutine names
 
-   !> Defaults in the order of `names(kind)`; of a `case`: seed, five ratios, layers, points, impacts; of a
-   !> `block_case`: seed, throws, contacts; of `throws` at rocks: throws, throws per layer, contacts, maximum depth of a
-   !> layer.
+   !> Defaults in the order of `names(kind)`. For a `case`: seed, five ratios, layers, points, impacts. For a
+   !> `block_case`: seed, throws, contacts. For `throws` at rocks: throws, throws per layer, contacts, maximum depth of
+   !> a layer.
    subroutine defaults(kind, row)
       character(len=*), intent(in) :: kind
       real(c_double), intent(out) :: row(16)
@@ -137,7 +137,7 @@ contains
       size = team_size(threads)
    end subroutine team
 
-   !> Text for the trouble code of an outcome.
+   !> Text for a trouble code of an outcome.
    subroutine trouble_text(trouble, text)
       integer(c_int), intent(in) :: trouble
       character(len=max_list), intent(out) :: text
@@ -268,7 +268,7 @@ contains
       integer(c_int), intent(in) :: threads                       !! number of threads; 0: all
       real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
-      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: time limit reached
+      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)  !! number of contacts; 1, 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
@@ -333,7 +333,7 @@ contains
       integer(c_int64_t), intent(in) :: number(n)
       real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
       integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
-      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 0: incomplete
+      integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 1, or 0 if incomplete
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -372,7 +372,7 @@ contains
       end do
    end subroutine throw_at_rocks
 
-   !> Mean principal moment of inertia of a boulder thrown at rocks / (m R_b**2).
+   !> Mean principal moment of inertia, over m R_b**2 [-], of a boulder thrown at rocks.
    subroutine inertia_factor(boulder, factor)
       real(c_double), intent(in) :: boulder(7)
       real(c_double), intent(out) :: factor

@@ -178,7 +178,7 @@ contains
       row = [b%radius, b%density, b%relief, b%step_factor, real([b%retries, b%kind], wp), one_if(b%adaptive)]
    end function boulder_row
 
-   !> Row of contact k of a throw; velocities relative to the speed before it, lengths over R_b.
+   !> Row of contact k of a throw. Velocities are divided by the speed before the contact, lengths by R_b.
    pure function contact_row(o, k, radius, strength) result(row)
       type(thrown_t), intent(in) :: o
       integer, intent(in) :: k

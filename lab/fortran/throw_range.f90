@@ -51,7 +51,7 @@ contains
       rises = limits(1) <= limits(2) .and. limits(2) <= limits(3)
    end function rises
 
-   !> Draw throw `number`. Its position is in the unit square, to be scaled to the ground; `choice` may select the
+   !> Draw throw `number`. Its position is in the unit square, and must be scaled to the ground; `choice` may select the
    !> ground.
    pure subroutine draw_throw(range, key, purpose, number, throw, choice)
       type(throw_range_t), intent(in) :: range

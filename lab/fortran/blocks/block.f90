@@ -29,7 +29,7 @@ module lab_block
       real(wp) :: inertia(3, 3) = 0   !! moments of inertia about the centre [m5]
    end type solid_t
 
-   real(wp), parameter :: convex_within = 1.0e-6_wp  !! maximum height of a vertex above a facet / R_b
+   real(wp), parameter :: convex_within = 1.0e-6_wp  !! maximum height of a vertex above a facet, over R_b [-]
 
    interface
       subroutine dsyev(jobz, uplo, n, a, lda, w, work, lwork, info)

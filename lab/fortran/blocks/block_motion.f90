@@ -27,11 +27,11 @@ module lab_block_motion
       real(wp), allocatable :: normal(:, :)         !! (3, vertices) normal of the ground below [-]
    end type motion_t
 
-   real(wp), parameter :: step_of_period = 0.15_wp  !! step / shortest period of block and ground
-   real(wp), parameter :: least_area = 0.3_wp       !! minimum contact area assumed for the next step / R_b**2
-   real(wp), parameter :: step_of_radius = 0.05_wp  !! maximum displacement per step / R_b
+   real(wp), parameter :: step_of_period = 0.15_wp  !! step over the shortest period of block and ground [-]
+   real(wp), parameter :: least_area = 0.3_wp       !! minimum contact area assumed for the next step, over R_b**2 [-]
+   real(wp), parameter :: step_of_radius = 0.05_wp  !! maximum displacement per step, over R_b [-]
    real(wp), parameter :: max_turn = 0.2_wp         !! maximum rotation per step of free flight [rad]
-   real(wp), parameter :: caution = 0.8_wp          !! maximum fraction of the distance to the ground per free step
+   real(wp), parameter :: caution = 0.8_wp  !! maximum fraction of the distance to the ground per free step [-]
 
 contains
 

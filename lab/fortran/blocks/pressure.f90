@@ -11,7 +11,7 @@ module lab_pressure
    !> Parameters of the ground, derived for a block.
    type :: law_t
       real(wp) :: stiffness = 0      !! k [Pa/m]
-      real(wp) :: reserve = 0        !! p_y/k: the elastic path to yielding [m]
+      real(wp) :: reserve = 0        !! p_y/k: elastic depth up to yielding [m]
       real(wp) :: friction = 0       !! mu [-]
       real(wp) :: soil_density = 0   !! [kg/m3]
       logical :: plough = .false.    !! pressure acts along the facet's normal; false: along the ground's
@@ -19,7 +19,7 @@ module lab_pressure
 
    !> State of a facet while any part of it is submerged.
    type :: memory_t
-      real(wp) :: reserve = 0        !! remaining e: the pressure is at most k e [m]
+      real(wp) :: reserve = 0        !! remaining elastic depth e: the pressure is at most k e [m]
       real(wp) :: area = 0           !! last contact area [m2]
       real(wp) :: drag(3) = 0        !! tangential force [N]
    end type memory_t
@@ -42,12 +42,12 @@ module lab_pressure
    end type part_t
 
    real(wp), parameter :: shear = 0.8_wp       !! tangential stiffness over k
-   real(wp), parameter :: upright = 0.4_wp     !! pressure on an upright ploughing facet, relative to a flat one
+   real(wp), parameter :: upright = 0.4_wp     !! pressure on an upright ploughing facet, relative to a flat facet [-]
 
 contains
 
-   !> State of a facet that has not touched the ground. A ploughing facet gains its reserve by moving. On hard ground a
-   !> facet has the full reserve, and pressure depends only on depth.
+   !> State of a facet that has not touched the ground. When ploughing, e starts at zero and grows as the facet
+   !> advances. On hard ground it starts at p_y/k, and the pressure depends only on the depth.
    pure type(memory_t) function untouched(law)
       type(law_t), intent(in) :: law
 
@@ -159,7 +159,7 @@ contains
       type(part_t), intent(in) :: wet                    !! submerged part
       real(wp), intent(in) :: velocity(3), spin(3), dt   !! [m/s], [rad/s], [s]
       type(memory_t), intent(inout) :: memory
-      real(wp), intent(out) :: push, lever(3)            !! for a facet that faces the ground [N], [N m]
+      real(wp), intent(out) :: push, lever(3)  !! integrals of pressure, pressure times position [N], [N m]
       type(part_t) :: yielded
       real(wp) :: change, volume
 
@@ -181,8 +181,8 @@ contains
    end subroutine sink
 
    !> Soft ground: pressure p = k e along the facet's normal on its submerged part, where e is its advance, at most
-   !> p_y/k. Newly submerged parts share the existing force, and emerging parts remove their share: neither adds to the
-   !> stored energy.
+   !> p_y/k. Newly submerged parts take over some of the existing force, and emerging parts remove theirs: neither adds
+   !> to the stored energy.
    pure subroutine plough(law, area, advance, memory, push)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: area, advance  !! submerged area by attitude [m2]; advance along the normal [m]

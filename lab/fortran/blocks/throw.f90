@@ -82,13 +82,13 @@ contains
       type(throw_t), intent(in) :: throw
       real(wp), intent(out) :: gravity(3)  !! [m/s2]
       type(motion_t), intent(out) :: m
-      real(wp), parameter :: gap = 1.0e-6_wp  !! initial gap above the ground / R_b
+      real(wp), parameter :: gap = 1.0e-6_wp  !! initial gap above the ground, over R_b [-]
       real(wp) :: v(6)
 
       gravity = fall_line_gravity(throw)
       v = thrown_velocity(throw, block%radius)
       call start_motion(block, law, [throw%place, 0.0_wp], v(:3), throw%orientation, v(4:), m)
-      call feel_ground(block, law, relief, 0.0_wp, m)  ! compute its depth there
+      call feel_ground(block, law, relief, 0.0_wp, m)  ! computes the height of the lowest vertex above the ground there
       call start_motion(block, law, [throw%place, gap*block%radius - m%clear], v(:3), throw%orientation, v(4:), m)
       call feel_ground(block, law, relief, 0.0_wp, m)
    end subroutine set_out

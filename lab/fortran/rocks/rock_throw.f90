@@ -6,11 +6,11 @@
 !> slopes where talus is stable (lab/docs/validation.md). Rocks moved by the boulder feel its push along the slope, but
 !> not their own weight along it.
 !>
-!> Flights are exact. Flights are longer than the width of the periodic layer and end on untouched ground: each flight
-!> lands on the layer as settled. Within a contact, however long, displaced rocks stay displaced.
+!> Flights are computed exactly. They are longer than the width of the periodic layer and end on untouched ground, so
+!> each flight lands on the layer as it settled. Within a contact, however long, displaced rocks stay displaced.
 !>
-!> Ground with a relief consists of facets, each a tilted patch of the layer. Every flight, and every record that ends
-!> rolling, ends on another facet.
+!> Ground with a relief consists of facets, each a tilted patch of the layer. After every flight, and after every record
+!> that ends rolling, the boulder is on another facet.
 module lab_rock_throw
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t, fail
@@ -74,13 +74,13 @@ module lab_rock_throw
    end type course_t
 
    integer(i8), parameter :: for_facet = 71         !! purpose of the random numbers
-   real(wp), parameter :: steepest = 2.5_wp         !! maximum slope of a facet along a line / standard deviation
+   real(wp), parameter :: steepest = 2.5_wp  !! maximum slope of a facet along a line, over the standard deviation [-]
    integer, parameter :: max_facets = 1000          !! maximum number of draws to find a facet that faces the boulder
-   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! gap between boulder and layer at the contact / R_b
-   real(wp), parameter :: inside_step = 0.05_wp     !! when leaving a volume that the layer had filled / R_b
+   real(wp), parameter :: opening_gap = 1.0e-7_wp   !! gap between boulder and layer at the contact, over R_b [-]
+   real(wp), parameter :: inside_step = 0.05_wp  !! step when leaving a volume that the layer had filled, over R_b [-]
    integer, parameter :: max_looks = 20000          !! maximum number of gap evaluations up to a contact
-   real(wp), parameter :: retry_time = 0.1_wp       !! time between attempts to find another facet / sqrt(R_b/g)
-   real(wp), parameter :: stiffening = 4            !! factor for rocks that are too soft
+   real(wp), parameter :: retry_time = 0.1_wp       !! time between attempts to find another facet, over sqrt(R_b/g) [-]
+   real(wp), parameter :: stiffening = 4            !! factor on the stiffness of rocks that are too soft [-]
    integer, parameter :: max_stiffenings = 4        !! maximum number of stiffenings per throw
    integer, parameter :: watch_interval = 32        !! steps between checks of the energy and of the exit path
 
@@ -114,8 +114,8 @@ contains
    !>
    !> If the step of a throw is too long, the throw is repeated with half the step. In an adaptive throw the step is
    !> shortened at once, and lengthened when all contacts permit it. If two bodies overlap by more than a radius, beyond
-   !> the validity of Hertz's law, the throw is repeated with rocks four times as stiff. Where gravity is weak, overlap
-   !> / radius depends only on rho v**2/E, in collisions as its power 2/5, so this reduces it to 0.57 of its value.
+   !> the validity of Hertz's law, the throw is repeated with rocks four times as stiff. In collisions, where gravity is
+   !> negligible, the overlap over the radius depends only on rho v**2/E, to the power 2/5: it decreases to 0.57.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -450,9 +450,9 @@ contains
       now = instant_t(m%time, m%x, m%v(1:3), m%v(4:6), body_energy(s%bodies, s%bodies%n))
    end function instant_of
 
-   !> Determine whether a boulder without contact leaves for a flight, and the duration of the flight, or else of the
-   !> time without contact. Over facets, whose heights are unknown, it flies if it rises, and lands when its centre
-   !> descends to R_b above the mean surface, at the earliest at the top of its path.
+   !> Determine whether a boulder without contact leaves for a flight, and the duration of the flight or of the time
+   !> without contact. The heights of facets are unknown, so over facets the boulder flies if it rises. It lands when
+   !> its centre descends to R_b above the mean surface, at the earliest at the top of its path.
    pure subroutine look_ahead(layer, boulder, gravity, m, last_touch, unit, leaves, time)
       type(layer_t), intent(in) :: layer
       type(boulder_t), intent(in) :: boulder
@@ -493,8 +493,7 @@ contains
    end subroutine fly
 
    !> Time of the first contact of a sphere with the settled layer on its path. A sphere that starts inside the layer,
-   !> where the rocks were pushed aside, first leaves it. Each step is limited by the gap and the speed, so no contact
-   !> is missed.
+   !> where rocks were pushed aside, first leaves it. Gap and speed limit each step, so no contact is missed.
    pure subroutine find_touch(layer, radius, x, v, gravity, time, highest)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius                      !! [m]
@@ -545,7 +544,8 @@ contains
       end if
    end function fall_time
 
-   !> Distance from a sphere to the nearest rock of the settled layer in any image, or to the floor; < 0 inside [m].
+   !> Distance [m] from a sphere to the floor, or to the nearest rock of the settled layer or of its periodic images;
+   !> negative inside.
    pure real(wp) function gap_to_layer(layer, radius, x) result(gap)
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius, x(3)  !! [m]

@@ -53,7 +53,7 @@ contains
       b%inverse(4:6, k) = 1/(b%mass(k)*inertia_factor*b%radius(k)**2)
    end subroutine set_inverse
 
-   !> Join spheres to new clumps; each clump places its spheres.
+   !> Join spheres to new clumps. Spheres are moved to their places in the clumps.
    pure subroutine set_clumps(b, clump)
       type(bodies_t), intent(inout) :: b
       type(clump_t), intent(in) :: clump(:)
@@ -219,7 +219,7 @@ contains
       if (in_clump(b, k)) first_sphere = b%clump(b%owner(k))%first
    end function first_sphere
 
-   !> Return whether the body that ends with sphere k has any contact.
+   !> Return whether the body whose last sphere is k has any contact.
    pure logical function is_touched(b, k)
       type(bodies_t), intent(in) :: b
       integer, intent(in) :: k

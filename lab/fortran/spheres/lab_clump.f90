@@ -16,16 +16,16 @@ module lab_clump
    !> Shapes of boulders: a sphere, and boxes with rounded edges that have the axis ratios of the block laboratory.
    integer, parameter :: sphere_shape = 1
    character(len=9), parameter :: shape_names(4) = [character(len=9) :: "sphere", block_shapes]
-   real(wp), parameter :: edge_radius = 0.65_wp     !! edge radius of a box / half its shortest axis
-   real(wp), parameter :: sphere_spacing = 0.8_wp   !! maximum distance between spheres along a face / edge radius
-   real(wp), parameter :: rock_spread = 0.9_wp      !! distance of sphere centres from the rock's centre / their radius
-   integer, parameter :: columns = 200              !! columns per side, for integrals over a union of spheres
+   real(wp), parameter :: edge_radius = 0.65_wp     !! edge radius of a box, over half its shortest axis [-]
+   real(wp), parameter :: sphere_spacing = 0.8_wp  !! maximum distance of spheres along a face, over edge radius [-]
+   real(wp), parameter :: rock_spread = 0.9_wp  !! distance of sphere centres from the rock's centre, over radius [-]
+   integer, parameter :: columns = 200              !! number of columns per side, for integrals over a union of spheres
 
    !> Shape of a clump with the volume of a unit sphere.
    type :: clump_shape_t
       real(wp), allocatable :: x(:, :)     !! (3, spheres) relative to the centre of mass, in principal axes [R]
       real(wp), allocatable :: radius(:)   !! (spheres) radii [R]
-      real(wp) :: inertia(3) = 0           !! principal moments / (m R**2) [-]
+      real(wp) :: inertia(3) = 0           !! principal moments, over m R**2 [-]
       real(wp) :: reach = 0                !! distance of the farthest point from the centre [R]
    end type clump_shape_t
 
@@ -81,7 +81,7 @@ contains
       shape = scaled(x(:, :n), radius)
    end function block_clump
 
-   !> Shape of equal spheres that are symmetric about their axes, scaled to the volume of a unit sphere. The inside of a
+   !> Shape of equal spheres that are symmetric about the axes, scaled to the volume of a unit sphere. The inside of a
    !> shell of spheres counts as solid.
    pure type(clump_shape_t) function scaled(x, radius) result(shape)
       real(wp), intent(in) :: x(:, :), radius  !! in any unit of length
@@ -96,8 +96,7 @@ contains
       shape%reach = scale*(sqrt(maxval(sum(x**2, 1))) + radius)
    end function scaled
 
-   !> Volume and second moments of a union of spheres, from columns along z that extend from the lowest to the highest
-   !> sphere and are integrated exactly.
+   !> Volume and second moments of a union of spheres. It is divided into columns along z, which are integrated exactly.
    pure subroutine integrate_union(x, radius, volume, second)
       real(wp), intent(in) :: x(:, :), radius       !! in any unit of length
       real(wp), intent(out) :: volume, second(3)    !! [unit3], integrals of x**2, y**2, z**2 [unit5]
@@ -250,7 +249,8 @@ contains
                        + sum(matmul(clump%momentum, rotation_matrix(clump%q))**2/clump%inertia))
    end function clump_energy
 
-   !> Effective mass of a clump for a force at sphere k normal to its lever arm: the minimum in any contact [kg].
+   !> Effective mass [kg] of a clump for a force at sphere k, normal to its lever arm. It is the minimum for any
+   !> contact.
    pure real(wp) function contact_mass(clump, k) result(mass)
       type(clump_t), intent(in) :: clump
       integer, intent(in) :: k

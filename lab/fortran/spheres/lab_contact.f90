@@ -18,18 +18,18 @@ module lab_contact
       real(wp) :: poisson = 0.25_wp  !! [-]
       real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
       real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-], see `press_batch`
-      real(wp) :: rolling = 0.0_wp   !! maximum rolling moment / (R* normal force), rock on rock [-]
-      real(wp) :: boulder_rolling = 0.0_wp !! same for boulder on rock [-]
+      real(wp) :: rolling = 0.0_wp   !! maximum rolling moment over (R* normal force), rock on rock [-]
+      real(wp) :: boulder_rolling = 0.0_wp !! the same for boulder on rock [-]
    end type material_t
 
    !> Contact parameters of a given pair of bodies.
    type :: law_t
-      real(wp) :: hertz = 0    !! normal force / overlap**1.5 [N/m1.5]
-      real(wp) :: mindlin = 0  !! tangential stiffness / overlap**0.5 [N/m1.5]
-      real(wp) :: viscous = 0  !! viscous force / (rate of overlap * overlap**0.25) [N s/m1.25]
-      real(wp) :: bending = 0  !! rolling stiffness / overlap**0.5 [N m0.5]
-      real(wp) :: friction = 0 !! max tangential / normal force [-]
-      real(wp) :: rolling = 0  !! max rolling moment / normal force [m]
+      real(wp) :: hertz = 0    !! normal force over overlap**1.5 [N/m1.5]
+      real(wp) :: mindlin = 0  !! tangential stiffness over overlap**0.5 [N/m1.5]
+      real(wp) :: viscous = 0  !! viscous force over (rate of overlap * overlap**0.25) [N s/m1.25]
+      real(wp) :: bending = 0  !! rolling stiffness over overlap**0.5 [N m0.5]
+      real(wp) :: friction = 0 !! maximum tangential force over normal force [-]
+      real(wp) :: rolling = 0  !! maximum rolling moment over normal force [m]
       real(wp) :: overlap_fraction = 0  !! fraction of the overlap in the first body [-]
       real(wp) :: mass = 0     !! reduced mass m* [kg]
    end type law_t
@@ -82,7 +82,7 @@ contains
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: r1, r2   !! radii [m]
       real(wp), intent(in) :: m1, m2   !! masses [kg]
-      real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
+      real(wp), intent(in) :: rolling  !! maximum rolling moment over (R* normal force) [-]
 
       law = contact_law(material, r1*r2/(r1 + r2), m1*m2/(m1 + m2), rolling)
       law%overlap_fraction = r2/(r1 + r2)
@@ -92,16 +92,17 @@ contains
    elemental type(law_t) function plane_law(material, r, m, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: r, m     !! [m], [kg]
-      real(wp), intent(in) :: rolling  !! max rolling moment / (R* normal force) [-]
+      real(wp), intent(in) :: rolling  !! maximum rolling moment over (R* normal force) [-]
 
       law = contact_law(material, r, m, rolling)
       law%overlap_fraction = 1
    end function plane_law
 
    !> Hertz: F = 4/3 E* sqrt(R*) d**1.5. Mindlin without slip: k_t = 8 G* sqrt(R* d). Viscous part of Tsuji et al.
-   !> (1992), c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5: in terms of d**1.25 the collision is a linear
-   !> oscillator with this fraction of critical damping, at any speed (Antypov & Elliott 2011). Rolling resistance is
-   !> type C of Ai et al. (2011), a limited spring, without its viscous part: k_r = 2.25 k_n (rolling R*)**2.
+   !> (1992): c = sqrt(5) damping sqrt(m* K) d**0.25 with K = F/d**1.5. In terms of d**1.25 the collision is then a
+   !> linear oscillator with this fraction of critical damping, at any speed (Antypov & Elliott 2011). Rolling
+   !> resistance of type C of Ai et al. (2011), a limited spring, without its viscous part: k_r = 2.25 k_n (rolling
+   !> R*)**2.
    elemental type(law_t) function contact_law(material, radius, mass, rolling) result(law)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: radius, mass  !! R* [m], m* [kg]
@@ -181,10 +182,10 @@ contains
       touch%moment = b%moment(place, :)
    end function touch_in
 
-   !> Advance the contacts of a batch by one time step. The normal force uses the state at the end of the step,
+   !> Advance the contacts of a batch by one time step. The normal force uses the state at the end of the step, and
    !> increments of the springs use the rates at its middle: both are second-order. A spring keeps its force while the
-   !> overlap grows, and its length while it shrinks, so that no cycle of load and slip gains energy. Springs rotate
-   !> with the contact. Conditions are written as choices of values, so that loops over contacts vectorise.
+   !> overlap grows, and its length while the overlap shrinks, so that no cycle of load and slip gains energy. Springs
+   !> rotate with the contact. Conditions are written as choices of values, so that loops over contacts vectorise.
    pure subroutine press_batch(b, dt)
       type(batch_t), intent(inout) :: b
       real(wp), intent(in) :: dt  !! [s]
@@ -197,7 +198,7 @@ contains
          root = sqrt(b%overlap(k))
          b%normal(k) = max(0.0_wp, b%hertz(k)*b%overlap(k)*root + b%viscous(k)*sqrt(root)*b%closing(k))
          kept(k) = merge(root/max(before, tiny(before)), 1.0_wp, root < before)
-         ! for growing overlap, the mean of sqrt(d) for linear growth of d
+         ! if the overlap d grows: mean of sqrt(d), for linear growth of d
          mean = merge(root, 2*(b%overlap(k) + before*(root + before))/(3*(root + before)), root < before)
          ! the contact may have begun within the step
          time = merge(b%overlap(k)/max(b%closing(k), tiny(dt)), dt, before <= 0 .and. b%closing(k)*dt > b%overlap(k))

@@ -99,7 +99,7 @@ contains
       end if
    end function between
 
-   !> Pack layers `first` to `first + size(layers) - 1`. An error is that of the first layer that fails.
+   !> Pack layers `first` to `first + size(layers) - 1`. The error belongs to the first layer that fails.
    subroutine pack_layers(packing, material, key, first, threads, layers, error)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material

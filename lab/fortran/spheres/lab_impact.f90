@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Impact of a boulder, a sphere, on a layer. It starts at the first contact, and ends when the boulder has finally left
-!> or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t the horizontal speed, V_n > 0
-!> away from the surface, W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling. The turn of V_t is
-!> recorded separately.
+!> the layer or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t is the horizontal
+!> speed, V_n > 0 away from the surface, and W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling.
+!> The turn of V_t is recorded separately.
 module lab_impact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -36,10 +36,10 @@ module lab_impact
       real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface, over the width [-]
       real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! in plan, a unit vector [-]
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
-      real(wp) :: patience = 6         !! maximum duration / ((R_b + R_m)/speed)
+      real(wp) :: patience = 6         !! maximum duration, over (R_b + R_m)/speed [-]
       real(wp) :: spent = 1.0e-4_wp     !! fraction of the incident energy that counts as zero
-      real(wp) :: past = 0.5_wp !! the peak is past once this fraction of the maximum upward energy is left,
-      real(wp) :: wait = 0.5_wp              !! and this time has passed since the peak / ((R_b + R_m)/speed)
+      real(wp) :: past = 0.5_wp !! the peak is past if only this fraction of the maximum upward energy is left
+      real(wp) :: wait = 0.5_wp              !! and this time has passed since the peak, over (R_b + R_m)/speed [-]
       real(wp) :: step_factor = 1.4_wp  !! step relative to `safe_step`; shots have retries, layers do not
       integer :: retries = 3            !! maximum number of halvings of a step that is too long
    end type shot_t
@@ -55,17 +55,17 @@ module lab_impact
       integer :: trouble = sound
       real(wp) :: incoming(3) = 0       !! (V_t, V_n, W) at the first contact [m/s]
       type(state_t) :: peak             !! at maximum upward kinetic energy; at the end if it never moved up
-      type(state_t) :: loss             !! at the first upward loss of contact; otherwise as peak
-      type(state_t) :: clear            !! when its path was clear; otherwise as peak
+      type(state_t) :: loss             !! at the first upward loss of contact; if none, as peak
+      type(state_t) :: clear            !! when its path was clear; if never, as peak
       real(wp) :: duration = 0          !! time from the first contact to the peak [s]
       real(wp) :: travel = 0            !! distance along the surface, up to the peak [m]
       real(wp) :: depth = 0             !! maximum depth of the sphere's lowest point below the mean surface [m]
-      real(wp) :: overlap = 0 !! maximum overlap / smaller radius, sampled at intervals
+      real(wp) :: overlap = 0 !! maximum overlap over the smaller radius, sampled at intervals [-]
       integer :: halvings = 0           !! number of halvings of the step
       integer :: steps = 0
    end type outcome_t
 
-   real(wp), parameter :: opening_gap = 1.0e-9_wp  !! gap between sphere and layer at the start / R_b
+   real(wp), parameter :: opening_gap = 1.0e-9_wp  !! gap between sphere and layer at the start, over R_b [-]
    integer, parameter :: max_retries = 30          !! reduces the step to 1e-9 of the initial one
    integer, parameter :: watch_interval = 32       !! steps between checks of the energy and of the exit path
 

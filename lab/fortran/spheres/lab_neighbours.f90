@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Neighbour search by Verlet lists: pairs of bodies, and bodies near the floor, with a gap below the skin when the list
-!> was built. A gap shrinks by at most the displacements of both bodies, so the list is valid as long as the two largest
-!> displacements together do not exceed the skin.
+!> Neighbour search by Verlet lists. A list contains pairs of bodies, and bodies near the floor, whose gap was below the
+!> skin when the list was built. A gap shrinks by at most the displacements of both bodies, so the list is valid as long
+!> as the two largest displacements together do not exceed the skin.
 module lab_neighbours
    use rockfall_kinds, only: wp
    implicit none
@@ -22,7 +22,7 @@ module lab_neighbours
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! maximum gap of listed pairs [m]
-      integer :: n_large = 0    !! number of bodies, the last ones, that are compared with all others
+      integer :: n_large = 0    !! number of bodies, at the end, that are compared with all others
       integer, allocatable :: owner(:)      !! clump of each body; 0: none. Spheres of a clump are no pairs
       integer :: n_pairs = 0
       type(pair_t), allocatable :: pair(:)  !! (n_pairs or more) pairs, sorted by i
@@ -37,7 +37,7 @@ module lab_neighbours
 
 contains
 
-   !> Return whether a pair that is not in the list might touch, now or earlier.
+   !> Return whether a pair that is not in the list might touch, or might have touched.
    pure logical function outdated(list, x)
       type(neighbours_t), intent(in) :: list
       real(wp), intent(in) :: x(:, :)  !! centres [m]

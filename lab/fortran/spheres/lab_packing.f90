@@ -20,20 +20,21 @@ module lab_packing
       box_width, skin_factor, rocks_at_rest, largest_extent
 
    integer(i8), parameter :: for_layer = 65, for_rock_attitude = 72  !! purposes of the random numbers
-   real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the neighbour list / R_m
-   real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres / volume of the layer
+   real(wp), parameter :: skin_factor = 0.35_wp     !! skin of the neighbour list, over R_m [-]
+   real(wp), parameter :: expected_solid = 0.64_wp  !! volume of the spheres over volume of the layer [-]
    real(wp), parameter :: bodies_limit = 3.0e5_wp   !! maximum number of spheres in a layer
-   ! A small boulder still needs rocks around it.
-   real(wp), parameter :: min_width = 10            !! minimum width of the box / R_m
+   ! Even a small boulder needs rocks around it.
+   real(wp), parameter :: min_width = 10            !! minimum width of the box, over R_m [-]
 
-   ! Measures for fast settling; not used in impacts.
-   real(wp), parameter :: drag = 0.5_wp             !! rate / sqrt(g/R_m): a terminal speed of 2 sqrt(g R_m)
+   ! Settings that accelerate settling; not used in impacts.
+   real(wp), parameter :: drag = 0.5_wp             !! rate over sqrt(g/R_m) [-]: a terminal speed of 2 sqrt(g R_m)
    real(wp), parameter :: resting_drag = 2          !! drag while a layer springs back after the fall
    real(wp), parameter :: settling_damping = 0.3_wp !! minimum fraction of critical damping of contacts
-   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall / that of the material
-   integer, parameter :: stages = 12, stage_steps = 60 !! stages in which it is raised once the layer is at rest
-   ! Kinetic energy / (mass g R_m) at which a layer has fallen, and at which it is at rest. The floor then carries the
-   ! weight within 1e-2, or 1e-3 for large layers.
+   real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall, over that of the material [-]
+   integer, parameter :: stages = 12, stage_steps = 60  !! stages in which the modulus is raised once the layer is at
+                                                        !! rest, and steps of a stage
+   ! Kinetic energy over (mass g R_m) at which a layer has fallen, and at which it is at rest. The floor then carries
+   ! the weight within 1e-2, or 1e-3 for large layers.
    real(wp), parameter :: fallen = 1.0e-4_wp, at_rest = 1.0e-5_wp
    real(wp), parameter :: creep = 1.0e-3_wp         !! energy accepted as rest at the time limit
    real(wp), parameter :: patience = 300            !! time limit after the fall [sqrt(R_m/g)]
@@ -43,7 +44,7 @@ module lab_packing
    type :: packing_t
       real(wp) :: mean_radius = 0.25_wp !! R_m, mean by number [m]
       real(wp) :: ratio = 5             !! R_b/R_m of the boulder that the layer is made for
-      real(wp) :: grading = 5           !! maximum / minimum radius
+      real(wp) :: grading = 5           !! maximum over minimum radius [-]
       logical :: by_mass = .false.      !! radii are uniform in mass (number ~ r**-3), not in number
       real(wp) :: width = 5             !! width of the periodic box [R_b]
       real(wp) :: depth = 3             !! expected height of the surface [R_b]
@@ -63,8 +64,8 @@ module lab_packing
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
       real(wp) :: top = 0                 !! height of the highest body [m]
-      real(wp) :: solid = 0               !! volume of the rocks / (area * mean height of the surface)
-      real(wp) :: floor_share = 0         !! force of the floor / weight
+      real(wp) :: solid = 0               !! volume of the rocks over (area * mean height of the surface) [-]
+      real(wp) :: floor_share = 0         !! force of the floor over weight [-]
       integer :: steps = 0
    end type layer_t
 
@@ -128,7 +129,7 @@ contains
       spheres_per_rock = merge(4, 1, packing%clumps)
    end function spheres_per_rock
 
-   !> Distance of the farthest point of a rock from its centre / its radius [-].
+   !> Distance of the farthest point of a rock from its centre, over its radius [-].
    pure real(wp) function extent_of_rock(packing) result(extent)
       type(packing_t), intent(in) :: packing
       type(clump_shape_t) :: shape
@@ -325,7 +326,7 @@ contains
       allocate (clump(size(layer%radius)/each), x(3, each))
       do k = 1, size(clump)
          first = each*(k - 1) + 1
-         do j = 1, each  ! unfold: images in the box need not be side by side
+         do j = 1, each  ! unfold: in the box, the images of a rock's spheres need not be neighbours
             x(:, j) = layer%x(:, first + j - 1)
             x(1:2, j) = x(1:2, j) - width*anint((x(1:2, j) - x(1:2, 1))/width)
          end do
@@ -361,7 +362,7 @@ contains
    pure subroutine start(packing, material, softness, box, b, s)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: softness  !! Young's modulus at the start / that of the material [-]
+      real(wp), intent(in) :: softness  !! Young's modulus at the start, over that of the material [-]
       type(box_t), intent(in) :: box
       type(bodies_t), intent(in) :: b
       type(assembly_t), intent(out) :: s
@@ -384,8 +385,8 @@ contains
    !> Step until the kinetic energy is dissipated, or only creep remains.
    pure subroutine settle(packing, drag, spent, s, steps, error)
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: drag   !! rate / sqrt(g/R_m) [-]
-      real(wp), intent(in) :: spent  !! kinetic energy that counts as zero / (mass g R_m) [-]
+      real(wp), intent(in) :: drag   !! rate over sqrt(g/R_m) [-]
+      real(wp), intent(in) :: spent  !! kinetic energy that counts as zero, over (mass g R_m) [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       type(error_t), allocatable, intent(out) :: error
@@ -413,7 +414,7 @@ contains
             if (energy < spent*unit) return
          end if
       end do
-      if (energy < creep*unit) return  ! a body at its slip limit creeps without end
+      if (energy < creep*unit) return  ! a body at its slip limit creeps forever
       call fail(error, "packing: the layer did not come to rest in time")
    end subroutine settle
 
@@ -421,7 +422,7 @@ contains
    pure subroutine harden(packing, material, softness, s, steps)
       type(packing_t), intent(in) :: packing
       type(material_t), intent(in) :: material
-      real(wp), intent(in) :: softness  !! initial Young's modulus / that of the material [-]
+      real(wp), intent(in) :: softness  !! initial Young's modulus, over that of the material [-]
       type(assembly_t), intent(inout) :: s
       integer, intent(inout) :: steps
       real(wp) :: rate, factor

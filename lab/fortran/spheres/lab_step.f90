@@ -20,14 +20,15 @@ module lab_step
 
    real(wp), parameter :: steps_per_collision = 14 !! for a collision of the two smallest bodies at maximum speed
    real(wp), parameter :: rayleigh_share = 0.2_wp     !! fraction of the Rayleigh time of the smallest body
-   real(wp), parameter :: longest_leap = 0.2_wp       !! maximum displacement per step / radius of the body
-   real(wp), parameter :: deepest_overlap = 1 !! maximum overlap / smaller radius; Hertz's law fails long before
-   ! A body with several such contacts oscillates up to 2.5 times faster, its spin 1.7 times; Verlet requires < 2.
+   real(wp), parameter :: longest_leap = 0.2_wp       !! maximum displacement per step, over the radius of the body [-]
+   real(wp), parameter :: deepest_overlap = 1  !! maximum overlap over smaller radius [-]; Hertz's law fails before
+   ! A body with several contacts at this limit oscillates up to 2.5 times faster, and its spin 1.7 times; Verlet
+   ! requires a phase below 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
-   real(wp), parameter :: shortest_step = 1.0_wp/64   !! minimum of an adaptive step / first step
-   ! sqrt(k/m*) scales with overlap**(1/4): after lengthening the step, every phase is at most 0.84 of its limit.
+   real(wp), parameter :: shortest_step = 1.0_wp/64   !! minimum of an adaptive step, over the first step [-]
+   ! sqrt(k/m*) is proportional to overlap**(1/4): after lengthening the step, every phase is at most 0.84 of its limit.
    real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! factor between adaptive steps
-   real(wp), parameter :: shallow = 1.0_wp/8          !! overlap / its limit, below which the step may be lengthened
+   real(wp), parameter :: shallow = 1.0_wp/8  !! overlap over its limit, below which the step may be lengthened [-]
    real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative increase of the energy input
 
    !> Body supported by an absorbing base.
@@ -39,9 +40,11 @@ module lab_step
 
    !> Pairs in contact that are advanced together.
    type :: pairs_t
-      real(wp), dimension(batch_size) :: d, radius, fraction  !! distance; first radius; overlap fraction in first
+      real(wp), dimension(batch_size) :: d, radius, fraction  !! distance [m]; radius of the first [m]; fraction of the
+                                                              !! overlap in the first [-]
       real(wp), dimension(batch_size, 3) :: separation        !! between centres, first to second [m]
-      real(wp), dimension(batch_size, 3) :: u, pull           !! velocity, acceleration of second relative to first
+      real(wp), dimension(batch_size, 3) :: u, pull  !! velocity [m/s], acceleration [m/s2] of the second relative to
+                                                     !! the first
       real(wp), dimension(batch_size, 3) :: spin, other_spin  !! [rad/s]
    end type pairs_t
 
@@ -134,7 +137,8 @@ contains
       end associate
    end subroutine advance
 
-   !> Shorten a step that was just found too long: the phase limit is well within the stability limit.
+   !> Shorten a step that was just found too long. The motion is still stable, because the phase limit is well below the
+   !> stability limit.
    pure subroutine shorten_step(s)
       type(assembly_t), intent(inout) :: s
 
@@ -163,7 +167,7 @@ contains
       call set_limits(s)
    end subroutine set_step
 
-   !> Move clumps, and place their spheres, which have already moved like separate bodies.
+   !> Move clumps, and place their spheres, which were moved as separate bodies before.
    pure subroutine move_clumps(s)
       type(assembly_t), intent(inout) :: s
       integer :: c
@@ -174,7 +178,7 @@ contains
       end do
    end subroutine move_clumps
 
-   !> Advance the velocities of clumps by a time, and update those of their spheres.
+   !> Advance the velocities of clumps by a time, and update the velocities of their spheres.
    pure subroutine accelerate_clumps(s, time)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: time  !! [s]
@@ -412,7 +416,7 @@ contains
             i = s%near%low(k)
             d = b%x(3, i)
             overlap = b%radius(i) - d
-            if (overlap <= 0 .or. s%on_base(i)) then  ! bodies on the base are carried by it
+            if (overlap <= 0 .or. s%on_base(i)) then  ! the base carries the bodies on it
                s%floor_touch(k) = touch_t()
                cycle
             end if
@@ -431,8 +435,9 @@ contains
    end subroutine floor_forces
 
    !> Compute the forces of an absorbing base. It supports the bodies that were on the floor with the force at that
-   !> time, and absorbs waves from above by dashpots of impedance rho c per area (Lysmer & Kuhlemeyer 1969). The force
-   !> is implicit in the velocity at the end of the step: stable for any impedance. Call after all other forces.
+   !> time, and absorbs waves from above by dashpots with the impedance rho c per area (Lysmer & Kuhlemeyer 1969). The
+   !> force is implicit in the velocity at the end of the step, and thus stable for any impedance. Call this after all
+   !> other forces.
    pure subroutine base_forces(s)
       type(assembly_t), intent(inout) :: s
       real(wp) :: half, v(3)
@@ -455,7 +460,7 @@ contains
       end associate
    end subroutine base_forces
 
-   !> Make the base absorbing from now on: bodies on the floor are supported by dashpots, which share the area in
+   !> Make the base absorbing from now on. Bodies on the floor are supported by dashpots, which share the area in
    !> proportion to the cross sections of the bodies. The energy check continues.
    pure subroutine set_absorbing_base(s, impedance)
       type(assembly_t), intent(inout) :: s
@@ -616,7 +621,7 @@ contains
       end associate
    end function total_energy
 
-   !> Maximum overlap / smaller radius over all pairs, a measure of the validity of Hertz's law.
+   !> Maximum overlap over the smaller radius, for all pairs [-]: a measure of the validity of Hertz's law.
    pure real(wp) function deepest_share(s) result(deepest)
       type(assembly_t), intent(in) :: s
       integer :: k

@@ -257,7 +257,7 @@ contains
       end do
    end subroutine test_elastic_drop
 
-   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most that by
+   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most the loss by
    !> friction.
    subroutine test_no_gain(plough)
       logical, intent(in) :: plough

@@ -182,8 +182,8 @@ contains
       end do
    end subroutine test_restitution
 
-   !> Velocity and spin of a sphere of radius 1 m after it is thrown at the floor. `steps`: as many as the collision
-   !> takes, plus half.
+   !> Velocity and spin of a sphere of radius 1 m after it is thrown at the floor. `steps` is the number of steps of the
+   !> collision; half as many follow.
    function bounce(material, v, steps) result(after)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: v(6)
@@ -204,7 +204,8 @@ contains
       after = s%bodies%v(:, 1)
    end function bounce
 
-   !> Six velocities of (V_t, V_n, W) for a heading, R = 1 m, and the inverse; `rest` has the other components.
+   !> Velocities (6) from (V_t, V_n, W) for a heading, R = 1 m; `along` is the inverse, where `rest` has the other
+   !> components.
    pure function headed(v, angle) result(six)
       real(wp), intent(in) :: v(3), angle
       real(wp) :: six(6)
@@ -258,7 +259,7 @@ contains
       call check_close("side spin: about z", six(6), 3.0_wp, 0.0_wp)
    end subroutine test_gross_slip
 
-   !> Velocities before and after an impact of the spheres of `pair` at 2 m/s, with another velocity across and spins
+   !> Velocities before and after an impact of the spheres of `pair` at 2 m/s, with a second velocity across and spins
    !> about all axes; young in Pa.
    subroutine hit(material, across, before, after)
       type(material_t), intent(in) :: material
@@ -391,7 +392,7 @@ contains
       after = [y(3), -y(2), y(4)]
    end function judged
 
-   !> Rates of overlap, its rate, V_t, W, and of the spring force along V_t (or its length / law).
+   !> Rates of change of the overlap, its rate, V_t, W, and the spring force along V_t (or its length over law).
    pure function rates(law, mass, y, unloads) result(dy)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: mass, y(5)
@@ -408,8 +409,8 @@ contains
       dy(5) = -merge(1.0_wp, stiffness, unloads)*(y(3) - (1 - d)*y(4))
    end function rates
 
-   !> A sphere thrown along the floor hops until it rolls at v = 5/7 v_t, whatever friction and damping; only on
-   !> average, because nothing damps the tangential spring without slip.
+   !> A sphere thrown along the floor hops until it rolls at v = 5/7 v_t, for any friction and damping; only on average,
+   !> because nothing damps the tangential spring without slip.
    subroutine test_rolling_end()
       type(assembly_t) :: s
       type(bodies_t) :: b

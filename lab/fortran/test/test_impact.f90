@@ -85,7 +85,7 @@ contains
       call check("on the line through the aim", aims)
    end subroutine test_first_contact
 
-   !> Smallest gap to a body in any image, or to the floor.
+   !> Smallest gap to a body or one of its images, or to the floor.
    real(wp) function nearest_gap(x, radius)
       real(wp), intent(in) :: x(3), radius
       real(wp) :: d(3)
@@ -266,7 +266,7 @@ contains
       call check("with little upward motion, of one state", spent)
    end subroutine test_rolling_on
 
-   !> Layer without overlaps from its weight, for impacts without gravity.
+   !> Layer without the overlaps caused by its weight, for impacts without gravity.
    type(layer_t) function weightless(of)
       type(layer_t), intent(in) :: of
 
@@ -425,7 +425,7 @@ contains
       call check("soft ones at high speed are found out", softness > 0)
    end subroutine test_extremes
 
-   !> A sphere that would touch two images of a body, or its own image.
+   !> A sphere that would touch two images of a body, or its own image, is rejected.
    subroutine test_misfit()
       type(shot_t) :: shot
       type(outcome_t) :: outcome

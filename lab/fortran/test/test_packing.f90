@@ -77,7 +77,7 @@ contains
       call check_close("the surface is that of the bodies", layer%surface, mean, 5.0e-3_wp)
    end subroutine test_layer
 
-   !> Mean height of the highest body over 20000 points of a lattice unlike any raster.
+   !> Mean height of the highest body over 20,000 points of a lattice that is no raster.
    pure real(wp) function mean_height(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 20000
@@ -97,7 +97,7 @@ contains
       end do
    end function mean_height
 
-   !> Gap between i and j / the sum of their radii.
+   !> Gap between i and j, over the sum of their radii.
    pure real(wp) function gap(layer, i, j)
       type(layer_t), intent(in) :: layer
       integer, intent(in) :: i, j

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Boulders thrown at rocks: a drop equals a single impact, flights are exact, mirrored throws have mirrored paths,
-!> contacts on flat ground lose energy, a layer under tilted gravity flows, facets, independence of threads.
+!> contacts on flat ground lose energy, a layer under tilted gravity flows, facets have the drawn slopes, and threads do
+!> not matter.
 program test_lab_rocks
    use rockfall_kinds, only: wp, i8
    use rockfall_error, only: error_t
@@ -290,7 +291,7 @@ contains
       call check("what comes in flat meets facets that face it", facing > 0.08_wp)
    end subroutine test_facets
 
-   !> Reason for tilting gravity only for the boulder: if the slope's gravity acts on all rocks, a layer of spheres
+   !> Reason for tilting gravity only for the boulder: if gravity along the slope acts on all rocks, a layer of spheres
    !> flows on steep slopes of the laboratory. Rocks on the base are supported.
    subroutine test_flow()
       call check("a layer as it settled stays", creep(0.0_wp) < 0.01_wp)

@@ -85,7 +85,7 @@ contains
       call check_close("momentum is kept", maxval(abs(after - momentum))/scale, 0.0_wp, 1.0e-12_wp)
    end subroutine test_neighbours
 
-   !> Overlapping pairs, and the number of these missing in the list.
+   !> Number of overlapping pairs, and how many of them are missing in the list.
    subroutine compare(s, missed, met)
       type(assembly_t), intent(in) :: s
       integer, intent(inout) :: missed, met
@@ -111,7 +111,7 @@ contains
       end associate
    end subroutine compare
 
-   !> In a box with few cells, each image is found, also across a corner, as far from its sides.
+   !> In a box with few cells, each image is found, across a corner as across its sides.
    subroutine test_narrow_box()
       type(assembly_t) :: s, far
       type(bodies_t) :: b
@@ -211,8 +211,8 @@ contains
       end associate
    end function turning
 
-   !> 200 spheres without friction or damping: at the default step, energy is conserved at every moment of an impact to
-   !> 1e-4 of that of the sphere, and several times better with half the step.
+   !> 200 spheres without friction or damping: at the default step, the energy during an impact is conserved to 1e-4 of
+   !> the energy of the sphere, and several times better with half the step.
    subroutine test_energy_of_layer()
       type(layer_t) :: layer
       type(assembly_t) :: s
@@ -406,7 +406,7 @@ contains
             s%bodies%v(3, k) = -3.0e-3_wp*exp(-((k - 60)/sigma)**2)
          end do
          put = total_energy(s) - still
-         ! half goes up and is reflected by the weight, and both halves come down: 180 + 60 spheres, and back
+         ! half goes up and is reflected by the weight, and both halves come down: over 180 and 60 spheres, and back
          do k = 1, nint(260*s%bodies%mass(1)/z/s%dt)
             call advance(s)
          end do
