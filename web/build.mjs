@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Bundle the page into the folder from which `rockfall app` serves it: three files and the licences of what is in them.
+// Bundle the page into the folder from which `rockfall app` serves it: three files and the licences of the bundled packages.
 import { build } from 'esbuild';
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, renameSync, rmSync, writeFileSync } from 'node:fs';
 import { dirname, join, sep } from 'node:path';

@@ -1,5 +1,5 @@
-// The search runs in a worker, and browsers start none from a file (file://). There its script runs
-// in a frame instead, which talks by the same messages; on a server nothing is changed.
+// The search runs in a worker, which browsers do not start for pages opened as files (file://). For these
+// pages the script runs in a frame and exchanges the same messages.
 if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(url) {

@@ -206,7 +206,7 @@ export class CaseWindow {
       pixelOf: (place: Position) => this.pixelOf(place),
     };
   }
-  /** Stored variants, kept when another window of the same file replaces this window. */
+  /** Stored variants, for another window of the same file that replaces this window; null for a different file. */
   variantsFor({ file, folder, mode }: Welcome): Snapshot[] | null {
     const same = file === this.welcome.file && folder === this.welcome.folder && mode === this.welcome.mode;
     return same ? this.variants.kept : null;

@@ -104,7 +104,7 @@ export class CompareView {
   }
 }
 
-/** Common scale of two results of the same map; null if the maps differ. */
+/** Result with the common scale of two results of the same map, or the only result; null if the maps differ. */
 function common(a: OverlayHeader | null, b: OverlayHeader | null): OverlayHeader | null {
   if (!a || !b || a.name !== b.name) return a && b ? null : (a ?? b);
   return {

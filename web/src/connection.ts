@@ -97,11 +97,11 @@ class Frame {
 
 function replaces(message: Binary, earlier: Binary): boolean {
   if (isOf(message, 'lines') || (isOf(message, 'trajectories') && message.header.append)) return false;
-  const kind = isOf(earlier, 'lines') ? 'batch' : earlier.header.type; // further lines follow their batch
+  const kind = isOf(earlier, 'lines') ? 'batch' : earlier.header.type; // a new batch also replaces earlier lines
   return message.header.type === kind && variantOf(message) === variantOf(earlier);
 }
 
-/** Key from the address at first, later from the tab's storage. */
+/** Access key: from the address at first, later from the tab's storage. */
 function takeKey(): string {
   const given = new URLSearchParams(location.hash.slice(1)).get('key');
   if (given) {

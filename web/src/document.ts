@@ -137,7 +137,7 @@ function difference(before: CaseDocument, after: CaseDocument): Difference {
   return {
     layers: LAYERS.filter((layer) => {
       const [old, now] = [before.layers[layer], after.layers[layer]];
-      return old !== now && old.length + now.length > 0; // both empty: the page may lack the layer
+      return old !== now && old.length + now.length > 0; // no difference if both are empty, even if a layer is missing
     }),
     groups: [...groups].filter((group) => before.settings[group] !== after.settings[group]),
   };

@@ -8,7 +8,7 @@ export interface Options {
   title?: string;
   hidden?: boolean;
   style?: string;
-  /** Name of a control's action, used as the label if the control has no visible text. */
+  /** Name of a control's action. */
   action?: string;
   label?: string;
   /** Attributes passed on unchanged: aria-..., data-..., role, for. */

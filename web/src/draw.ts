@@ -53,7 +53,7 @@ export interface DrawListener {
 export class Drawer {
   tool: Tool = 'select';
   private enabled = false;
-  private asks = false; // sections can be drawn
+  private asks = false; // true if sections can be drawn
   private draw: Draw | null = null;
   private gesture = 0;
   private readonly chosen = new Collection<OlFeature>();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Results of other commands in the window: hazard of the scenarios, its sources, and the design check of a net.
+// Hazard of the scenarios in the window: classes, sources of the boulders that reach a place, and design check of a net.
 import { element } from './dom';
 import type { MapView } from './map/map_view';
 import { HazardPanel } from './panels/hazard';

@@ -9,7 +9,7 @@ export class Output {
   readonly dialog = element('dialog', { class: 'output' });
   private task: Task = 'save';
   private saved: readonly string[] = []; // files saved for the running task
-  private remark = ''; // remark on the saved files
+  private remark = ''; // note on the saved files
   private cancelled = false;
   private readonly title = element('h2', { id: uniqueId('dialog') });
   private readonly name = element('input', {

@@ -85,7 +85,7 @@ export interface Wanted {
   basemap: string;
   net: string; // line or barrier for the design check
   hazard: boolean; // compute the hazard of the scenarios
-  origin: string; // place for which the sources are shown
+  origin: string; // place for which the contributing sources are shown
 }
 /** Web map service added by the user. */
 export interface WebMap {

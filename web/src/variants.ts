@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Variants: stored states with document, statistics and picture, and the difference of two states.
+// Variants: stored states with document, statistics and picture; differences of estimates.
 import {
   isOf,
   variantOf,

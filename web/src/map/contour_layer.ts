@@ -9,7 +9,7 @@ import { PlotLayer, type Plan } from './plot_layer';
 const [COLOUR, HALO] = ['#7a5a36', 'rgb(255 255 255 / 0.85)'];
 const LINES = 40; // approximate maximum number of contours
 const INDEX = 5; // every fifth contour is thicker
-const TOUCH = 1e-6; // cells
+const TOUCH = 1e-6; // distance of the points tested on both sides of a contour [cells]
 const ROOM = 160; // minimum length of a contour with a label [px]
 
 interface Contour {

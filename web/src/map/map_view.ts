@@ -200,7 +200,7 @@ export class MapView {
     this.switched[name].setVisible(visible);
   }
 
-  /** Fit sources, lines, nets, dams and results (or else the terrain), until the user moves the view. */
+  /** Fit sources, lines, nets, dams and results, or the terrain if there are none, until the user moves the view. */
   fitAtFirst(): void {
     if (this.terrain && !this.moved) this.fit(this.contentExtent() ?? this.terrainExtent());
   }

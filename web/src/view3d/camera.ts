@@ -10,7 +10,7 @@ const NARROW = 600; // [CSS pixel] maximum width of a narrow picture
 const FLIGHT = 350; // [ms] duration of a change of view
 const MARGIN = 1.08; // size of the complete view, relative to the terrain
 const STEEP = MathUtils.degToRad(62); // angle of the first view from the vertical
-const ASIDE = MathUtils.degToRad(38); // angle from the line of fall, so that the relief is visible
+const ASIDE = MathUtils.degToRad(38); // plan angle from the fall line, so that the relief is visible
 
 interface Pose { target: Vector3; theta: number; phi: number; radius: number }
 
@@ -49,12 +49,12 @@ export class Camera {
     });
   }
 
-  /** Direction [radian] in which the camera looks, clockwise from north. */
+  /** Viewing direction [radian], clockwise from north. */
   get heading(): number {
     return Math.atan2(this.controls.target.x - this.eye.position.x, this.controls.target.y - this.eye.position.y);
   }
 
-  /** Adopt a terrain. If its size is new, show it completely, looking up its slope. */
+  /** Adopt a terrain. If its extent is new, show all of it, looking up the slope. */
   setGround(ground: Ground): void {
     const before = this.ground;
     this.ground = ground;
@@ -65,7 +65,7 @@ export class Camera {
     this.place(this.poseOf(ground.sample(), besideOf(slopeOf(ground)), STEEP));
   }
 
-  /** Show points that fall in a direction as large as possible, unless the user has chosen a view. */
+  /** Show points as large as possible, looking up their direction of fall, unless the user has chosen a view. */
   propose(points: Vector3[], fall: Vector3): void {
     if (!this.chosen) this.place(this.poseOf(points, besideOf(fall), STEEP));
   }

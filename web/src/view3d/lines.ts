@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Lines on the ground, nets as fences of their height, dams as walls below their crest, and the names of all.
+// Lines on the ground, nets as fences with their height, dams as walls up to their crest, and names.
 import {
   BufferAttribute, BufferGeometry, CanvasTexture, DoubleSide, Group, Mesh, ShaderMaterial, Sprite, SpriteMaterial, SRGBColorSpace,
 } from 'three';

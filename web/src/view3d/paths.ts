@@ -17,8 +17,8 @@ const OFF = 0.02; // [m] points nearer to the motion between their neighbours ar
 const COARSE = 0.45; // [s] between points drawn far away; the parabola is then up to 0.25 m above the chord
 const DETAIL = 0.2; // [m] pixel size below which all points are drawn
 const MIN_RADIUS = 3.5; // [pixel] minimum drawn radius of a boulder
-const SAMPLE = 50; // each SAMPLE-th point guides the camera
-const MOST = 0.995; // quantile at the upper end of the palette
+const SAMPLE = 50; // every SAMPLE-th point is used to place the camera
+const MOST = 0.995; // quantile of the values at the upper end of the palette
 
 /** Trajectories with as few points as their motion needs, and positions of the boulders over time. */
 export class Paths {
@@ -212,7 +212,7 @@ function resampled({ points, first }: Trajectories): { points: Float32Array<Arra
     const last = (first[path + 1]! - 1) * COLUMNS;
     add(points, begin);
     let kept = begin;
-    let mixed = false; // the omitted legs since the last kept point differ in kind
+    let mixed = false; // gravity differs between points omitted since the last kept point
     for (let at = begin + COLUMNS; at <= last; at += COLUMNS) {
       if (at !== last && isSpare(points, kept, at)) {
         mixed ||= points[at + 5] !== points[kept + 5];
@@ -243,7 +243,7 @@ function chord(gravity: number): number {
 
 const there = new Float32Array(COLUMNS);
 
-/** True if the motion from a kept point to the point after next is short, and passes through the point or is invisible. */
+/** True if a point can be omitted: the motion from the kept point to the next point is short, and passes through this point or is invisible. */
 function isSpare(points: Float32Array, kept: number, at: number): boolean {
   const next = at + COLUMNS;
   const span = points[next + 3]! - points[kept + 3]!;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Lines with a width in pixels, in one draw call per kind. Each point is two vertices, which the shader moves sideways.
-// (Instances per segment would take many times as long in software renderers, which draw instances one by one.)
+// Lines with a width in pixels, in one draw call per kind. Each point has two vertices, which the shader moves sideways.
+// Instances per segment would be many times slower in software renderers, which draw instances one by one.
 import {
   BufferAttribute, BufferGeometry, DataTexture, DoubleSide, InterleavedBuffer, InterleavedBufferAttribute, LinearFilter, Mesh, ShaderMaterial,
   Sphere, Vector2,
