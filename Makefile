@@ -1,4 +1,4 @@
-# Aliases for those whose fingers type make.
+# Aliases of ./run for users of make.
 demo test setup clean:
 	./run $@
 .PHONY: demo test setup clean

@@ -1,14 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# CDO 2.1.1 copies a netCDF file without the variables on a dimension whose coordinate is text, and ends with status 0.
+# CDO 2.1.1 copies a netCDF file without the variables on a dimension with a text coordinate, and exits with status 0.
 #
-# Expected: CF (1.11, section 6.1) allows labels: a coordinate variable of strings, such as the names of
-# evaluation lines or of gauges. What does not understand the names can still copy the numbers.
-# Happens: `cdo copy` leaves out the coordinate and every variable on its dimension. One line a variable on
-# the standard error says so, the status is 0, and a pipeline goes on with what is left. With a number as
-# coordinate and the names in a variable next to it, which no `coordinates` names, only the names are lost.
-# Matters: results at named lines are the numbers that a study is made for; maps of the same file survive,
-# so that the copy looks whole.
+# Expected: CF (1.11, section 6.1) allows labels: a coordinate variable of strings, such as names of evaluation lines
+# or gauges. A program that does not support labels can still copy the numbers.
+# Happens: `cdo copy` omits the coordinate and every variable on its dimension. It prints one line per variable to the
+# standard error, but the status is 0, so a pipeline continues with the remaining variables. If the coordinate is a
+# number and the names are in another variable that no `coordinates` attribute lists, only the names are lost.
+# Matters: results at named lines are the main results of a study. Maps in the same file are copied, so the copy looks
+# complete.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

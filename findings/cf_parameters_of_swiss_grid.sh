@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# pyproj reads the CF parameters that it writes for the Swiss grid more than 100 km away.
+# pyproj reads the CF parameters that it writes for the Swiss grid as a projection more than 100 km away.
 #
-# Expected: CRS.to_cf() describes EPSG:2056 (CH1903+ / LV95) by an oblique_mercator, and
-# CRS.from_cf() of these parameters has the same coordinates. pyproj 3.8.0 itself does that.
-# What happens: the same parameters, written by 3.8.0 without a warning or by 3.7.2 with one, are
-# read by pyproj 3.7.2 as a projection whose coordinates are more than 100 km off: CF has no angle
-# of the rectified grid, and that version assumes 0 where 3.8.0 assumes the azimuth.
-# Why it matters: netCDF maps of hazards in Switzerland carry these parameters. A program that
-# follows them, not crs_wkt, moves the maps to another country.
+# Expected: CRS.to_cf() describes EPSG:2056 (CH1903+ / LV95) as an oblique_mercator, and CRS.from_cf() of these
+# parameters gives the same coordinates, as in pyproj 3.8.0.
+# Happens: pyproj 3.7.2 reads these parameters (written by 3.8.0 without a warning, by 3.7.2 with a warning) as a
+# projection whose coordinates differ by more than 100 km. CF has no angle of the rectified grid: 3.7.2 assumes 0, 3.8.0
+# the azimuth.
+# Matters: netCDF maps of hazards in Switzerland contain these parameters. A program that uses them instead of crs_wkt
+# moves the maps to another country.
 #
-# Exit 0 while the behaviour is there.
+# Exit status 0 if the behaviour is reproduced.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

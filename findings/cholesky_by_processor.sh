@@ -1,8 +1,10 @@
 #!/bin/bash
-# Is a covariance singular? One asks Cholesky, and expects that types of processor differ in last bits.
-# The same numpy wheel (OpenBLAS) answers differently for a fifth of exact, singular 9 x 9 matrices by
-# the type of processor, and calls 4 of 10 positive definite. Eigenvalues of the correlations agree on all.
-# Impact sets of rockfall simulations have such covariances: which root is taken decides what is drawn.
+# Whether Cholesky's method accepts a singular covariance depends on the processor.
+#
+# Expected: types of processor differ only in the last bits of a root.
+# Happens: with the same numpy wheel (OpenBLAS), the result differs between types of processor for a fifth of exact,
+# singular 9 x 9 matrices, and 4 of 10 are accepted as positive definite. Eigenvalues of the correlations agree for all.
+# Matters: impact sets of rockfall simulations have such covariances, and the choice of the root decides what is drawn.
 set -e
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT

@@ -1,11 +1,13 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Expected: two well-known readers of DXF give one HATCH the same area, that which a CAD program
-# fills: by its style, islands in holes (normal), one level of holes (outer), or no holes (ignore).
-# What happens: GDAL takes every hatch as normal, whatever its style. ezdxf.addons.geo knows styles,
-# but loses the island of a normal hatch, and the second of two areas of a hatch that ignores holes.
-# Why it matters: release areas, stands and zones come as hatches from offices that draw in CAD. An
-# island is a rock face in a clearing: lost, no boulder starts there, and nothing says so.
+# Two common DXF readers give different areas for a HATCH with islands.
+#
+# Expected: both give the area that a CAD program fills by the style of the hatch: islands in holes (normal), one level
+# of holes (outer), or no holes (ignore).
+# Happens: GDAL reads every hatch as normal, whatever its style. ezdxf.addons.geo supports styles, but loses the island
+# of a normal hatch, and the second of two areas of a hatch with the style ignore.
+# Matters: offices that use CAD deliver release areas, stands and zones as hatches. An island may be a rock face in a
+# clearing: if it is lost, no boulder starts there, and no warning appears.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

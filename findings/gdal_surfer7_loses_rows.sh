@@ -1,9 +1,12 @@
 #!/bin/sh
-# Expected: a raster copied to a Surfer 7 binary grid (GS7BG) has all of its rows.
-# GDAL 3.12.2 (rasterio 1.5.2) takes the number of columns for that of rows: of a raster taller than wide only the
-# upper square is written, without an error; a wider one raises. GDAL 3.10.3 (rasterio 1.4.4) writes all rows, and
-# both read such grids right. A terrain that ends within the slope lets boulders leave it where they would go on.
-# Needs Python 3.12 or later, from PATH.
+# GDAL 3.12.2 (rasterio 1.5.2) loses rows of a raster copied to a Surfer 7 binary grid (GS7BG).
+#
+# Expected: the grid has all rows of the raster.
+# Happens: the number of columns is used as the number of rows. Of a raster taller than wide, only the upper square is
+# written, without an error; for a raster wider than tall, an error is raised. GDAL 3.10.3 (rasterio 1.4.4) writes all
+# rows, and both versions read such grids correctly.
+# Matters: boulders leave a truncated terrain in the middle of the slope.
+# Needs Python 3.12 or later in PATH.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

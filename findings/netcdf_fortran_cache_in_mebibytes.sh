@@ -1,13 +1,13 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# netCDF-Fortran 4.5.4 takes `cache_size` of a variable in MiB, where C and Python take bytes.
+# netCDF-Fortran 4.5.4 takes `cache_size` of a variable in MiB; C and Python take bytes.
 #
-# Expected: nf90_def_var(..., cache_size=, cache_nelems=, cache_preemption=) passes on what nc_set_var_chunk_cache
-# takes: a size in bytes. netCDF4 for Python takes bytes, too (Variable.set_var_chunk_cache).
-# Happens: the number is multiplied by 2**20, without a warning, up to any size: 4096 makes a cache of 4 GiB.
-# nf90_inquire_variable divides again, so that a test within Fortran reads back what it wrote.
-# Matters: who gives one chunk in bytes gets a cache that never lets go. A program that streams a large file then
-# holds all of it, variable by variable, until memory ends.
+# Expected: nf90_def_var(..., cache_size=, cache_nelems=, cache_preemption=) passes the size in bytes to
+# nc_set_var_chunk_cache, as netCDF4 for Python does (Variable.set_var_chunk_cache).
+# Happens: the number is multiplied by 2**20 without a warning: 4096 gives a cache of 4 GiB. nf90_inquire_variable
+# divides by 2**20 again, so a test in Fortran reads the number that it wrote.
+# Matters: with the size of a chunk in bytes, nothing ever leaves the cache. A program that streams a large file keeps
+# all of it in memory, variable by variable, until memory is exhausted.
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

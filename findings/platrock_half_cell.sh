@@ -1,12 +1,14 @@
 #!/bin/sh
-# Expected: a rock released at a point of a DEM starts above the elevation that the DEM has there, as in any GIS, in
-# which an ESRI ASCII grid has its elevations at the centres of cells.
-# PlatRock 0.4.6 puts them at the south-west corners of the cells (RasterTools.from_asc: X = 0, cell, 2 cell ...), but
-# leaves release polygons, soils, checkpoints and trees where they are. So the slope lies half a cell further west and
-# south than all layers drawn on it: with cells of 10 m on a slope of 45 degrees rocks start 5 m too high or too low,
-# and a road at the foot is half a cell too near or too far.
-# Needs Debian's python3-gdal, libgdal-dev (apt-get, as root). PlatRock's data of trees, which it fetches by network,
-# are left out: there are no trees here.
+# PlatRock 0.4.6 shifts the terrain by half a cell relative to all other input.
+#
+# Expected: a rock released at a point of a DEM starts above the elevation of the DEM at this point. Elevations of an
+# ESRI ASCII grid are at the cell centres.
+# Happens: elevations are placed at the south-west corners of the cells (RasterTools.from_asc: X = 0, cell, 2 cell ...),
+# but release polygons, soils, checkpoints and trees are not shifted, so the slope is half a cell too far west and south.
+# Matters: with cells of 10 m on a slope of 45 degrees, rocks start 5 m too high or too low, and a road at the foot is
+# half a cell too near or too far.
+# Needs Debian's python3-gdal, libgdal-dev (apt-get, as root). PlatRock's data of trees, which it downloads, are omitted:
+# the case has no trees.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,15 +1,14 @@
 #!/usr/bin/env bash
-# rasterio warps heights in feet to a system of heights in metres, and leaves the numbers in feet.
+# rasterio warps heights in feet to a CRS with heights in metres, but leaves the numbers in feet.
 #
-# Expected: a DEM in EPSG:2263+6360 (plan and NAVD88 heights in US survey feet), warped to
-# EPSG:32618+5703 (UTM and NAVD88 heights in metres), has heights in metres: 1000 ft are 304.8 m.
-# PROJ converts them (304.8006), and gdalwarp does.
-# What happens: `rio warp`, rasterio.warp.reproject and WarpedVRT return 1000, in a file whose CRS
-# and band say metres. Slopes are then 3.28 times as steep.
-# Why it matters: DEMs of the United States are often in feet, and models of natural hazards need
-# metres. Nothing in the new file shows that its heights are in feet.
+# Expected: a DEM in EPSG:2263+6360 (plan and NAVD88 heights in US survey feet), warped to EPSG:32618+5703 (UTM and
+# NAVD88 heights in metres), has heights in metres: 1000 ft are 304.8 m. PROJ (304.8006) and gdalwarp convert them.
+# Happens: `rio warp`, rasterio.warp.reproject and WarpedVRT return 1000, in a file whose CRS and band indicate metres.
+# Slopes are then 3.28 times as steep.
+# Matters: DEMs of the United States are often in feet, and models of natural hazards need metres. Nothing in the new
+# file shows that its heights are in feet.
 #
-# Exit 0 while the behaviour is there.
+# Exit status 0 if the behaviour is reproduced.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
-/* For LD_PRELOAD: file systems with faults. NO_LOCK=errno: files in the folder MOUNT cannot be
+/* For LD_PRELOAD: simulates file systems with faults. NO_LOCK=errno: files in the folder MOUNT cannot be
    locked. NO_RENAME=errno: they cannot be renamed; with LATE_RENAME=n only after n renames.
    DISK=bytes: files cannot grow beyond this size; with NO_FALLOCATE=1 no space can be reserved. */
 #define _GNU_SOURCE
@@ -49,7 +49,7 @@ int flock(int file, int operation)
     return is_lockless(file) ? fails(given("NO_LOCK")) : next(file, operation);
 }
 
-/* Locks by SQLite. */
+/* SQLite locks files by fcntl. */
 int fcntl(int file, int command, ...)
 {
     NEXT(fcntl);

@@ -15,7 +15,7 @@ command -v debootstrap >/dev/null || { say "debootstrap is missing: apt-get inst
 failed=
 for suite in ${*:-bookworm trixie noble}; do
    root=$PWD/build/bare/source-$suite
-   rm -rf --one-file-system "$root"  # leftovers would hide what is missing
+   rm -rf --one-file-system "$root"  # leftovers would hide missing packages
    mkdir -p "$root"
    if ! debootstrap --variant=minbase --include=ca-certificates "$suite" "$root" >"$root.log" 2>&1; then
       say "$suite could not be made: $root.log"
@@ -23,7 +23,7 @@ for suite in ${*:-bookworm trixie noble}; do
       continue
    fi
    cp /etc/resolv.conf /etc/hosts "$root/etc/"
-   cp /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"  # for networks with own certificates
+   cp /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"  # for networks with their own certificates
    git clone --quiet . "$root/srv/rockfall"
    mkdir -p "$root/dev/shm"
    mount -t proc proc "$root/proc"

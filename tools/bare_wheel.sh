@@ -53,7 +53,7 @@ steps="python make_layers.py
    rockfall lines result.nc
    rockfall prepare case.nml ready
    rockfall-batch ready/case.nml --shard 1/20"
-mount -t proc proc "$root/proc"  # needed by a program to find itself and its libraries
+mount -t proc proc "$root/proc"  # programs use it to find themselves and their libraries
 trap 'umount "$root/proc"' EXIT
 start=$(date +%s)
 within sh -euc "
