@@ -29,7 +29,8 @@ CELL, GRAVITY = 5.0, 9.81  # [m], [m/s2]
 
 
 def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, float]]:
-    """Means over hit positions and approach angles, by diameter and speed, by the model."""
+    """Mean fraction of energy left, and fraction stopped, over hit positions and approach angles,
+    by diameter and speed: results of the discrete element model."""
     found = {}
     for speed in SPEEDS:
         rows = np.genfromtxt(folder / f"result{speed}.0.txt", skip_header=1)
@@ -49,7 +50,7 @@ def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, 
 
 
 def of_program(diameter: float, speed: float, volume: float, folder: Path) -> tuple[float, float]:
-    """Means by the program, from horizontal flights at single stems."""
+    """Means as from `of_model` by this program, from horizontal flights at single stems."""
     reach = np.cbrt(3 * volume / (4 * np.pi)) + diameter / 200
     x = APART * (1 + np.arange(PLACES))
     trees = pd.DataFrame(

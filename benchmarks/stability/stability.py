@@ -160,8 +160,8 @@ def audit(
     contacts: float,
     folder: Path,
 ) -> Iterator[tuple[Row, int]]:
-    """Deviations of flights, and numbers of audited contacts, scene by scene up to a total.
-    Contacts that a scene lacks are added to the others."""
+    """Yield for each scene the deviation of flights and the number of audited contacts. Contacts
+    that a scene lacks are added to the others."""
     order = sorted(some, key=lambda one: int(one[2].impacts.sum()))
     for k, (scene, case, result) in enumerate(order):
         mean = max(0.1, float(result.impacts.mean()))

@@ -144,7 +144,7 @@ def contacts_needed(impact_set: ImpactSet) -> str:
 
 
 def set_lines(title: str, impact_set: ImpactSet) -> list[str]:
-    """Means of a1..a9, with their standard errors and standard deviations."""
+    """Lines of text: means of a1..a9, their standard errors, and standard deviations."""
     rows = [
         ("mean", impact_set.mean),
         ("standard error", impact_set.mean_error),

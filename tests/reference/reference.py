@@ -84,7 +84,7 @@ class World:
 
 
 class Doubt:
-    """Relative margin of the closest decision to the opposite one."""
+    """Smallest relative margin of all decisions so far; a small one might be rounding error."""
 
     def __init__(self) -> None:
         self.least = math.inf

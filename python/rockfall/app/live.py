@@ -73,8 +73,8 @@ class Live:
 
     @property
     def maps(self) -> list[str]:
-        """Maps that the page can show. Maps by source are excluded if partial runs, which follow
-        the order of sources, would not be representative."""
+        """Maps that the page can show: not maps by source, because a partial run would follow the
+        order of the sources and would not be representative."""
         documents = self.site.variants.documents.values()
         states = (self.site.opened, *(document.settings for document in documents))
         forest = any("forest" in settings for settings in states)
@@ -174,7 +174,7 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Run `work`; report an error to the page and return False, so that edits go through."""
+        """Run `work`; report an error to the page and return False, so that editing can continue."""
         try:
             work()
             return True

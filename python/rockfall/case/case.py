@@ -267,7 +267,7 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts that derive from these groups of a case; a reading stage records the groups."""
+    """Facts that derive from these groups of a case; a stage of reading records them as inputs."""
     for group in groups:
         getattr(case, group)
     return case._facts

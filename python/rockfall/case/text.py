@@ -25,7 +25,7 @@ class Values(NamedTuple):
     usual: dict[str, Any]  # defaults of keys that are not given
 
     def all(self) -> dict[str, Any]:
-        """All values."""
+        """Given values and defaults, by key."""
         return self.usual | self.given
 
 
@@ -86,7 +86,7 @@ def changed_values(
 
 
 def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
-    """Values of a text in which no group is repeated."""
+    """Values by group and key, from a text in which no group is repeated."""
     return {group.name: group.given for group in read_values(text.encode(), name).groups}
 
 

@@ -175,7 +175,7 @@ def write_csv(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def spreadsheet_text(text: str) -> str:
-    """Add an apostrophe to a text (not a number) that a spreadsheet would execute as formula."""
+    """Add an apostrophe to a text (not a number) that a spreadsheet would execute as a formula."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

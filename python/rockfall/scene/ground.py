@@ -161,8 +161,8 @@ def ground_of(rasters: Rasters) -> Ground:
 
 
 def falls_and_rises(sizes: np.ndarray) -> tuple[int, int]:
-    """Numbers of places where Rg70, Rg20, Rg10 (in this order) decrease, and where they do not;
-    equal or missing sizes count as neither."""
+    """Numbers of places where Rg70, Rg20, Rg10 (in this order) decrease, and where they vary
+    otherwise; equal or missing sizes count as neither."""
     falls = (sizes[1:] <= sizes[:-1]).all(axis=0) & (sizes[-1] < sizes[0])
     differ = (sizes[1:] != sizes[:-1]).any(axis=0) & ~np.isnan(sizes).any(axis=0)
     return int(np.count_nonzero(falls)), int(np.count_nonzero(differ & ~falls))

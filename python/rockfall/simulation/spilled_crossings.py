@@ -27,7 +27,7 @@ class _Block(NamedTuple):
 
 
 class SpilledCrossings:
-    """Blocks of a run's crossings, in the order in which boulders end."""
+    """Crossings of a run in a temporary file, as blocks in the order in which boulders end."""
 
     def __init__(self, folder: Path, lines: int) -> None:
         self._folder = folder

@@ -101,7 +101,7 @@ def sample_variables(tally: Tally) -> dict[str, Any]:
 
 
 def _grounds_themselves(tally: Tally) -> dict[str, Any]:
-    """Names, models and blocks of the grounds; empty if the scene has only impact sets."""
+    """Names, models and block radii of the grounds; empty if the scene has only impact sets."""
     if not (grounds := tally.scene.grounds):
         return {}
     names, models, radii = (
@@ -232,7 +232,7 @@ def _bins() -> dict[str, Any]:
 
 
 def trajectory_variables(recorded: dict[int, np.ndarray]) -> dict[str, Any]:
-    """Variables of recorded vertices, by boulder number."""
+    """Variables of the recorded vertices, given by boulder number."""
     if not recorded:
         return {}
     vertices = np.concatenate([*recorded.values()])

@@ -123,8 +123,8 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 
 
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
-    """Refuse options of `--return-period` without it, and others with it; `--blocks` is valid in
-    both."""
+    """Refuse options that require `--return-period` without it, and options that exclude it with
+    it."""
     is_block = arguments.return_period is not None
     others = [key for key in keys if key != "blocks"] if is_block else BLOCK_OPTIONS
     rule = "cannot be combined with" if is_block else "requires"

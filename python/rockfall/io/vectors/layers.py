@@ -164,8 +164,8 @@ def _numbered(
 def read_features(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Points, lines and polygons with all attributes, by name; arguments as in `_on_terrain`. A
-    multipoint with a single point becomes a point."""
+    """Shapes of any kind, and all attributes by name; arguments as in `_on_terrain`. A multipoint
+    with a single point becomes a point."""
     import shapely
 
     what = "points, lines or polygons"
@@ -179,14 +179,14 @@ def read_features(
 def read_polygons(
     path: str | Path, grid: Grid, remarks: list[str], layer: str | None = None, key: str = ""
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Polygons with all attributes, by name; arguments as in `_on_terrain`."""
+    """Polygons, and all attributes by name; arguments as in `_on_terrain`."""
     return _on_terrain(path, None, _POLYGONS, "polygons", grid, remarks, layer, key)[1:3]
 
 
 def read_lines(
     path: str | Path, layer: str | None, grid: Grid, remarks: list[str], key: str = "layer"
 ) -> tuple[list[list[np.ndarray]], dict[str, np.ndarray]]:
-    """Lines of a layer (None: the only layer), with all attributes by name. A line is a list of
+    """Lines of a layer (None: the only layer), and all attributes by name. A line is a list of
     parts with (n, 2) coordinates [m]; connected parts are merged."""
     lines = _on_terrain(path, None, _LINES, "lines", grid, remarks, layer, key)
     return [_parts(shape) for shape in lines.shapes], lines.values
@@ -392,7 +392,7 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """Metadata, shapes and attributes (None: all) of a layer."""
+    """Metadata, shapes, and attributes `columns` (None: all) of a layer."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely

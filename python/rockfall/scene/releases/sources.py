@@ -331,8 +331,8 @@ def _cells(
     lowest: ExtremeCount,
     unknown: Unknown,
 ) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield blocks of rows of a box, positive in source cells. Record the raster values, and count
-    the cells without the elevations that a start needs."""
+    """Yield the rows of a box in blocks, positive in source cells. Record the raster values in
+    `lowest`, and count in `unknown` the cells without the elevations that a start needs."""
     release, parts = inputs.case.release, list(row_blocks(box.shape))
     if polygons is not None:
         blocks = ((rows, polygons[rows]) for rows in parts)

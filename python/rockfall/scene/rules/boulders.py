@@ -45,7 +45,7 @@ ORDERED = 0.9  # fraction of places; in published zone tables half of the rows l
 #: [degree] On steeper ground without rocks no boulder may stop (theory, chapter 8).
 SMOOTH_REST = 27.0
 OF_ROCKS = "talus", "scree"  # ground names that imply rocks, although rock sizes are optional
-RESTING = 0.1  # fraction of the terrain that triggers a warning
+RESTING = 0.1  # warning if boulders may wrongly rest on more than this fraction of the terrain
 RG_FULL = 100.0  # [m] code for water in Rockyfor3D
 
 
@@ -271,7 +271,7 @@ def _operator(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _shapes(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on block shapes without share or effect, and on axes in mixed units."""
+    """Warnings on block shapes with fraction 0 or without effect, and on axes in mixed units."""
     given = given_groups(scene.case).get("boulder", {})
     shares = given.get("block_shape_share", [])
     if none := [given["block_shape"][k] for k, share in enumerate(shares) if not share]:

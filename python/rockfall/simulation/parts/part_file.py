@@ -313,7 +313,7 @@ def when(date: str) -> datetime:
 
 
 def _grounds(attrs: Mapping[str, Any]) -> list[GroundRule]:
-    """Names, models and blocks of the grounds; empty if the scene has only impact sets."""
+    """Grounds with name, model and block radius; empty if the scene has only impact sets."""
     if "grounds" not in attrs:
         return []
     names, models = (str(attrs[name]).split("\n") for name in ("grounds", "ground_models"))
