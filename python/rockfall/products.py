@@ -344,8 +344,8 @@ def export_tables(
 def export_with(
     result: Result, folder: str | Path, added: Added, chosen: Chosen | None = EXPORTED
 ) -> list[Path]:
-    """Write an export (`chosen`, or none) and the additions: all files or none. Return the
-    files."""
+    """Write the export `chosen` (None: no export) and the products in `added`: all files or none.
+    Return the files."""
     folder, hazard = Path(folder), added.hazard
     if added.tables:
         check_tables(added.tables, added.language)

@@ -79,7 +79,6 @@ class Estimate(NamedTuple):
 
     @property
     def number(self) -> Number:
-        """The number without its interval."""
         return self.shown(self.value, up=self.up)
 
     @property
@@ -167,7 +166,6 @@ class Table(NamedTuple):
 
     @property
     def head(self) -> list[str]:
-        """Titles of the columns."""
         return [column.title for column in self.columns]
 
     def texts(self) -> Iterator[list[str]]:

@@ -388,7 +388,6 @@ def _scenario(
 
 
 def _rounded(value: Any) -> Any:
-    """Number rounded to five significant digits."""
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 

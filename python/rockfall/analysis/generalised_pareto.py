@@ -23,7 +23,7 @@ NEAR = 1e-9  # cost accepted as zero; a millionth of the cost at the 95 % limits
 NEAR_ZERO = 1e-6  # |theta| x largest value, below which the GPD counts as exponential
 SHAPES = -0.49, 2.0  # range of shapes in `_p_value`; the covariance of the fit exists above -0.5
 IMHOF = 0.25 + 0.5 * np.arange(400)  # grid for Imhof's integral
-DEGREE = 24  # degree of the polynomials in `_spectra`: errors of 2e-9, in p 2e-11
+DEGREE = 24  # degree of the polynomials in `_spectra`: errors of 2e-9 (2e-11 in p)
 
 
 class Fit(NamedTuple):

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Return levels: the value exceeded by one in N boulders, extrapolated beyond the sample.
+"""Return levels: the value that one in N passing boulders exceeds, also beyond the sample.
 
-The largest of n values grows with n. This module estimates the level that one in N of the passing
-boulders exceeds, from a generalised Pareto distribution (GPD) of the values above a high threshold
-(Pickands 1975; Coles 2001, chapter 4). It refuses a tail that the data do not support. Boulders
+Levels come from a generalised Pareto distribution (GPD) of the values above a high threshold
+(Pickands 1975; Coles 2001, chapter 4). A tail that the data do not support is refused. Boulders
 from common sources count as their effective number of independent boulders.
 """
 
@@ -101,9 +100,9 @@ def return_levels(
 ) -> pd.DataFrame:
     """Table with a row for each line (or each of `lines`, by name or index) and quantity, in the
     units of the result: n, max, and `level_N`, the value that one in N passing boulders exceeds,
-    with the limits of its 95 % interval. Further columns describe the GPD: threshold, number of
-    boulders above it, shape with its limits, scale, p-value of the fit, upper end point of the tail
-    and its upper limit. Refused values are NaN; `refused` gives the reason, else it is empty.
+    with its 95 % limits. Further columns describe the GPD: threshold, number of boulders above it,
+    shape with its limits, scale, p-value of the fit, upper end point of the tail and its upper
+    limit. Refused values are NaN; `refused` gives the reason, else it is empty.
 
     Levels that at least 25 boulders exceed are quantiles of the sample. Raises RockfallError for
     levels that are not integers above 1.

@@ -172,7 +172,8 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True if x and y may be in degrees: they vary much less than the elevations."""
+    """Return True if x and y may be in degrees: at most 360 and 90, and far less varied than the
+    elevations."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)

@@ -213,7 +213,6 @@ def _drawn(new: New, place: Path) -> Iterator[Group]:
 
 
 def _observed(new: New, place: Path) -> Iterator[Group]:
-    """Group of observations at the site, if any."""
     seen = new.observed
     if seen is None or not (seen.files or seen.angles):
         return

@@ -202,7 +202,8 @@ def _put_map(folder: Path, data: xr.Dataset, name: str) -> Iterator[Path]:
 
 
 def _passed(data: xr.Dataset, values: np.ndarray) -> np.ndarray:
-    """Mask of cells that boulders passed, from the passages or from positive values of any map."""
+    """Mask of cells that boulders passed, from passages or reach probability or, without these,
+    from positive `values`."""
     present = [name for name in ("passages", "reach_probability") if name in data]
     return (_stored(data[present[0]])[0] if present else values) > 0
 
@@ -273,7 +274,7 @@ def _columns(data: xr.Dataset) -> dict[str, xr.DataArray]:
 
 
 def _write_lines(folder: Path, data: xr.Dataset) -> Iterator[Path]:
-    """Write a table of the boulders that cross, for each evaluation line."""
+    """Write a table of crossing boulders for each evaluation line."""
     if "line" in data.dims:
         for k, name in enumerate(distinct_words(line_names(data))):
             yield _write_table(folder / f"line_{name}.csv", _parts(_crossings(data, k)))

@@ -42,7 +42,8 @@ def origin_tables(hazard: xr.Dataset, kind: str, k: int, side: float) -> dict[st
 def put_origins(
     hazard: xr.Dataset, tables: dict[str, pd.DataFrame], folder: Path
 ) -> Iterator[Path]:
-    """Write `origin_tables` to a folder: a map of each of `MAPS`, origins.gpkg, and CSV files."""
+    """Write `origin_tables` to a folder: a GeoTIFF for each of `MAPS`, origins.gpkg, and CSV
+    files."""
     import shapely
 
     for name, unit, is_zero in MAPS:

@@ -209,7 +209,7 @@ def question(dossier: Dossier) -> str:
 
 
 def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
-    """Sentences on page 1: on widely differing models, on lines, on the most frequently hit
+    """Sentences on page 1: on models that differ widely, on lines, on the most frequently hit
     objects, and on the barrier."""
     hazard, apart = dossier.first, list(models_apart(dossier))
     yield from [*apart, *second_answer(dossier)] if apart else ()

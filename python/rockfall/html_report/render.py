@@ -30,7 +30,7 @@ UNIT = re.compile(r"(?<=\d) (?=(?:%|kJ|m|m/s|m2|m³|kg/m³)(?!\w))")  # non-brea
 SHEET = re.compile(r"<style[^>]*>\s*\*\s*\{([^}]*)\}\s*</style>")
 STYLE = re.compile(r' style="([^"]*)"')
 COLOURS = 256  # colours of a rasterised figure
-NEARLY_WHITE = 250  # minimum mean grey value (0 to 255) of a palette colour that becomes white
+NEARLY_WHITE = 250  # colours with red, green and blue from here to 255 become white
 
 
 class Picture(NamedTuple):
@@ -147,6 +147,5 @@ def _environment() -> jinja2.Environment:
 
 
 def _read(name: str) -> str:
-    """Text of a template, style sheet or script."""
     folder = importlib.resources.files(__package__) / "templates"
     return (folder / name).read_text(encoding="utf-8")

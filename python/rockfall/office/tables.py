@@ -108,7 +108,7 @@ def _result_parts(result: xr.Dataset) -> Iterator[Part]:
 
 
 def _facts(result: xr.Dataset, checksum: str) -> Table:
-    """Details of the run: title of the case and checksum of the result file."""
+    """Details of the run, with the title of the case and the checksum of the result file."""
     table = provenance(result)["table"]
     first = [(say("office.case"), str(result.attrs["title"]))]
     first += [(say("office.result"), checksum)] if checksum else []

@@ -158,7 +158,6 @@ def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
 
 
 def _draw_key(figure: Figure, panels: np.ndarray) -> None:
-    """Draw a common legend for all panels."""
     from matplotlib.container import ErrorbarContainer
 
     shown: dict[str, Any] = {}

@@ -70,7 +70,8 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 
 def _thin_ticks(figure: Figure) -> None:
-    """Draw fewer ticks than Matplotlib's default, which take a third of a figure's time."""
+    """Draw fewer ticks than Matplotlib does by default, because ticks take a third of a figure's
+    time."""
     from matplotlib.ticker import AutoLocator
 
     class Thin(AutoLocator):

@@ -38,7 +38,7 @@ def terrain_of(
         path = _found(result, _places(result, beside) if dem is None else [Path(dem)])
         z, grid = _read(result, path)
         for dam in case_of(result).dam:
-            # with_dams() raises an error if a crest extends beyond the boulders
+            # a crest that extends beyond the boulders raises an error
             with contextlib.suppress(RockfallError):
                 z, _ = with_dam(z, grid, dam, str(path))
         return z, grid

@@ -26,8 +26,7 @@ COLUMNS += with_limits("fraction")
 
 def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
     """Table with a row for each barrier and outcome: n and fraction of all boulders with this
-    outcome at the barrier, with the limits of its 95 % confidence interval (as in
-    `line_statistics`).
+    outcome at the barrier, with its 95 % limits (as in `line_statistics`).
 
     Outcomes are stopped, broken_through and passed_over; the remaining fraction never reached the
     barrier. `height` [m] and `capacity` [J] describe the barrier.

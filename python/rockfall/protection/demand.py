@@ -21,9 +21,9 @@ Row = dict[str, float]
 
 def demand(came: Crossings, factors: Factors, density: float, volume: float | None = None) -> Row:
     """Design values in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
-    slope), with the limits of their 95 % intervals; `height_needed` = h_d + f_min; and the EAD
-    class for E_d. `volume` [m3] is the design block volume (None: a quantile of the boulders that
-    reach the line). `density` is the case's density, unless a source layer gives densities."""
+    slope), with 95 % limits; `height_needed` = h_d + f_min; and the EAD class for E_d. `volume`
+    [m3] is the design block volume (None: a quantile of the boulders that reach the line).
+    `density` is the case's density, unless a source layer gives densities."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr

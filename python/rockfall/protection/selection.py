@@ -87,7 +87,7 @@ def least_heights(
 
 
 def cheapest(choices: Iterable[Choice]) -> Choice | None:
-    """Barrier with the lowest cost, or the lowest class at equal cost; None without barriers."""
+    """Barrier with the lowest cost, or the lowest class at equal cost; None if no cost is known."""
     priced = [choice for choice in choices if not math.isnan(choice.cost)]
     return min(priced, key=lambda choice: choice.cost, default=None)
 

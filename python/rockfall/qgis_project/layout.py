@@ -163,7 +163,6 @@ def _head(name: str, texts: Texts) -> Iterable[ElementTree.Element]:
 
 
 def _legend(name: str, chart: str, y: float, layers: Iterable[Layer]) -> ElementTree.Element:
-    """Legend with the given layers."""
     place = LEFT + PAD, y + PAD, BLOCK - 2 * PAD, HIGH - MARGIN - FOOT - y - PAD
     attrs = {
         "map_uuid": chart, "title": "", "resizeToContents": "1", "wrapChar": "\n",

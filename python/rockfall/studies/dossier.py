@@ -94,7 +94,7 @@ def read_dossier(
 ) -> DossierInputs:
     """Read and check all inputs of a dossier before any run; arguments are as in
     `rockfall.studies.hazard.read_study`. With `one_model` no second model is run."""
-    base_case(case)  # raises an error without scenarios
+    base_case(case)  # raises a RockfallError without scenarios
     arrays = {"stages": KeptStages()} | arrays  # inputs that variants share are read once
     check_all_kept(case, "a dossier needs")
     cases = variants(case) or {"": case}

@@ -250,7 +250,7 @@ def _with_named_apart(scene: Scene) -> Scene:
 
 
 def _own_share(scene: Scene) -> float:
-    """Fraction of the terrain where neither a zone nor a cell sets the ground [-]."""
+    """Fraction of the terrain with the case's default ground [-]."""
     return float(_on_grounds(scene, {usual_name(scene.case)})[~np.isnan(scene.rasters.z)].mean())
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of a case with each rebound model and common random numbers: boulders, release points and
-random numbers are equal, so that only the models differ."""
+"""Runs of a case with each rebound model, with equal boulders, release points and random
+numbers."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ TEXTS = COLUMNS[:4]  # text columns; the others are numeric
 class Models:
     """Results of a case by each model, in SI units.
 
-    `low` and `high` are limits of 95 % confidence intervals. `difference` is the difference from
-    the first model, computed boulder by boulder, so its interval excludes common random variation.
+    `low` and `high` are 95 % limits. `difference` is the difference from the first model, computed
+    boulder by boulder, so its interval excludes common random variation.
     """
 
     title: str
     boulders: int
     names: tuple[str, ...]  # model names
-    table: pd.DataFrame  # table with COLUMNS; `line` is "" for the run-out
+    table: pd.DataFrame  # by model, line, quantity and statistic; `line` is "" for run-outs
     notes: tuple[str, ...]
     case: xr.Dataset  # first result without boulders, for attributes and CRS
     warnings: tuple[str, ...] = ()  # model warnings without duplicates

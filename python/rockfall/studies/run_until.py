@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that end once the confidence intervals at the lines reach a requested width.
-
-Unlike a study of several scenes (`rockfall.studies.study`), this is a single run that adds
-boulders until it meets the rules.
-"""
+"""Runs that add boulders until the confidence intervals at the lines reach a requested width."""
 
 from __future__ import annotations
 

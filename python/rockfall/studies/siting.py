@@ -73,15 +73,15 @@ class Siting:
     """Candidate alignments above a protected line, in SI units; intervals are 95 % confidence
     intervals.
 
-    `table` has COLUMNS, with a row for each alignment. From boulders that cross the alignment:
-    `energy_q95` (total), `height_q95` (of the centre, vertical), and the values of E_d, height and
-    EAD class that the standard requires. From boulders that reach the protected line: `bypass`, the
-    fraction that did not cross the alignment before, and `remaining`, the fraction that would still
-    arrive past a barrier of this height and class. `cost` applies to the full length. `fits` is
-    yes, no or undecided; `fails` lists exceeded or undecided limits and unconfirmed assumptions.
-    `choice` marks the best alignment under these assumptions. `advice` is the resulting barrier,
-    verified by a run; None if no alignment is within the limits. With &scenario groups, the values
-    cover the boulders of all scenarios, weighted by frequency.
+    `table` has a row for each alignment. From boulders that cross the alignment: `energy_q95`
+    (total), `height_q95` (of the centre, vertical), and the values of E_d, height and EAD class
+    that the standard requires. From boulders that reach the protected line: `bypass`, the fraction
+    that did not cross the alignment before, and `remaining`, the fraction that would still arrive
+    past a barrier of this height and class. `cost` applies to the full length. `fits` is yes, no or
+    undecided; `fails` lists exceeded or undecided limits and unconfirmed assumptions. `choice`
+    marks the best alignment under these assumptions. `advice` is the resulting barrier, verified by
+    a run; None if no alignment is within the limits. With &scenario groups, the values cover the
+    boulders of all scenarios, weighted by frequency.
     """
 
     line: str

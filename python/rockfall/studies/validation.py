@@ -57,12 +57,12 @@ class Number(NamedTuple):
 class Validation:
     """Distributions at a site, observed and from each rebound model, in SI units.
 
-    `table` has COLUMNS, with a row for each model, place (a line, or "" for the run-out), quantity
-    and statistic: mean, std, q05, q50, q95; for run-outs lateral_std (perpendicular to the line to
-    the mean observed position); ks with its p, wasserstein; and for blocks at rest without a known
-    release log_density, the mean log density of simulated boulders there (density in m-2). Errors
-    are standard errors, for observations from resampled boulders, for simulations over seeds.
-    Verdicts refer to `BOUNDS`.
+    `table` has a row for each model, place (a line, or "" for the run-out), quantity and statistic:
+    mean, std, q05, q50, q95; for run-outs lateral_std (perpendicular to the line to the mean
+    observed position); ks with its p, wasserstein; and for blocks at rest without a known release
+    log_density, the mean log density of simulated boulders there (density in m-2). Errors are
+    standard errors, for observations from resampled boulders, for simulations over seeds. Verdicts
+    refer to `BOUNDS`.
     """
 
     title: str

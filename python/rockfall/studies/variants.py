@@ -149,7 +149,7 @@ def _volumes(of_layer: tuple[Any, ...]) -> np.ndarray | None:
 
 
 def _same(first: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Return True if two tuples, numbers or arrays are equal in all values."""
+    """Return True if two sequences of numbers or arrays are equal in all values."""
     return len(first) == len(other) and all(map(_equal, first, other))
 
 
@@ -160,9 +160,9 @@ def _equal(first: Any, other: Any) -> bool:
 
 
 def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
-    """Table with COLUMNS by line, variant, quantity and statistic, in SI units: the fraction of
-    all boulders that pass the line, in total and above each energy in &hazard thresholds [kJ];
-    mean and 95 % quantile of speed, highest point and total energy of passing boulders; and the
+    """Table with a row for each line, variant, quantity and statistic, in SI units: the fraction of
+    all boulders that pass the line, in total and above each energy in &hazard thresholds [kJ]; mean
+    and 95 % quantile of speed, highest point and total energy of passing boulders; and the
     difference from the first variant, with its 95 % interval.
 
     Protection is selective: only fast boulders may pass a net. Means of passing boulders may thus
@@ -172,9 +172,8 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     undecided if the interval contains 0, or if too few boulders pass for an interval. Lines that
     some variants lack have no difference. Variants must have the same sources, boulders and seed.
 
-    Limits for differences of fractions follow Newcombe (1998, Statistics in Medicine 17, 2635,
-    method 10), with the correlation of boulders within sources; limits for means and quantiles are
-    linearised.
+    Limits for differences of fractions follow Newcombe (1998, method 10), with the correlation of
+    boulders within sources; limits for means and quantiles are linearised.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

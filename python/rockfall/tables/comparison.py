@@ -174,7 +174,7 @@ def _at_rest(table: pd.DataFrame) -> Iterable[list[Any]]:
 
 
 def ranks_text(table: pd.DataFrame) -> str:
-    """Results ranked by their distance from the observations."""
+    """Text with results ranked by their distance from the observations."""
     rows, shown = [], ""
     for row in table.to_dict("records"):
         first, last = row["rank_low"], row["rank_high"]

@@ -37,7 +37,6 @@ def convergence_text(convergence: Convergence) -> str:
 
 
 def _label(key: tuple[str, str, str]) -> str:
-    """Label with line, quantity and statistic."""
     line, quantity, statistic = key
     if quantity == "boulders":
         return f"{line}: {QUANTITIES[statistic].title}"

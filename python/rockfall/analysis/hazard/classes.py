@@ -18,7 +18,7 @@ Each: TypeAlias = float | np.ndarray  # one value, or one per place
 
 
 class Frequencies(NamedTuple):
-    """Annual frequencies [1/year] and the limits of their 95 % intervals: arrays of equal shape."""
+    """Annual frequencies [1/year] with 95 % limits: arrays of equal shape."""
 
     value: np.ndarray  # [1/year]
     low: np.ndarray

@@ -21,7 +21,7 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] with the limits of its 95 % interval; infinite if no boulder arrived."""
+    """Return period [year] with its 95 % limits; infinite if no boulder arrived."""
 
     value: float
     low: float

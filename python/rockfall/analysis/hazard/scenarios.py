@@ -42,8 +42,7 @@ class Scenario(NamedTuple):
 
 
 def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
-    """Case common to all scenarios, with this output; raises a RockfallError for invalid
-    scenarios."""
+    """Case common to all scenarios, with `output`; raises a RockfallError for invalid scenarios."""
     if not case.scenario:
         raise RockfallError(
             f"{case.name}: a hazard needs a &scenario: a class of boulders with its frequency"
@@ -55,7 +54,7 @@ def base_case(case: Case, output: Mapping[str, Any] = OUTPUT) -> Case:
 
 
 def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
-    """Scenarios of a scene, with these evaluation lines in place of the case's."""
+    """Scenarios of a scene, with `lines` in place of the case's evaluation lines."""
     case = scene.case.replace(line=lines)
     return [
         Scenario(scenario["name"], _frequency(scenario, scene), _case(case, scenario))

@@ -24,8 +24,8 @@ COLUMNS = ["name", "kind", "distance", "height", "capacity", "n", *envelope_name
 
 def crossed_lines(result: xr.Dataset, vertices: np.ndarray, within: float) -> pd.DataFrame:
     """Table of the lines, barriers and dams that a section (vertices x + iy [m]) crosses, in order
-    along it: COLUMNS, with height [m] and capacity [J]. The statistics cover all boulders that
-    cross the line within `within` [m] on either side; NaN unless all boulder rows are kept."""
+    along it, with height [m] and capacity [J]. Statistics are of all boulders that cross the line
+    within `within` [m] on either side; NaN unless all boulder rows are kept."""
     rows = [*_lines(result, vertices, within), *_dams(result, vertices)]
     return pd.DataFrame(sorted(rows, key=lambda row: row["distance"]), columns=COLUMNS)
 

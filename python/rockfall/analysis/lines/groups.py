@@ -75,7 +75,7 @@ def part_names(result: Held) -> list[str]:
 
 
 def _names(result: Held, numbers: np.ndarray) -> list[str]:
-    """Names of features, or of sources without features."""
+    """Names of features; numbers of sources if there are no features."""
     if "feature" not in result:
         return [str(k) for k in numbers]
     names = [str(name) for name in result["feature_name"].values]

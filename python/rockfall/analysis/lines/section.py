@@ -41,17 +41,17 @@ COLUMNS += [*envelope_names(RECORDED), *section_maps.COLUMNS]
 class Section:
     """A section of a result, in its units; intervals are 95 % confidence intervals.
 
-    `table` has COLUMNS, with a row for each station: `recorded_...` for recorded trajectories that
-    cross it within the corridor, `cell_...` for all boulders in the map cell of the station,
+    `table` has a row for each station, with statistics: `recorded_...` for recorded trajectories
+    that cross it within the corridor, `cell_...` for all boulders in the map cell of the station,
     `corridor_..._max` for all boulders in the cells that the station crosses; `crossed` lists the
     lines crossed since the previous station. `lines` has a row for each crossing of the section
     with a line, barrier or dam, with statistics of all boulders that cross the line in the
     corridor. `passages` has a row for each recorded boulder at each station: distance along the
-    section, boulder, elevation of its point, and QUANTITIES. `paths` has up to 200 trajectories
-    within the corridor: distance along the section and elevation (2, n), NaN outside. `recorded`
-    is the number of recorded trajectories, out of `boulders`; `has_maps` is True if the result has
-    maps of these quantities. `not_kept` is the number of other recorded trajectories, omitted
-    because the sizes and masses of their boulders were not kept.
+    section, boulder, elevation of its point, speed, total energy and heights. `paths` has up to 200
+    trajectories within the corridor: distance along the section and elevation (2, n), NaN outside.
+    `recorded` is the number of recorded trajectories, out of `boulders`; `has_maps` is True if the
+    result has maps of these quantities. `not_kept` is the number of other recorded trajectories,
+    omitted because the sizes and masses of their boulders were not kept.
     """
 
     line: SectionLine
@@ -151,7 +151,7 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Trajectories of these boulders near a section, clipped to its ends."""
+    """Trajectories of `boulders` near a section, clipped to its ends."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):

@@ -58,7 +58,6 @@ class Layer:
     asked: set[str] = field(default_factory=set)  # requested attributes
 
     def has(self, name: str) -> bool:
-        """Return True if the layer has this attribute."""
         self.asked.add(name)
         return attribute(self.columns, name) is not None
 

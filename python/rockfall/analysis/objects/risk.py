@@ -24,10 +24,10 @@ SUMMED = ("damage", "collective_risk")  # individual risk is not summed over obj
 def layered(
     heights: np.ndarray, counts: np.ndarray, boulders: int, per_cluster: float
 ) -> Frequencies:
-    """Mean of a bounded quantity over the boulders, with the limits of its 95 % interval. The
-    range of the quantity is divided into layers by ascending heights, from 0; `counts` boulders
-    reach the top of each layer. The mean is the sum of thickness x fraction; its limits use the
-    Wilson limits of the fractions.
+    """Mean of a bounded quantity over the boulders, with its 95 % limits. The range of the quantity
+    is divided into layers by ascending heights, from 0; `counts` boulders reach the top of each
+    layer. The mean is the sum of thickness x fraction; its limits use the Wilson limits of the
+    fractions.
 
     Layer errors are at most fully correlated, so the limits are never too narrow. The limits of a
     sum of quantities lie within the sums of their limits, because Wilson's upper limit is concave

@@ -72,9 +72,9 @@ _BESIDE = [f"{whose}{end}" for whose in ("observed", "simulated") for end in END
 class Comparison:
     """Tables of a comparison in SI units; a table is empty without observations of its kind.
 
-    `_low` and `_high` are the limits of 95 % confidence intervals, NaN without an interval.
-    `within_interval` is True if the interval of the simulated value contains the observed value;
-    `consistent` is True if their difference is within the sampling errors of both.
+    `_low` and `_high` are 95 % limits, NaN without an interval. `within_interval` is True if the
+    interval of the simulated value contains the observed value; `consistent` is True if their
+    difference is within the sampling errors of both.
     """
 
     title: str

@@ -19,11 +19,7 @@ weighted by a normal kernel in log volume with Silverman's width, so that positi
 equal size. If the shape is known, only boulders of this shape count, provided that the run has
 several.
 
-Breiman, L., Meisel, W., Purcell, E. (1977): Variable kernel estimates of multivariate densities.
-Technometrics 19, 135-144. Ferguson, T. S. (1973): A Bayesian analysis of some nonparametric
-problems. Annals of Statistics 1, 209-230. Habbema, J. D. F., Hermans, J., van den Broek, K. (1974):
-A stepwise discriminant analysis program using density estimation. Compstat 1974, 101-110.
-Silverman, B. W. (1986): Density Estimation for Statistics and Data Analysis. Chapman and Hall.
+References: docs/theory/15-references.md.
 """
 
 from __future__ import annotations
@@ -52,7 +48,7 @@ MIN_FITTED = 20  # minimum boulders at rest for a density
 MIN_COMPARED = 2 * MIN_FITTED  # minimum boulders for a comparison; half of them give the density
 PIECE = 2_000_000  # distances computed at a time
 ROUNDING = 1e-9  # rounding error of squared distances
-LOW = 0.05  # quantile of simulated samples of equal size; blocks below it disagree
+LOW = 0.05  # quantile of the log-densities of simulated samples, below which blocks disagree
 ALL = ""  # name of an unknown source
 
 

@@ -15,14 +15,13 @@ it is known), the predictive density of a mark at height s is
     f(s) = (sum_j K(s - H_j) + a/top) / (n + a)
 
 K is a normal kernel with Silverman's width, at least `ACCURACY`. As for blocks at rest
-(`rockfall.analysis.observed.deposits`), the weight a = 1 represents one boulder at any height
-below `top`, which is twice the maximum height observed or simulated. A mark shows that at least
-one block passed at its height: f is the density of one hit. For the highest of k marks the density
-is k f F^(k - 1), with the distribution function F (David and Nagaraja 2003). The number of blocks
-that passed, and the trees that were not hit, are unknown. Many boulders at a mark are thus no
-stronger evidence than a few. In addition to f only one factor counts: the probability 1 - (1 - (n
-+ 1/2)/(N + 1))^N that at least one of N blocks arrives (0.39 for n = 0, 0.78 for n = 1, 0.99 for n
-= 4).
+(`rockfall.analysis.observed.deposits`), the weight a = 1 represents one boulder at any height below
+`top`, which is twice the maximum height observed or simulated. A mark shows that at least one block
+passed at its height: f is the density of one hit. For the highest of k marks the density is k f
+F^(k - 1), with the distribution function F (David and Nagaraja 2003). As the number of blocks that
+passed is unknown, many boulders at a mark are no stronger evidence than a few. Besides f only one
+factor counts: the probability 1 - (1 - (n + 1/2)/(N + 1))^N that at least one of N blocks arrives
+(0.39 for n = 0, 0.78 for n = 1, 0.99 for n = 4).
 
 David, H. A., Nagaraja, H. N. (2003): Order Statistics. Wiley.
 """

@@ -35,13 +35,13 @@ COLUMNS = ["measure", "result", "distance", "distance_low", "distance_high", "ra
 
 
 def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFrame:
-    """Table with COLUMNS: results ranked by each measure, nearest first. Measures are Wasserstein
-    distances for stopping distances and samples at lines, and differences from published means, in
-    SI units. The overall measure is the mean of all distances, each divided by its mean over the
-    results.
+    """Table of results ranked by each measure, nearest first: `measure`, `result`, `distance` and
+    `rank` with limits. Measures are Wasserstein distances for stopping distances and samples at
+    lines, and differences from published means, in SI units. The overall measure is the mean of all
+    distances, each divided by its mean over the results.
 
-    `rank_low` and `rank_high` are the possible ranks of a result: two results are tied if the 95 %
-    interval of their difference contains 0. Results must be from one site, in one CRS.
+    `rank_low` and `rank_high` are the possible ranks of a result: two are tied if the 95 % interval
+    of their difference contains 0. Results must be from one site, in one CRS.
     """
     check_same_site(results)
     by_measure: dict[str, dict[str, np.ndarray]] = {}

@@ -107,13 +107,13 @@ def kolmogorov_smirnov(
 
 
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Table with COLUMNS for each source, and for all sources: mean and standard deviation of the
-    stopping distance, Wasserstein distance, lateral spread and offset [m]; empty without
-    observations.
+    """Table of observed and simulated values with limits, difference and verdict, for each source
+    and for all sources: mean and standard deviation of the stopping distance, Wasserstein distance,
+    lateral spread and offset [m]; empty without observations.
 
     Lateral means perpendicular to the line from the release to the mean observed stopping place;
-    the spread is the standard deviation, the offset the mean. With several sources, the boulders
-    of the result are weighted by the number observed from each source.
+    the spread is the standard deviation, the offset the mean. With several sources, the boulders of
+    the result are weighted by the number observed from each source.
     """
     import pandas as pd
 
@@ -314,7 +314,7 @@ def frames(result: xr.Dataset, seen: Observed) -> dict[int, Frame]:
 
 
 def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndarray:
-    """Distance or lateral offset [m] (`column`) of each boulder in this group; NaN for others."""
+    """Distance or lateral offset [m] (`column`) of each boulder in a group; NaN for others."""
     ways = np.column_stack(
         [result[f"stop_{axis}"].values - result[f"start_{axis}"].values for axis in "xy"]
     )

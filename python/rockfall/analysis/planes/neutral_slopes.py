@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Neutral slopes of a scene, compared with the slopes of its ground. On a neutral slope a bounce
-loses as much energy as the next flight gains. On steeper ground boulders accelerate without limit,
-because bouncing has no terminal velocity."""
+"""Neutral slopes of a scene, compared with the slopes of its ground. On ground steeper than the
+neutral slope boulders accelerate without limit."""
 
 from __future__ import annotations
 

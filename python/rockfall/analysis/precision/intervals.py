@@ -110,7 +110,7 @@ class Sources:
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
-    """Stratum of each source; sources with a single boulder share one."""
+    """Stratum of each source; sources with a single boulder share strata in pairs."""
     clusters = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
     clusters[single[1::2]] = single[: single[1::2].size * 2 : 2]
@@ -133,7 +133,6 @@ class Sums:
 
     @property
     def size(self) -> int:
-        """Total number of boulders."""
         return int(self.n.sum())
 
     def limits_of_mean(
@@ -294,8 +293,7 @@ def are_sampled(result: Held) -> bool:
 
 
 def fraction_interval(holds: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of True in `holds` (boulders,), with the limits of its 95 % interval (Wilson
-    1927)."""
+    """Fraction of True in `holds` (boulders,), with its 95 % limits (Wilson 1927)."""
     if isinstance(source, Weighted):
         return source.fraction(holds)
     fraction = float(holds.mean())

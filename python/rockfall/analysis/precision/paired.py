@@ -108,7 +108,8 @@ def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Diff
 
 
 def difference_of_fractions(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference between two fractions, correlated within sources (Newcombe 1998, method 10)."""
+    """Difference between two fractions, with their correlation within sources (Newcombe 1998,
+    method 10)."""
     (p, p_low, p_high), (q, q_low, q_high) = (
         fraction_interval(holds, source) for holds in (here, before)
     )

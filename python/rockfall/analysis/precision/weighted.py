@@ -24,8 +24,8 @@ class Weighted:
         return Weighted(self.weight[which], self.cluster[which])
 
     def fraction(self, holds: np.ndarray) -> tuple[float, float, float]:
-        """Weighted fraction for which `holds` (boulders,) is True, with the limits of its 95 %
-        interval (Wilson 1927)."""
+        """Weighted fraction for which `holds` (boulders,) is True, with its 95 % limits (Wilson
+        1927)."""
         fraction = float(self.weight[holds].sum() / self.weight.sum())
         return fraction, *fraction_limits(fraction, self._independent(holds))
 
@@ -50,14 +50,14 @@ def value_at(values: np.ndarray, weights: np.ndarray, level: float) -> float:
 def quantile_interval(
     values: np.ndarray, weights: np.ndarray, level: float, unit: float | None = None
 ) -> tuple[float, float, float]:
-    """Quantile with the limits of its 95 % interval: order statistics that enclose it, as in
-    `between_ranks` for equal weights. NaN without values; a limit beyond the values is NaN.
+    """Quantile with its 95 % limits: order statistics that enclose it, as in `between_ranks` for
+    equal weights. NaN without values; a limit beyond the values is NaN.
 
     Each value is treated as if it had the largest weight. This bounds the variance of the fraction
-    below the quantile, w_max p (1 - p)/sum(w), for any values above it; limits from the mean
-    weight (Kish 1965) would be too narrow if these have large weights. `unit` is the weight that
-    counts as one value (default: the largest). Values from fixed sources vary less
-    (stratification), so the limits are never too narrow for them.
+    below the quantile, w_max p (1 - p)/sum(w), for any values above it; limits from the mean weight
+    (Kish 1965) would be too narrow if these have large weights. `unit` is the weight that counts as
+    one value (default: the largest). Values from fixed sources vary less (stratification), so the
+    limits are never too narrow for them.
     """
     if not values.size:
         return math.nan, math.nan, math.nan

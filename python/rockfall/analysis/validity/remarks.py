@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remarks on the validity of a run's model: rebounds and their reliability, the unvalidated forest
 model, conditions outside the data, and boulders whose ends are not representative of the slope.
-
-They are printed by `rockfall check` for its pilot run, by all commands that show or write results,
-by `ensemble` for the unchanged case, and by `import-rockyfor3d`.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
 
 
 def with_model_warnings(result: Result) -> Result:
-    """Result with its model warnings as attributes, one per line."""
+    """Result with its model warnings as an attribute, one per line."""
     texts = model_warnings(result, case_of(result))
     return result.assign_attrs({MODEL_WARNINGS: "\n".join(texts)})
 

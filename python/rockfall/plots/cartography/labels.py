@@ -33,7 +33,7 @@ class Labels:
         self.renderer = FigureCanvasAgg(axes.figure).get_renderer()  # type: ignore[arg-type]
 
     def put(self, text: str, places: Iterable[Place], **style: Any) -> bool:
-        """Write a text at the first free place; without a free place, write nothing."""
+        """Write a text at the first free place; return False if there is none."""
         from matplotlib.patheffects import withStroke
 
         halo = [withStroke(linewidth=2, foreground="white")]

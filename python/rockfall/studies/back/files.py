@@ -29,7 +29,8 @@ MARK = "! Made by `rockfall back`"
 def write_back(
     analysis: Back, folder: str | Path, inputs: Iterable[str | Path] = (), draw: Draw | None = None
 ) -> list[Path]:
-    """Write TABLE, DRAWN, ALONE, ALL, CASE and, given `draw`, DRAWING: all files or none."""
+    """Write posterior.csv, draws.csv, by_data.csv, members.nc, case.nml and, given `draw`,
+    posterior.png: all files or none. Return their paths."""
     folder = Path(folder)
     inputs = [*inputs, *input_files(analysis.case)]
     check_back(folder, inputs)

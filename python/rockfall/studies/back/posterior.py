@@ -177,8 +177,7 @@ def _set_row(analysis: Back) -> dict[str, Any]:
 def weighted_quantile(values: np.ndarray, weight: np.ndarray, level: float) -> float:
     """Value that has a given fraction of the weight below it, interpolated between the middles of
     the steps. With n effective draws the rank is level (n + 1) (Weibull 1939), so that another
-    draw, or the true value, is below the result with this probability. For small n, ranges are
-    therefore wider."""
+    draw, or the true value, is below the result with this probability."""
     n = effective(weight)
     return value_at(values, weight, (level * (n + 1) - 0.5) / n)
 

@@ -364,7 +364,8 @@ class Uncertain:
 
 
 def has_rocks(sizes: np.ndarray) -> bool:
-    """Return True if any row of rock sizes, R_m or three Rg [m], is known and positive."""
+    """Return True if a row of rock sizes, R_m or three Rg [m], is completely known and not all
+    0."""
     return bool(np.isfinite(sizes).all() and (sizes > 0).any())
 
 
