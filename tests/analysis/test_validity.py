@@ -242,7 +242,9 @@ def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
 def test_without_lines_all_who_leave_the_terrain_are_said(tmp_path):
     values = ends("left_domain", has_crossed=True)
     (text,) = end_texts(tmp_path, values, line=None)
-    assert text.startswith("2 of 100 boulders (2.0 %) left the known terrain before a line or rest")
+    assert text.startswith(
+        "2 of 100 boulders (2.0 %) left the known terrain before reaching a line or stopping"
+    )
     for language in "de", "fr", "it":
         with speaking(language):
             assert "2" in translated(text) and "known" not in translated(text)
@@ -288,7 +290,7 @@ def test_check_and_run_say_that_a_void_ends_boulders(tmp_path, is_void):
     )  # fmt: skip
     scene = read_scene(case, dem=z, transform=grid(z))
     for text in preview(scene), summary(run_scene(scene)):
-        assert ("left the known terrain before a line or rest" in text) == is_void
+        assert ("left the known terrain before reaching a line or stopping" in text) == is_void
 
 
 # ---- check, run, report
@@ -376,8 +378,8 @@ def test_sets_of_spheres_are_said_to_err_on_the_unsafe_side(tmp_path, grounds, s
     ]
     speed, energy, run_out = (round(-row.error) for row in known)
     followed = (
-        f" followed laboratory-spheres, from spheres. Too low: talus speeds ({speed} %) and "
-        f"energies ({energy} %), pasture run-outs ({run_out} %)"
+        f" followed laboratory-spheres, from spheres: too low on talus (speeds {speed} %, "
+        f"energies {energy} %) and pasture (run-out {run_out} %)"
     )
     assert [one.text for one in found] == [part + followed for part in said]
     assert all(one.is_warning for one in found)
@@ -500,7 +502,8 @@ def test_classical_rebounds_are_named_with_what_they_are_worth(tmp_path):
     n = int(result.rebounds)
     assert text.startswith(
         f"{n:,} of {n:,} rebounds (100 %) followed classical grounds (soil_4 (rockyfor3d) 100 %) "
-        "with unconfirmed coefficients: without a fit, speeds and energies may be too low"
+        "with unconfirmed coefficients: without calibration at the site, speeds and energies may "
+        "be too low"
     )
     assert more == []  # no rebound by impact sets that could be outside their range
     page = preview(scene_of(case))
@@ -514,7 +517,7 @@ def test_grounds_of_the_users_own_are_not_called_quoted(tmp_path):
     rows = "name,model,r_n,r_t,source\nmine,constant,0.4,0.8,fitted in 2024\n"
     (tmp_path / "mine.csv").write_text(rows)
     text, *_ = remarks(*on_grounds(tmp_path, {"ground": "mine", "ground_table": "mine.csv"}))
-    assert "(mine (constant) 100 %) with the user's coefficients: without a fit" in text
+    assert "(mine (constant) 100 %) with the user's coefficients: without calib" in text
 
 
 def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):

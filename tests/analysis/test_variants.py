@@ -123,7 +123,7 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
     assert np.isnan(at_net["difference"])  # the first variant has no such line
     text = variants_text(table, "a note")
     assert text.endswith("a note")
-    assert "passing boulders, of all [%]" in text and "with 30 kJ or more, of all [%]" in text
+    assert "passing boulders [% of all]" in text and "with 30 kJ or more [% of all]" in text
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
@@ -151,7 +151,7 @@ def test_a_threshold_of_zero_is_every_passage(variants):
     table = compare_variants({"bare": bare, "net": variants["net"]})
     passing = table[(table["line"] == "L") & (table["quantity"] == "passing")]
     assert passing["statistic"].tolist() == 2 * ["fraction", "above_30"]
-    assert "passing boulders, of all [%]" in variants_text(table)
+    assert "passing boulders [% of all]" in variants_text(table)
 
 
 def test_maps_of_difference(variants, tmp_path):

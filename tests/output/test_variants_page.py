@@ -60,7 +60,7 @@ def test_the_page_has_the_numbers_of_the_comparison(results, tmp_path):
     at_road = table[(table["line"] == "road") & (table["statistic"] == "fraction")]
     bare, net = at_road["value"]
     rows = cells_of(page)
-    passing = rows["passing boulders, of all [%]"]
+    passing = rows["passing boulders [% of all]"]
     assert passing[0] == number(100 * bare) and passing[1].startswith(f"{number(100 * net)}\n-")
     assert rows["arriving boulders per year"] == ["0.400", "0.100"]
     assert rows["cost"] == ["-", "120,000"]

@@ -97,7 +97,7 @@ def test_too_coarse_is_refused_unless_allowed(tmp_path):
     assert low.face_cells < COARSE <= high.face_cells
     assert shape_of(allowed).face_cells < COARSE
     assert (
-        "its face is only 0.91 cells wide (1.8 of 2 m), fewer than 4"
+        "its face is only 0.91 cells wide (1.8 m, cells of 2 m), fewer than 4"
         in implausible(read_scene(allowed))[0]
     )
 

@@ -413,7 +413,8 @@ MISTAKES = {
     "thresholds in MJ": (hazard(thresholds=[0.03, 0.3]),
         "&hazard thresholds: the highest threshold is 0.3 kJ, .* is the value in MJ?"),
     "coarse dam": (dam(height=30.0, slope=60.0),
-        "&dam 1, height = 30, slope = 60: its face is only 2.. cells wide .1.* of 5 m., fewer"),
+        "&dam 1, height = 30, slope = 60: its face is only 2.. cells wide "
+        ".1.* m, cells of 5 m., fewer"),
     "high dam": (dam(height=99.0, slope=60.0), "dams against rockfall are up to 30 m high: is the"),
     "dam by a ratio": (dam(height=25.0, slope=5.5), "a face of 5.5 degrees is a ramp: is the "
                                                     "value a ra"),

@@ -291,7 +291,7 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (
         "rebounds follow the classical model rockyfor3d of the shipped grounds, not the impact",
-        "without a fit, speeds and energies may be too low",
+        "without calibration at the site, speeds and energies may be too low",
         "forest model is not validated:",
     ):
         assert said in text and said in (tmp_path / "case/case.nml").read_text()
