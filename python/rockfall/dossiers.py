@@ -98,7 +98,9 @@ def report_hazard(
     **imprint: Any,
 ) -> Path:
     """Write a hazard file (hazard.nc) as the pages of a dossier (.pdf or .html). `dem` is the
-    terrain under the maps (default: the case's terrain). Return the path of the pages."""
+    terrain under the maps (default: the case's terrain). `imprint` are `project`, `client`,
+    `author`, `dem_date` and `language`, as in `report`. Return the path of the pages. Invalid
+    inputs raise a RockfallError."""
     page, hazard = Path(page), read_hazard(path)
     language = imprint.pop("language", "en")
     catalogue(language)

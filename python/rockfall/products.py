@@ -165,13 +165,14 @@ def report_variants(
     client: str = "",
     author: str = "",
 ) -> Path:
-    """Write a comparison of protection variants, given by name, as an offline HTML page or PDF
-    with a column for each variant: `compare_variants` at all lines, the measures, and maps of the
+    """Write a comparison of protection variants, given by name, as an offline HTML page or PDF with
+    a column for each variant: `compare_variants` at all lines, the measures, and maps of the
     differences.
 
-    `frequencies` is the table from `rockfall.yearly_variants` over the scenarios of a case.
-    `costs` are the costs by variant, in any unit. `title` is the page title (default: the first
-    result's title). The other arguments are as in `report`. Return the path of the page.
+    `frequencies` is the table from `rockfall.yearly_variants` over the scenarios of a case. `costs`
+    are the costs by variant, in any unit. `title` is the page title (default: the first result's
+    title). The other arguments are as in `report`. Return the path of the page. Invalid inputs
+    raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -201,8 +202,8 @@ def figures(
     basemap: Place = None,
     limits: Sequence[str] = (),
 ) -> list[Path]:
-    """Write all figures that a result supports to a folder, as png, pdf or svg. Return the files.
-    The other arguments are as in `report`.
+    """Write all figures that a result supports to a folder, as png, pdf or svg. Return the files. A
+    result without drawable data raises a RockfallError. The other arguments are as in `report`.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))

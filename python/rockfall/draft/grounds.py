@@ -145,7 +145,7 @@ class Grounds:
             raise RockfallError(f"{text}: not in {layer}, which has {has or 'no names and ids'}")
 
     def _asked(self, what: str, where: str, option: str) -> str:
-        """Answer to a question, posed only once; raises a RockfallError without a terminal."""
+        """Answer to a question, posed only once; raises a RockfallError without an answer."""
         if what not in self.answers:
             if self.ask is None or not (ground := self.ask(what)):
                 raise RockfallError(

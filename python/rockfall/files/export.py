@@ -542,7 +542,7 @@ def _lockable(path: Path) -> Iterator[Path]:
 
 
 def _check_arrived(path: Path, features: Mapping[str, int]) -> None:
-    """Raise an error for a layer that lacks features, because GDAL ignores a full disk on
+    """Raise a DatabaseError for a layer that lacks features, because GDAL ignores a full disk on
     closing."""
     index = "SELECT count(*) FROM sqlite_master WHERE name = ?"
     with closing(sqlite3.connect(path)) as database:

@@ -26,7 +26,7 @@ def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
 
     Layers and columns are as in rockfall.gpkg or hazard.gpkg. In addition, `stops` has the
     `ground_strength` of each boulder (`rockfall.ground_strength`), and a hazard has `lines` with
-    the number of boulders per year that cross them. Needs geopandas.
+    the number of boulders per year that cross them. Raises a RockfallError without geopandas.
 
     >>> import rockfall
     >>> stops = rockfall.layers(rockfall.run(rockfall.read_case("case.nml")))["stops"]

@@ -47,7 +47,7 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line; the run-out if there are no lines."""
+    """A sentence for each line, then boulders that pass around barriers, and the run-out."""
     nets = {line_names(result)[k] for k in barriers_of(result)}
     lines = (_line(line, rows[line], line in nets) for line in rows)
     return [*lines, *around_ends(result, rows), *run_out(result)]
@@ -104,7 +104,8 @@ def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[
 
 
 def range_answers(result: xr.Dataset) -> list[str]:
-    """A sentence for each line: the range over the draws, then the value of the unchanged case."""
+    """A sentence for each line (range over the draws, value of the unchanged case), then the
+    run-out."""
     answers = []
     for line in line_names(result):
         passing, energy, height, _ = headline_numbers(result, line)

@@ -96,8 +96,8 @@ class _Came(NamedTuple):
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Raise a RockfallError for an invalid acceptable frequency, or for a case without
-    scenarios."""
+    """Raise a RockfallError for an `acceptable` frequency that is not positive, or whose case has
+    no scenarios."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:

@@ -89,7 +89,7 @@ def converge(
     blocks of `reference` boulders from each source (default: a million in total), relative to the
     same number of boulders with different seeds. Numerical errors are changes of the results for a
     tenth of the boulders, the same boulders on each terrain. Only values at the lines need memory:
-    24 bytes per line and boulder.
+    24 bytes per line and boulder. Invalid numbers, and cases without lines, raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -35,8 +35,9 @@ def run(
     (default: about a quarter of a second). `shard` (I, N) runs the I-th of N ranges of boulders: a
     part for `rockfall.merge`, without maps. Ctrl-C raises `Interrupted` with the completed
     boulders. Rasters that need more than half of `memory` [bytes] (default: the machine's memory)
-    are read in windows. Likely mistakes in the case, and relevant model limits, give UserWarnings;
-    the attribute `model_warnings` lists the limits, one per line (not for parts).
+    are read in windows. Invalid cases raise a RockfallError; likely mistakes, and relevant model
+    limits, give UserWarnings; the attribute `model_warnings` lists the limits, one per line (not
+    for parts).
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

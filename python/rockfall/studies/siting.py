@@ -133,18 +133,18 @@ def site(
 
     Candidates are the line and copies of it, shifted by multiples of `every` [m] up to `to` [m],
     perpendicular to the line towards the sources, or in a `direction` [degree from north].
-    Alternatively, they are the lines of a layer `candidates` (a file or GeoDataFrame). The case,
-    or each of its &scenario groups (with boulders weighted by frequency), is run with all
-    candidates as evaluation lines. If the boulders need more than half of `memory` [bytes]
-    (default: the machine's memory), the candidates are distributed over several runs with the same
-    boulders. `max_height` [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the
-    fraction of the boulders that may pass around its ends. Alignments closer to the line than the
-    braking distance `space` [m] are refused. `volume`, `factors`, `costs` and the conditions of
-    the standard are as in `rockfall.design`; `given` are arrays and layers as in `rockfall.run`.
+    Alternatively, they are the lines of a layer `candidates` (a file or GeoDataFrame). The case, or
+    each of its &scenario groups (with boulders weighted by frequency), is run with all candidates
+    as evaluation lines. If the boulders need more than half of `memory` [bytes] (default: the
+    machine's memory), the candidates are distributed over several runs with the same boulders.
+    `max_height` [m] and `max_class` (0 to 7) limit the barrier, `max_bypass` the fraction of the
+    boulders that may pass around its ends. Alignments closer to the line than the braking distance
+    `space` [m] are refused. `volume`, `factors`, `costs` and the conditions of the standard are as
+    in `rockfall.design`; `given` are arrays and layers as in `rockfall.run`.
 
     The resulting barrier is verified by a run with the same boulders, or by a run for each
     &scenario. If the upper limit of arriving boulders (95 % interval) exceeds `acceptable` per
-    year, the next cheapest alignments are tried.
+    year, the next cheapest alignments are tried. Invalid arguments raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

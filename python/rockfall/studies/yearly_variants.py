@@ -73,7 +73,7 @@ def yearly_variants(
     `frequency_behind` of boulders that pass them; and `energy_by_period` [J] of boulders that
     arrive (statistic T [year]), as in `rockfall.hazard`. Limits of sums are sums of limits, because
     scenarios share random numbers. `checkpoints` have the keys of `run_name`; for `given` see
-    `read_scene`.
+    `read_scene`. Invalid cases raise a RockfallError.
 
     >>> import rockfall
     >>> net = {"name": "net", "x": [600000.0, 600120.0], "y": [4999950.0, 4999950.0]}

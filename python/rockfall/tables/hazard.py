@@ -98,7 +98,7 @@ class Place(NamedTuple):
 
 
 def places_of(hazard: xr.Dataset) -> list[Place]:
-    """Lines in the order of the case, then the most frequently hit objects and segments; barriers
+    """Lines in the order of the case, then objects and segments by decreasing frequency; barriers
     are omitted."""
     places = []
     for kind in PLACES:

@@ -59,7 +59,7 @@ def ground_table(result: Held) -> Table:
 
 
 def barrier_table(result: Held) -> Table:
-    """Table of each barrier's performance for the boulders that reached it."""
+    """Table of the boulders with each outcome, for each barrier."""
     rows = [
         (row["barrier"], word(row["outcome"]), row["n"], estimate(row, "fraction", "fraction"))
         for row in barrier_rows(result)

@@ -87,7 +87,7 @@ def more_lines(lines: int) -> list[str]:
 
 
 def _rebounds(result: Held) -> Iterator[str]:
-    """Text lines on draws of the impact model, and on extrapolation."""
+    """Text lines on rebounds, model remarks, and a missing CRS."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"].values) for suffix in ("", "_redrawn", "_forced")
     )

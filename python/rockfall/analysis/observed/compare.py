@@ -363,7 +363,8 @@ def _test(
 def _observed_distances(
     result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
-    """Plan distances of observed boulders [m], from stopping places if all have one release."""
+    """Plan distances of observed boulders [m], as given or from stopping places with known
+    releases, and notes."""
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:

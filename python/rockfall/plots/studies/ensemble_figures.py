@@ -25,7 +25,8 @@ NUMBERS = {"fraction": ["fraction"]} | {
 
 @styled
 def ranges_figure(data: xr.Dataset) -> Figure:
-    """Panels for a line: 90 % of the draws in grey, the unchanged case and its interval in blue."""
+    """A row of panels for each line: 90 % of the draws in grey, the unchanged case and its interval
+    in blue."""
     lines = line_names(data)
     figure = new_figure(1.35 * WIDE, 1.1 * len(lines) + 0.4)
     grid = figure.subplots(len(lines), len(NUMBERS), squeeze=False)

@@ -313,7 +313,8 @@ def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
 
 
 def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
-    """Columns of the uncertain strengths and reliefs of grounds on which boulders rebound."""
+    """Positions of uncertain strengths and reliefs among the columns of grounds, for grounds on
+    which boulders rebound."""
     reached = {ground.name for ground in rebounds_by_ground(base) if ground.rebounds}
     is_given = [inputs.given[key] > 1 for key in PAIR_FACTORS]
     return [
