@@ -174,7 +174,7 @@ class Live:
             self._session.close()
 
     def _works(self, work: Callable[[], None]) -> bool:
-        """Run `work`; report an error to the page and return False, so that editing can continue."""
+        """Run `work`; report an error to the page and return False, so that editing continues."""
         try:
             work()
             return True
