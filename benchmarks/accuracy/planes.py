@@ -53,6 +53,7 @@ RATIO_OF_TABLES = 2  # R_b/R_m for tables that need it
 COLOURS = [INK, BLUE, GREEN, VERMILION, GREY]  # one colour per ratio
 HOW = {"fraction": ("fraction passing", "%", 1), "speed": ("mean speed", "m/s", 1),
        "height": ("95 % quantile of the jump height", "m", 2)}  # fmt: skip
+ON_PAGE = ("fraction", "speed")  # tables on the page; the figure has all
 
 
 class Number(NamedTuple):
@@ -235,21 +236,22 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
         "# Shipped impact sets and tables on planes",
         "",
         *wrap(
-            f"This page compares rebound models on planes: {boulders:,} boulders for each number, "
-            f"released {DROP:g} m above a plane, {DISTANCE:g} m (in plan) uphill of the line. "
-            "R_b/R_m is constant and boulders may turn past the aspect. Impact tables use compact "
-            f"blocks, with R_b/R_m = {RATIO_OF_TABLES} where a size is needed. For sets other than "
-            f"`{'`, `'.join(FULL)}` only neutral slopes are given. "
-            "`benchmarks/accuracy/planes.py` writes the page and its figure.",
+            "This page compares rebound models on planes. Each number is from "
+            f"{boulders:,} boulders, released {DROP:g} m above a plane, {DISTANCE:g} m (in plan) "
+            "uphill of the line. R_b/R_m is constant, and boulders may turn past the aspect. "
+            f"Impact tables use compact blocks, with R_b/R_m = {RATIO_OF_TABLES} where a size is "
+            f"needed. For sets other than `{'`, `'.join(FULL)}` only neutral slopes are given. "
+            "`benchmarks/accuracy/planes.py` writes the page and its figure, which also shows "
+            "jump heights.",
             100,
         ),
         "",
         *wrap(
-            f"± is the standard error (of fractions: at most {50 / np.sqrt(boulders):.1f} %); - "
-            "marks numbers that too few boulders support. On the **neutral slope** boulders that "
-            "go straight down neither gain nor lose speed in the long run; those that turn descend "
-            "less steeply. On steeper planes they accelerate without a terminal velocity. *Flown* "
-            "slopes are measured on simulated boulders; the others are computed from the set.",
+            f"± is the standard error (of fractions: at most {50 / np.sqrt(boulders):.1f} %), and "
+            "- means too few boulders. On the **neutral slope** boulders that go straight down "
+            "neither gain nor lose speed over many bounces; boulders that turn descend less "
+            "steeply. On steeper planes they accelerate without a terminal velocity. *Flown* "
+            "slopes are measured on simulated boulders; other slopes are computed from the set.",
             100,
         ),
         "",
@@ -263,7 +265,8 @@ def page(sets: list[Measured], tables: Measured, boulders: int) -> str:
     ]  # fmt: skip
     for one in with_numbers(sets, tables):
         lines += [f"## {one.name}", ""]
-        for key, (label, unit, digits) in HOW.items():
+        for key in ON_PAGE:
+            label, unit, digits = HOW[key]
             scale = 100.0 if unit == "%" else 1.0
             lines += table(
                 f"{label} [{unit}]",

@@ -5,7 +5,7 @@
 
 Tables 2 and 3 of Bourrier et al. (2009) by methods A and B, and the paper's statements on rebounds,
 over slopes generated as in cases/vaujany that no calibration has used. Writes the sets of `MAIN` to
-validation/vaujany.md, the other columns to archive/vaujany_sets.md.
+archive/vaujany_paper.md, the other columns to archive/vaujany_sets.md.
 """
 
 from __future__ import annotations
@@ -87,12 +87,12 @@ these slopes: `vaujany-observed` is fitted to the observed boulders, not to thes
 ± is the standard error from slopes, boulders and coefficients. Targets are met unless a number is
 marked: *not met*, or *undecided* within one standard error of a bound. Rg of method A is read as a
 radius; `ratio` is `'between'` for `vaujany-observed`, `'nearest'` for `bourrier2009`.
-[Planes](planes.md#neutral-slopes-degree) has the neutral slopes. `benchmarks/accuracy/vaujany.py`
-writes this page and the one on [other sets and rules](../archive/vaujany_sets.md).
+[Planes](../validation/planes.md#neutral-slopes-degree) has the neutral slopes.
+`benchmarks/accuracy/vaujany.py` writes this page and [other sets and rules](vaujany_sets.md).
 """
 OTHERS = """# The paper's slope by other sets and rules
 
-This page continues [the comparison with the paper](../validation/vaujany.md), with the same slopes
+This page continues [the comparison with the paper](vaujany_paper.md), with the same slopes
 and boulders: `bourrier2009` with turns to the aspect, draws of its ensemble in rotation, and the
 former default `laboratory-spheres`, for which Rg of method A is read as a diameter. The last column
 has the range of the ensemble's draws. `benchmarks/accuracy/vaujany.py` writes it.
@@ -126,7 +126,7 @@ def main() -> None:
     wanted = targets(VAUJANY)
     main_scores = {name: scores.pop(name) for name in MAIN}
     head = HEAD.format(slopes=options.slopes)
-    with atomic_write(options.output / "validation" / "vaujany.md") as part:
+    with atomic_write(options.output / "archive" / "vaujany_paper.md") as part:
         part.write_text(page(head, main_scores, wanted), encoding="utf-8")
     with atomic_write(options.output / "archive" / "vaujany_sets.md") as part:
         part.write_text(page(OTHERS, scores, wanted), encoding="utf-8")
