@@ -69,7 +69,7 @@ def lateral(ratio):
     return f" incidence = {bounds[0]}, {bounds[1]}\n lateral = {values}\n"
 
 
-#: Covariances (5, 3, 3) of the noise in an impact: V_t, V_n, W over |V_in|, less per ratio.
+#: Covariances (5, 3, 3) of an impact's noise: V_t, V_n, W over |V_in|, smaller for larger ratios.
 NOISE = np.array([[0.004, 0.001, -0.0015], [0.001, 0.0025, 0.0005], [-0.0015, 0.0005, 0.006]])
 NOISE = NOISE / np.arange(1, 6)[:, None, None]
 

@@ -52,7 +52,7 @@ def cell(one: Score, target: Target) -> str:
 
 
 def rows(scores: dict[str, Score], wanted: list[Target], ensemble: Score | None) -> list[str]:
-    """Statistics with a target, and the range over the draws of an ensemble."""
+    """Table of the statistics with a target, with the range over the draws of an ensemble."""
     heads = [*scores, "5 to 95 % of the draws"] if ensemble else list(scores)
     text = [f"| | paper | requested | {' | '.join(heads)} |"]
     text.append("| --- | --: | --: |" + " --: |" * len(heads))

@@ -63,7 +63,7 @@ def prepare(python: str, folder: Path, boulders: int) -> None:
     shutil.copytree(SETTLEMENT, folder / "settlement")
     table = folder / "settlement/zones.csv"
     rows = [line.split(",") for line in table.read_text().splitlines()]
-    table.write_text("\n".join(",".join(row[:2]) for row in rows) + "\n")  # exists in any build
+    table.write_text("\n".join(",".join(row[:2]) for row in rows) + "\n")  # known to any build
     run_child(sys.executable, SETTLEMENT / "make_terrain.py", folder / "settlement")
     shutil.copytree(DECISION, folder / "decision")
     run_child(sys.executable, LAYERS, cwd=folder / "decision")

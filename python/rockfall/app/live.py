@@ -329,7 +329,8 @@ class Live:
             self._send("background", message)
 
     def _background(self, made: Runnable, **fields: Any) -> tuple[tuple[Any, ...], bytes]:
-        """Zones, sources, trees and stands that are not features, and the message with them."""
+        """Zones, sources, trees and stands that are not features, to detect changes; and the
+        message with them."""
         assert self._session is not None and self._ground is not None
         scene, drawn = scene_of(self._session), made.layers
         zones = None if "zones" in drawn else scene.rasters.zone

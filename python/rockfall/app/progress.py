@@ -16,7 +16,7 @@ from rockfall.app.sections import section_message
 from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
 
-FIRST, SECOND = 0.0, 0.1  # kernel time before the first results, and before the second [s]
+FIRST, SECOND = 0.0, 0.1  # time before the first message, and minimum time to the next [s]
 PATIENCE = 3.0  # seconds of the kernel per second spent on statistics and pictures
 
 #: Sends a message of a kind; it replaces waiting messages that it makes obsolete (see `Outbox`).
@@ -38,7 +38,7 @@ class Progress:
         self._table: LineTable | None = None  # table of the last message
         self._sent: set[int] = set()  # boulders whose trajectories were sent
         self._begun = time.perf_counter()
-        self._due = self._begun + FIRST  # kernel time of the next message
+        self._due = self._begun + FIRST  # time of the next message
         self._batch: Batch | None = None
         self._told = 0  # boulders in the last message
 

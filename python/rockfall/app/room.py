@@ -79,7 +79,7 @@ class Room:
 
     @property
     def is_busy(self) -> bool:
-        """Return True while a report or export is in progress."""
+        """Return True while a task is in progress."""
         return self._task is not None
 
     def close(self) -> None:

@@ -207,7 +207,7 @@ async def _listen(socket: WebSocket, room: Room, client: Client) -> None:
 
 
 async def _text(socket: WebSocket) -> str:
-    """Next message of a page as text; binary messages are refused."""
+    """Text of the next message of a page; "" for a binary message."""
     from starlette.websockets import WebSocketDisconnect
 
     message = await socket.receive()

@@ -75,7 +75,7 @@ class Task:
         self._thread.start()
 
     def cancel(self) -> None:
-        """Stop as soon as possible without writing files."""
+        """Stop as soon as possible; only a checkpoint may remain."""
         self._cancel.set()
 
     def wait(self) -> None:

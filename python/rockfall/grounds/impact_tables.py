@@ -24,7 +24,7 @@ FIELDS = (
     "vt_in", "vn_in", "w_in", "speed_in", "height_in", "along_out", "across_out", "vn_out", "w_out",
     "duration", "advance", "rise", "pull_along", "pull_across", "exit", "follower",
 )  # fmt: skip
-INPUTS, MAPPED = 4, 3  # number of inputs (V_t, V_n, W, height) and of mapped ones (along, V_n, W)
+INPUTS, MAPPED = 4, 3  # number of inputs (V_t, V_n, W, height) and outputs (along, V_n, W) of a map
 BY_SOURCE = "source"  # value of block_shape if sources give the shapes
 #: Block shapes, numbered from 1.
 BLOCK_SHAPES = tuple(

@@ -122,8 +122,8 @@ def tree_rows(path: Path) -> tuple[list[str], bool]:
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each non-empty line. Lines are split at commas only if they have no
-    spaces and semicolons, because commas may be decimal signs."""
+    """Number and cells of each non-empty line. It is split at commas only if spaces and semicolons
+    give at most two cells, because commas may be decimal signs."""
     for line, words in enumerate(text.splitlines(), start=1):
         cells = [cell for word in re.split(r"[\s;]+", words) if (cell := word.strip(","))]
         if len(cells) <= 2:

@@ -57,7 +57,7 @@ class Zone(NamedTuple):
 
     @property
     def names_ground(self) -> bool:
-        """Return True if the zone has another ground than the case."""
+        """Return True if the zone gives a ground, a strength or a relief."""
         return bool(self.ground or self.pair)
 
     def ground_in(self, usual: NamedGround) -> NamedGround:
@@ -143,7 +143,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons; None if different polygons share an id."""
+    """Ids of the polygons; None without integers, or if different polygons share an id."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]

@@ -139,7 +139,7 @@ class RunArrays:
     def forget_tallies(
         self, counts: bool = False, sums: bool = False, maxima: bool = False
     ) -> None:
-        """Free the memory of used maps and samples, unless views remain."""
+        """Free the memory of maps and samples; True keeps a stack, because views of it remain."""
         _core.forget_tallies(self.handle, [not held for held in (counts, sums, maxima)])
         self.changed()
 

@@ -43,7 +43,7 @@ class Ground:
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  # rock sizes of materials [m]
     used: set[int] = field(default_factory=set)  # rows of `sizes` used in some cell
     falling: int = 0  # number of cells whose Rg70, Rg20, Rg10 decrease, if sizes are rasters
-    rising: int = 0  # number of cells whose sizes increase
+    rising: int = 0  # number of cells whose sizes vary otherwise
     smallest: float = np.inf  # extreme sizes, if sizes are rasters [m]
     largest: float = 0.0
 

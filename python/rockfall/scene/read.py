@@ -196,7 +196,7 @@ def _windowed(inputs: Inputs, dtype: np.dtype, cells: int) -> Scene:
 
 
 def _with_arrays(case: Case, keys: set[str]) -> Case:
-    """Check the case again, now with the rasters given as arrays."""
+    """Case in which arrays replace the files of rasters, checked again."""
     changes: dict[str, Any] = {}
     for key in file_keys():
         if "raster" in key.file and key.name in keys and key.name in getattr(case, key.group):

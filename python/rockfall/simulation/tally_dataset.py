@@ -254,8 +254,8 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result or part that describe its run. `source` has this form only in parts,
-    also those of rockfall-batch."""
+    """Attributes of a result or part that describe its run. `source` is that of a part; a result
+    also names the rebound models there."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

@@ -206,8 +206,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns of source polygons, for each part of a polygon (`owner`). Frequencies are divided in
-    proportion to the area of parts."""
+    """Columns with a value for each polygon part; `owner` is its polygon. Frequencies are divided
+    in proportion to the area of the parts."""
     import shapely
 
     frequency = attribute(columns, "frequency")

@@ -386,7 +386,7 @@ def grid_mapping(crs: CRS) -> dict[str, Any]:
     return dict(_MAPPINGS[texts])
 
 
-#: Cached systems: creating a system takes longer than many runs.
+#: Cached attributes: creating a system takes longer than a small run.
 _MAPPINGS: dict[tuple[str, str], dict[str, Any]] = {}
 
 

@@ -67,7 +67,8 @@ def read_sets(source: str | Path) -> list[Sets]:
 
 
 def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] | None:
-    """Lateral deviations of the five sets, from the kernel's arrays (5, 8) and (5, 9, 13)."""
+    """Lateral deviations of the five sets, from the kernel's arrays (5, 8) and (5, 9, 13); None
+    if a set has none."""
     if not quantiles.any(axis=(1, 2)).all():
         return None
     classes = (between < 90).sum(axis=1) + 1

@@ -37,7 +37,7 @@ def _open(path: Path) -> int:
 
 
 def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
-    """Try to lock; False if the lock file was replaced in the meantime."""
+    """Lock a file; False if it was replaced meanwhile. Refuse an output that is locked."""
     try:
         lock(descriptor)
     except BlockingIOError:
