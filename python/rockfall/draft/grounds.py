@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds of a first case, recognised from the terms for zone materials."""
+"""Grounds of a first case, recognised from the names of zones."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping

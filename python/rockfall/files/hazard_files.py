@@ -56,8 +56,8 @@ NO_CELL = 255  # nodata value of yes-no rasters
 
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc; a GeoTIFF and a QGIS style (.qml) for each map;
-    hazard.gpkg with zones, objects and segments; their tables; and risk.csv. Either all files are
-    written or none, with a RockfallError.
+    hazard.gpkg with zones, objects and segments; and CSV tables of objects, segments, return
+    periods and risk. Either all files are written or none, with a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

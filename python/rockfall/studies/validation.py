@@ -81,14 +81,14 @@ def validate(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Validation:
-    """Run a case with its own rebound model, its impact sets, each classical model, and each
-    impact table (`tables`, by default all shipped tables), with `seeds` consecutive seeds that
-    start with the case's. Compare the results with the observations: stopping points or
-    distances, samples and statistics at lines. Models replace the same ground as in `run_models`;
-    the notes list exceptions.
+    """Run a case with its own rebound model, its impact sets, each classical model, and each impact
+    table (`tables`, by default all shipped tables), with `seeds` consecutive seeds after the
+    case's. Compare the results with the observations: stopping points or distances, samples and
+    statistics at lines. Models replace the same ground as in `run_models`; the notes list
+    exceptions.
 
-    Raises a RockfallError if no observation can be compared, no ground can have another model, or
-    a table needs rock sizes that the case lacks.
+    Raises a RockfallError if no observation can be compared, no ground can have another model, or a
+    table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: must be at least {FEWEST} to estimate errors")

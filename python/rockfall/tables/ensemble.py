@@ -176,7 +176,8 @@ def sorted_inputs(at: xr.Dataset) -> list[str]:
 
 
 def indices_of(data: xr.Dataset, kind: str) -> Iterator[object]:
-    """Cells with the indices of an input and their intervals [%]; "-" if the variance is zero."""
+    """Cells with the indices of an input and their intervals [%]; "-" without a significant
+    variance."""
     for value, error in zip(data[kind].values, data[f"{kind}_error"].values, strict=True):
         index, low, high = (100 * limit for limit in limits(value, error))
         if np.isnan(value):

@@ -163,5 +163,4 @@ def _parsed(name: str) -> tuple[str, str, str]:
 
 
 def _number(row: Mapping[Any, Any], name: str) -> Estimate:
-    """Cell with a number and its interval, if any."""
     return Estimate.of(row, name, QUANTITIES[_parsed(name)[1]].factor, digits=3)

@@ -36,7 +36,7 @@ class Stations(NamedTuple):
 
 def stations_of(line: SectionLine) -> Stations:
     """Stations at equal intervals from the first vertex of a section, plus a station at its end.
-    Raises RockfallError if length, width or interval is zero."""
+    Raises RockfallError for a zero length, width or interval, and for too many stations."""
     vertices, within, every = line
     if vertices.size < 2 or not np.isfinite(vertices).all():
         raise RockfallError("section: must have two or more vertices")

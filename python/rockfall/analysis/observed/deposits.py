@@ -106,7 +106,7 @@ def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     """Blocks at rest without a known release, by source; blocks of unknown source come last. Empty
     if all releases are known, from columns or because there is only one source.
 
-    Raises a RockfallError for a source that the result lacks.
+    Raises a RockfallError for a source that the result lacks, or a block outside the mapped area.
     """
     if seen.stops is None or seen.starts is not None:
         return []

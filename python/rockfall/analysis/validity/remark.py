@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A remark on the validity of a run's model, with its counts."""
+"""A remark on the validity of a run's model, and sums of counts over boulders."""
 
 from __future__ import annotations
 

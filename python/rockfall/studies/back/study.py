@@ -281,7 +281,6 @@ def _learn_noise(scene: Scene, inputs: Uncertain, data: list[Evidence]) -> None:
 
 
 def _row(draws: Iterable[Draw]) -> dict[str, float]:
-    """Values drawn for a member."""
     row: dict[str, float] = {}
     for draw in draws:
         for name, value in draw.kept.items():
