@@ -50,7 +50,7 @@ makes_links = pytest.mark.skipif(
 
 
 def find_program():
-    """Program of this build or installation."""
+    """Path of rockfall-batch in this build or installation; None if there is none."""
     places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
     beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
     return shutil.which("rockfall-batch") or (str(beside[0]) if beside else None)

@@ -33,7 +33,7 @@ GROUNDS = {
 
 
 def tutorial(out: Path) -> None:
-    """Figures and page of the tutorial."""
+    """Follow the tutorial, and store its figures and its page in `out`."""
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         for difference in differences(Path(folder)):

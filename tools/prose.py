@@ -119,7 +119,7 @@ LONG = re.compile(r"\S{60,}|\]\(\S{40,}")  # links and paths, which cannot be br
 
 
 def lines_of(text: str) -> Iterator[tuple[int, str, bool]]:
-    """Number and text of each line, and whether it is prose."""
+    """Yield number and text of each line, and whether it is prose."""
     fence = ""
     for number, line in enumerate(text.splitlines(), 1):
         mark = FENCE.match(line)

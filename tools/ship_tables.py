@@ -77,7 +77,7 @@ def part_case(name: str, column: int, row: int) -> BlockCase:
 
 
 def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
-    """Contacts of a case, stored in a file if a folder is given."""
+    """Contacts of a case, read from the file `path` if it exists, else simulated and stored."""
     if path and path.exists():
         found = load_dataset(path)
         if found.attrs["lab_case"] != case.text():

@@ -131,7 +131,7 @@ def contacts_summary(contacts: Contacts, sets: dict[int, ImpactSet]) -> str:
 
 
 def contacts_needed(impact_set: ImpactSet) -> str:
-    """Number of contacts needed for standard error `AIM` of the means `AIMED`; errors decrease with
+    """Text: number of contacts for standard error `AIM` of the means `AIMED`; errors decrease with
     the square root of this number."""
     numbers = []
     for name in AIMED:

@@ -135,7 +135,7 @@ def thrown(ground: Ground, radius: Decimal, pull: Decimal, v: Triple) -> Triple:
 def _penetration(
     radius: Decimal, mass: Decimal, density: Decimal, r_n: Decimal, v: Triple
 ) -> Decimal:
-    """Pichler et al. (2005), both branches, limited to the radius."""
+    """Penetration depth [m] by Pichler et al. (2005), both branches, limited to the radius."""
     d, nose = 2 * radius, Decimal("0.707")
     speed2 = v[0] ** 2 + v[1] ** 2
     impact = mass * speed2 / (Decimal(55) * 10**9 * r_n**7 * d**3)
@@ -148,8 +148,8 @@ def _penetration(
 
 
 def _bourrier_hungr(half: Decimal, r_t: Decimal, friction: Decimal, v: Triple) -> Triple:
-    """By impulses: friction acts against sliding, up to the impulse that stops it, or up to its
-    limit."""
+    """Rebound by impulses: friction acts against sliding, up to the impulse that stops it, or up to
+    its limit."""
     r_n = half / (abs(v[1]) + half)
     forward, rolling = r_t * v[0], r_t * v[2]
     largest = friction * (1 + r_n) * abs(v[1])  # impulse over mass

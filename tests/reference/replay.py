@@ -135,7 +135,7 @@ def volume(world: World, number: int) -> tuple[float, float]:
 
 
 class Retrace(NamedTuple):
-    """Boulder from its release, by the reference alone."""
+    """Path of a boulder from its release, by the reference alone."""
 
     apart: list[float]  # plan distance from the kernel's contact with the same number [m]
     status: str

@@ -101,7 +101,7 @@ class Emulator:
         return np.array(found).T
 
     def fitted(self, number: int) -> tuple:
-        """Fitted sets of a setting."""
+        """Sets fitted to the impacts of a setting."""
         return five(self.vectors[number])
 
 
@@ -118,7 +118,7 @@ def process(unit: np.ndarray, values: np.ndarray) -> GaussianProcessRegressor:
 
 
 def unknown(one: GaussianProcessRegressor, std: float) -> float:
-    """Uncertainty of a score, without the noise of another fit."""
+    """Standard deviation of a score without the noise of the fits."""
     noise = one.kernel_.k2.noise_level * one._y_train_std**2
     return float(np.sqrt(max(std**2 - noise, 0.0)))
 

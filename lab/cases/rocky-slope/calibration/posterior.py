@@ -78,7 +78,7 @@ def nuisances(u: np.ndarray) -> dict[str, float]:
 
 
 def state_of(u: np.ndarray) -> str:
-    """Index of the recorded boulder state that a chain state uses."""
+    """Name of the recorded boulder state that a chain state uses."""
     return list(STATES)[min(int(nuisances(u)["state"]), len(STATES) - 1)]
 
 

@@ -128,7 +128,7 @@ def _run_to(
 
 
 def _files(case: Case) -> list[str]:
-    """Names of the files of a hazard."""
+    """Names of the files that a hazard may write."""
     names = ["hazard.nc", "hazard.gpkg"]
     tables = "objects", "risk", "segments", "return_periods"
     names += [f"{name}.csv" for name in tables]

@@ -57,7 +57,7 @@ class Stand(NamedTuple):
 
 
 class Planted(NamedTuple):
-    """Stems before thinning."""
+    """Stems, with the data that thinning needs."""
 
     trees: Trees
     remain: np.ndarray | None = None  # random number of each stem, used for thinning

@@ -34,7 +34,7 @@ def split_blocks(case: Case, volume: np.ndarray, energy: np.ndarray) -> Splits:
 
 
 def breaking_speed(case: Case, volume: float, density: float) -> float:
-    """Lowest normal impact speed [m/s] that breaks a block, within 1e-6; inf if it is too small."""
+    """Lowest normal impact speed [m/s] that breaks a block, within 1e-6; inf if none does."""
     low, high = 0.0, MAX_SPEED
     while high - low > 1e-6:
         speeds = np.linspace(low, high, SPEEDS)
