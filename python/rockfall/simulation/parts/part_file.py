@@ -360,7 +360,7 @@ def _check_shapes(
     has = origin.features is not None, bool(origin.shapes)
     table, known_lengths = _table(origin.case, origin.boulders, len(origin.grounds), *has)
     expected, lengths = {**table}, {**known_lengths}
-    if "sample_ended" not in expected:  # then this dimension is independent
+    if "sample_ended" not in expected:  # all boulders of the part have rows
         lengths["boulder"] = part.last - part.first + 1
     if "trajectory_boulder" in shapes:
         for name, kind in variables.TYPES["vertex"].items():
