@@ -220,27 +220,58 @@ def test_an_area_has_the_binomial_interval_of_its_boulders(hazard, side):
     assert np.allclose(areas[["frequency_low", "frequency_high"]], expected, rtol=1e-12)
 
 
+def counted(hazard, came, released, per_cluster=1):
+    """Hazard of one boulder a year, with numbers of boulders from each of several areas."""
+    n = int(np.sum(released))
+    number = {"boulders": n, "frequency": 1.0, "boulders_per_cluster": per_cluster}
+    data = {name: ("scenario", [value]) for name, value in number.items()}
+    data |= {"source_boulders": (("scenario", "source"), np.array([released]))}
+    data |= {"line_source_boulders": (("scenario", "line", "source"), np.array([[came]]))}
+    data |= {"line_source_frequency": (("line", "source"), np.array([came]) / n)}
+    for name in ("energy_mean", "energy_q95", "energy_q95_low", "energy_q95_high"):
+        data[f"line_source_{name}"] = ("line", "source"), np.ones((1, len(came)))
+    ones = np.ones(len(came))
+    for name, values in (("x", np.arange(len(came)) + 0.5), ("y", 0 * ones), ("frequency", ones)):
+        data[f"source_{name}"] = "source", values
+    return xr.Dataset(data, attrs=hazard.attrs)
+
+
+def limits_of_areas(hazard):
+    """Lower and upper limit of the frequency of each area from which boulders arrive."""
+    areas = origin_areas(hazard, "line", 0, 1.0).sort_values("x")
+    return areas[["frequency_low", "frequency_high"]].to_numpy()
+
+
 def test_intervals_of_areas_cover_a_binomial_number_of_boulders(hazard):
     """One scenario; 150 boulders from each of 151 areas, of which 0, 1, ... 150 arrive. The
     coverage of these limits follows from the binomial distribution."""
     n, came = 150, np.arange(151)
-    number = {"boulders": n * came.size, "frequency": 1.0, "boulders_per_cluster": 1}
-    data = {name: ("scenario", [value]) for name, value in number.items()}
-    data |= {"source_boulders": (("scenario", "source"), np.full((1, came.size), n))}
-    data |= {"line_source_boulders": (("scenario", "line", "source"), came[None, None])}
-    data |= {"line_source_frequency": (("line", "source"), came[None] / number["boulders"])}
-    for name in ("energy_mean", "energy_q95", "energy_q95_low", "energy_q95_high"):
-        data[f"line_source_{name}"] = ("line", "source"), np.ones((1, came.size))
-    for name, values in (("x", came + 0.5), ("y", 0.0 * came), ("frequency", 0 * came + 1.0)):
-        data[f"source_{name}"] = "source", values
-    areas = origin_areas(xr.Dataset(data, attrs=hazard.attrs), "line", 0, 1.0).sort_values("x")
-    reach = number["boulders"] / n * areas[["frequency_low", "frequency_high"]].to_numpy()
-    assert len(areas) == n  # without the area from which none arrives
+    reach = came.size * limits_of_areas(counted(hazard, came, np.full(came.size, n)))
+    assert len(reach) == n  # without the area from which none arrives
     fractions, covered = np.linspace(0.05, 0.95, 181), []
     for p in fractions:
         chance = [math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(1, n + 1)]
         covered.append(np.dot(chance, (reach[:, 0] <= p) & (p <= reach[:, 1])))
     assert 0.945 < np.mean(covered) < 0.96 and np.min(covered) > 0.92
+
+
+@pytest.mark.parametrize("each", [1, 5])
+def test_intervals_of_areas_cover_all_sources_if_these_are_a_sample(hazard, case, each):
+    """60 sampled sources with `each` boulders, all of a source alike. A source lies in the first
+    area and reaches the line with probability p, so that their number is binomial, and the first
+    area's frequency in all sources is p."""
+    sampled = case.replace(release={"sources": "sample"})
+    attrs = {name: sampled.text() if text == case.text() else text
+             for name, text in hazard.attrs.items()}  # fmt: skip
+    sampled_hazard, n = hazard.assign_attrs(attrs), 60
+    limits = np.full((n + 1, 2), np.nan)
+    for k in range(1, n):  # all sources of the first area reach the line
+        of_areas = each * np.array([k, n - k])
+        some = counted(sampled_hazard, of_areas * [1, 0], of_areas, each)
+        limits[k] = limits_of_areas(some)[0]
+    for p in np.linspace(0.1, 0.9, 17):
+        chance = [math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1)]
+        assert np.dot(chance, (limits[:, 0] <= p) & (p <= limits[:, 1])) > 0.92
 
 
 MUST = "must be X,Y or X,Y,RADIUS, radius at most 50 m"

@@ -17,6 +17,7 @@ from rockfall.cli import main
 from rockfall.result.crossings import at_lines
 from rockfall.studies.model_scenes import AS_GIVEN
 from rockfall.studies.models import run_models
+from rockfall.studies.study import Study
 from rockfall.studies.validation import (
     BEYOND,
     COLUMNS,
@@ -138,9 +139,19 @@ def test_what_cannot_be_compared_is_refused(small, made, tmp_path, capsys, monke
     folder, _, _ = made
     monkeypatch.chdir(tmp_path)
     (tmp_path / "apart.csv").write_text("line,quantity,unit,value\nnowhere,speed,m/s,3\n")
+    (tmp_path / "marks.csv").write_text("impact,x,y,speed\n1,40,40,3\n")
+    printed = f"line,method,quantity,unit,mean,std\n{made[1]},A,speed,m/s,9,1\n"
+    (tmp_path / "printed.csv").write_text(printed)
     name, stops = small.name, folder / "stops.csv"
     few = ["--table", "talus", "--seeds", "2"]
-    refuses(["validate", name, "apart.csv", *few], ".*: no observation to compare with.*", capsys)
+    with monkeypatch.context() as patch:
+        patch.setattr(Study, "run", lambda *_, **__: pytest.fail("refused after a run"))
+        for path, why in (
+            ("apart.csv", r"apart.csv.*: line nowhere: is not in the case \(lines: .*\)"),
+            ("marks.csv", ".*: no observation to compare with.*"),
+            ("printed.csv", ".*: no observation to compare with.*"),
+        ):
+            refuses(["validate", name, path, *few], why, capsys)
     refuses(["validate", name, stops, "--seeds", "1"], "--seeds 1: must be at least 2 .*", capsys)
     refuses(["validate", name, stops, "--table", "moon"], ".* no such impact table.*", capsys)
 

@@ -22,7 +22,6 @@ from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import HAZARD_COLOURS
 from rockfall.io.rasters.arrays import grid_of, north_up
 from rockfall.io.rasters.grid import Grid
-from rockfall.io.tables import plain_decimal
 from rockfall.language import speaking, word
 from rockfall.plots.cartography.rasters import merged
 from rockfall.plots.hazard.origin_map import COLOURS, parts_and_words
@@ -31,7 +30,7 @@ from rockfall.protection.yearly import YearlyDesign, yearly_design
 from rockfall.quantities import round_step
 from rockfall.result.crossings import line_names
 from rockfall.scene.frames import GROUPS
-from rockfall.studies.hazard import read_study, run_study, traced
+from rockfall.studies.hazard import coordinates_of, read_study, run_study, traced
 from rockfall.table import Table
 from rockfall.tables.design import check_tables, choice_table
 from rockfall.tables.hazard import object_table, period_tables, scenario_table, stretch_tables
@@ -115,9 +114,8 @@ def _of_line(sheet: YearlyDesign, name: str) -> Iterable[Table]:
 def point_of(hazard: xr.Dataset, place: str) -> tuple[float, ...]:
     """Coordinates of a place "X,Y" [m]; empty for the name of a line or object."""
     named = any(place in hazard[kind].values for kind in SOURCES if kind in hazard.dims)
-    words = [] if named else place.split(",")
-    numbers = tuple(map(plain_decimal, words))
-    return numbers if len(words) == 2 and all(map(math.isfinite, numbers)) else ()
+    numbers = () if named else coordinates_of(place)
+    return numbers if len(numbers) == 2 and all(map(math.isfinite, numbers)) else ()
 
 
 def origins_message(

@@ -43,6 +43,7 @@ from rockfall.analysis.validity.warnings import joined_warnings, warn_each
 from rockfall.case import Case, case_in, case_of, check_all_kept, key_table
 from rockfall.errors import RockfallError
 from rockfall.io.input_warnings import InputWarning
+from rockfall.io.tables import plain_decimal
 from rockfall.language import Text
 from rockfall.result.dataset import read_result
 from rockfall.scene.frames import frame_files, of_frames
@@ -119,6 +120,11 @@ def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> 
     1.0
     """
     return origins_at(*traced(hazard, place, **arrays))
+
+
+def coordinates_of(place: str) -> tuple[float, ...]:
+    """Numbers of a place "X,Y" or "X,Y,RADIUS" [m]; NaN for other words."""
+    return tuple(map(plain_decimal, place.split(",")))
 
 
 def traced(

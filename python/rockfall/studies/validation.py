@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from rockfall.analysis.observed.compare import check_lines
 from rockfall.analysis.observed.deposits import agreement
 from rockfall.analysis.observed.observations import Observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
@@ -87,8 +88,8 @@ def validate(
     statistics at lines. Models replace the same ground as in `run_models`; the notes list
     exceptions.
 
-    Raises a RockfallError if no observation can be compared, no ground can have another model, or a
-    table needs rock sizes that the case lacks.
+    Raises a RockfallError if no observation can be compared, a line is not in the case, no ground
+    can have another model, or a table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: must be at least {FEWEST} to estimate errors")
@@ -98,6 +99,14 @@ def validate(
     own_scene = next(iter(laws.values()))
     laws |= by_tables(case, own_scene, tables, notes)
     notes += named_notes(own_scene)
+    nothing = RockfallError(
+        f"{case.name}: no observation to compare with: give places or distances of rest (with "
+        "start_x, start_y for several sources), or lines of the case"
+    )
+    check_lines(seen, [line["name"] for line in own_scene.case.lines], "case")
+    at_lines = len(seen.samples) or (seen.summaries["method"] == "observed").any()
+    if not at_lines and seen.stops is None and seen.distances is None:
+        raise nothing
     check_exchanged(seen, own_scene.grid)
     notes += unit_notes(seen)
     first = int(case.case["seed"]) + 1
@@ -112,11 +121,8 @@ def validate(
             ):
                 runs[name].append(own)
     rows = [{"law": name, **row} for name, own in runs.items() for row in over_runs(own)]
-    if not rows:
-        raise RockfallError(
-            f"{case.name}: no observation to compare with: give places or distances of rest (with "
-            "start_x, start_y for several sources), or lines of the case"
-        )
+    if not rows:  # too few boulders at rest
+        raise nothing
     return Validation(
         case.case["title"] or case.name, own_scene.boulders, numbers, tuple(laws),
         pd.DataFrame(rows, columns=COLUMNS), tuple(notes), study.warnings,

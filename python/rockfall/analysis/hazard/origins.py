@@ -143,16 +143,17 @@ def _limits(hazard: xr.Dataset, kind: str, k: int, part: np.ndarray) -> dict[str
     """Limits of the annual number of boulders that reach a place from each part of the source
     cells; `part` gives the part of each cell. With fixed sources, the sample is the boulders of the
     part, because their number is known; with sampled sources, it is all boulders."""
+    case = case_in(hazard.attrs)
+    is_sample, factor = case.release["sources"] == "sample", case.hazard["frequency_factor"]
     released, came = (hazard[f"{name}source_boulders"].values for name in ("", f"{kind}_"))
     runs = []
     for s, (n, per_cluster) in enumerate(
         zip(hazard["boulders"].values, hazard["boulders_per_cluster"].values, strict=True)
     ):
         of_part = np.bincount(part, released[s]).clip(1)
-        boulders = of_part if per_cluster == 1 else np.full(of_part.size, n)
+        boulders = np.full(of_part.size, n) if is_sample else of_part
         yearly = hazard["frequency"].values[s] / n * boulders
         runs.append((np.bincount(part, came[s, k]), boulders, per_cluster, yearly))
-    factor = case_in(hazard.attrs).hazard["frequency_factor"]
     rates = frequencies(runs, factor)
     return {"frequency_low": rates.low, "frequency_high": rates.high}
 

@@ -25,7 +25,6 @@ from rockfall.files.origin_files import FIGURE, FILES, origin_tables, put_origin
 from rockfall.interrupts import interrupts
 from rockfall.io.atomic import atomic_folder, atomic_write
 from rockfall.io.output_files import check_output, overwriting
-from rockfall.io.tables import plain_decimal
 from rockfall.language import catalogue, speaking
 from rockfall.plots.cartography.sheet import PAGE
 from rockfall.plots.hazard.hazard_figures import hazard_figures
@@ -39,7 +38,7 @@ from rockfall.simulation.parts.finished import FINISHED
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.progress import add_steps, working
 from rockfall.simulation.simulate import Interrupted
-from rockfall.studies.hazard import read_study, run_study, traced
+from rockfall.studies.hazard import coordinates_of, read_study, run_study, traced
 from rockfall.tables.hazard import Place
 from rockfall.text.hazard import hazard_summary, hazard_warnings, origins_text, warning_groups
 
@@ -157,7 +156,7 @@ def origins_command(arguments: argparse.Namespace) -> int:
         for kind in ("line", "object", "at")
         if (text := getattr(arguments, kind)) is not None
     )
-    at = [*map(plain_decimal, place.split(","))] if kind == "at" else place
+    at = coordinates_of(place) if kind == "at" else place
     with working():
         traced_hazard, kind, k = traced(hazard, at, [kind], progress=True)
         tables = origin_tables(traced_hazard, kind, k, arguments.side)
