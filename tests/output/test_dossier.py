@@ -246,7 +246,10 @@ def test_the_map_is_on_page_1_if_its_places_fit(made, monkeypatch, high, coarses
     for most in ("HOUSES", "ADVICE", "WARNINGS"):  # leaves room on page 1
         monkeypatch.setattr(dossier_page, most, 0)
     monkeypatch.setattr(close_map, "COARSEST", coarsest)
+    drawn, draw = [], close_map.close_map
+    monkeypatch.setattr(dossier_page, "close_map", lambda *how: drawn.append(how) or draw(*how))
     _, document = pages_of(made, monkeypatch, "en")
+    assert len(drawn) == 1
     assert [k for k, page in enumerate(document.pages) if "map" in page.anchors] == [number]
 
 

@@ -16,6 +16,7 @@ from rockfall.analysis.validity.warnings import joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
 from rockfall.html_report.inputs import Parties, doubtful_inputs, facts_of
+from rockfall.html_report.maps import data_uri
 from rockfall.html_report.page import is_pdf, write_page
 from rockfall.html_report.pdf import layout
 from rockfall.html_report.render import Picture, picture, rendered
@@ -48,6 +49,7 @@ from rockfall.tables.hazard import Place, places_of
 from rockfall.text.hazard import limits_of_hazard
 
 MAP = Room(180 / 25.4, 246 / 25.4)  # map on a page of its own, with the title below
+NO_MAP = data_uri(b'<svg xmlns="http://www.w3.org/2000/svg"/>', "image/svg+xml")  # until it fits
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
 PLACES = (6, 4, 2)  # maximum places in a table of page 1, reduced until the signature fits
 FIRST, CLOSING = 70.0, 95.0  # minimum height of the maps below page 1 and below the last text [mm]
@@ -73,16 +75,19 @@ def write_dossier_page(
     path = Path(path)
     with speaking(language):
         content = _content(dossier, dict(designs), given)
-        page = rendered("dossier.html.j2", closing=None, **content)
         if is_pdf(path):
-            page = _fitted(page, content, dossier, given.terrain)
+            page = _fitted(content, dossier, given.terrain)
+        else:
+            content["map"] = _map(dossier, given.terrain, MAP)
+            page = rendered("dossier.html.j2", closing=None, **content)
     write_page(page, path)
 
 
-def _fitted(page: str, content: dict[str, Any], dossier: Dossier, terrain: Terrain | None) -> str:
+def _fitted(content: dict[str, Any], dossier: Dossier, terrain: Terrain | None) -> str:
     """Fit the signature to the first sheet and a page to at most `SHEETS` sheets, with fewer table
     rows if necessary. Move the map to the first sheet if it has room, and add a map of the sources
     if there is room at the end, or a spare sheet."""
+    page = rendered("dossier.html.j2", closing=None, **content)
     fitted, sections, most = layout(page), content["sections"], iter(ROWS)
     hazard, places = dossier.first, iter(PLACES)
     while not fitted.is_signed and (rows := next(places, 0)):
@@ -90,9 +95,10 @@ def _fitted(page: str, content: dict[str, Any], dossier: Dossier, terrain: Terra
         page = rendered("dossier.html.j2", closing=None, **content)
         fitted = layout(page)
     room = _room(fitted.below["answered"], FIRST)
-    if fitted.is_signed and room and shows_places(hazard, terrain, room):
-        content |= dict(map=_map(dossier, terrain, room), on_first=True)
-        page = rendered("dossier.html.j2", closing=None, **content)
+    on_first = fitted.is_signed and room is not None and shows_places(hazard, terrain, room)
+    content |= dict(map=_map(dossier, terrain, room if on_first else MAP), on_first=on_first)
+    page = rendered("dossier.html.j2", closing=None, **content)
+    if on_first:
         fitted = layout(page)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
@@ -139,7 +145,7 @@ def _closing(
 
 
 def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> dict[str, Any]:
-    """Content for the template, without the closing figure."""
+    """Content for the template, without the map and the closing figure."""
     hazard, parties = dossier.first, given.parties
     warnings = dossier_warnings(dossier)
     pages = {section.name: section for section in sections(dossier, designs)}
@@ -156,7 +162,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
         answers=list(answers(dossier, designs)),
         tables_first=[_in_lines(table) for table in first_tables(dossier)],
         certainty=_certainty(),
-        map=_map(dossier, given.terrain, MAP),
+        map=Picture("", "", NO_MAP, round(96 * MAP.wide), round(96 * MAP.high)),
         on_first=False,
         sections=list(pages.values()),
         figures=dict(_figures(dossier)),
