@@ -25,6 +25,7 @@ from rockfall.plots.hazard.origin_map import (
 )
 from rockfall.quantities import number
 from rockfall.studies.hazard import read_study
+from rockfall.text.hazard import origins_text
 from slope_case import CASE as SLOPE
 from slope_case import write_slope
 
@@ -353,6 +354,14 @@ def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypa
         assert main(["origins", "zones", option, text, "-o", "none"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert why in line and not Path("none").exists()
+
+
+def test_rare_boulders_of_an_area_are_printed_with_two_digits(hazard):
+    areas = origin_areas(hazard, "line", 0, 100.0)
+    names = ["frequency", "frequency_low", "frequency_high"]
+    printed = origins_text(areas.assign(**{name: 1e-4 * areas[name] for name in names}), "road", 1)
+    rare = [f" {number(1e-4 * value, 2)} " for value in areas["frequency"]]
+    assert all(text in printed for text in rare) and "(0.000–" not in printed
 
 
 def test_a_point_without_a_width_has_no_known_sources(case):

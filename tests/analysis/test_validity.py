@@ -16,12 +16,12 @@ from rockfall.analysis.validity.extrapolation import extrapolations, faster_than
 from rockfall.analysis.validity.obstacles import forest_remarks, forest_text
 from rockfall.analysis.validity.rebounds import set_remarks, table_remarks
 from rockfall.analysis.validity.remarks import model_remarks
-from rockfall.analysis.validity.warnings import joint_warnings
+from rockfall.analysis.validity.warnings import in_order, joined_warnings, joint_warnings
 from rockfall.evidence import only
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.grounds.impact_tables import USUAL_WEIGHT, open_table, plane_files, save_table
 from rockfall.html_report.validity import warnings
-from rockfall.language import LANGUAGES, say, speaking, translated
+from rockfall.language import LANGUAGES, packed, say, speaking, translated, unpacked
 from rockfall.quantities import part_of_boulders, part_of_rebounds
 from rockfall.result.crossings import at_lines, has_crossed
 from rockfall.result.variables import STATUS
@@ -591,7 +591,7 @@ def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path,
 
 
 def test_warnings_of_several_results_are_given_once(tmp_path):
-    """Warnings have values of the first result, and names of results if only some are concerned."""
+    """Warnings have the names of results if only some are concerned."""
     folders = [tmp_path / name for name in ("bare", "forest")]
     for folder in folders:
         folder.mkdir()
@@ -603,6 +603,21 @@ def test_warnings_of_several_results_are_given_once(tmp_path):
     said = joint_warnings({"bare": bare, "forest": forest})
     assert said[0] == own and f"forest: {forest_text()}" in said
     assert len(said) == len({*said}) == len([own, *others]) + 1
+
+
+def test_of_several_results_the_largest_fraction_is_given_and_what_is_wrong_comes_first():
+    fast, gone = (
+        [say(f"model.{key}", part=part_of_boulders(n, 1000), **more) for n in (20, 600, 300)]
+        for key, more in (("faster", {"limit": 0.8}), ("cut_short", {"distance": 10.0}))
+    )
+    runs = {"small": fast[:1], "large": [fast[1], gone[0]], "largest": [fast[2], gone[1]]}
+    beyond = say("join.colon", before="road", after=say("input.line_beyond", off=9, length=20))
+    said = [*joined_warnings(runs), beyond]
+    assert said == [f"large, largest: {gone[1]}", fast[1], beyond]
+    assert in_order(said) == [said[0], beyond, fast[1]]
+    with speaking("de"):  # also as stored
+        own = {k: [unpacked(packed(text), "") for text in texts] for k, texts in runs.items()}
+        assert joined_warnings(own)[1].startswith("600 von")
 
 
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):

@@ -12,7 +12,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.messages import messages_of
-from rockfall.analysis.validity.warnings import joined_warnings
+from rockfall.analysis.validity.warnings import in_order, joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
 from rockfall.html_report.inputs import Parties, doubtful_inputs, facts_of
@@ -95,10 +95,11 @@ def _fitted(content: dict[str, Any], dossier: Dossier, terrain: Terrain | None) 
         page = rendered("dossier.html.j2", closing=None, **content)
         fitted = layout(page)
     room = _room(fitted.below["answered"], FIRST)
-    on_first = fitted.is_signed and room is not None and shows_places(hazard, terrain, room)
-    content |= dict(map=_map(dossier, terrain, room if on_first else MAP), on_first=on_first)
+    if room and not (fitted.is_signed and shows_places(hazard, terrain, room)):
+        room = None
+    content |= dict(map=_map(dossier, terrain, room or MAP), on_first=room is not None)
     page = rendered("dossier.html.j2", closing=None, **content)
-    if on_first:
+    if room:
         fitted = layout(page)
     while fitted.sheets > SHEETS and (rows := next(most, 0)):
         content["sections"] = [_cut(section, rows) for section in sections]
@@ -255,7 +256,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
         for hazard in dossier.hazards.values()
         for where, text in doubtful_inputs(hazard, None)
     )
-    return [*joined_warnings(by_run), *joined_warnings(by_variant), *doubts]
+    return in_order([*joined_warnings(by_run), *joined_warnings(by_variant), *doubts])
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:

@@ -134,7 +134,10 @@ def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:
     columns = [*(Column(axis, "m", 0) for axis in "xy"), *map(Column, [*names[2:], quantile])]
     rows = [
         (
-            *(Estimate.of(row, name) if name == "frequency" else row[name] for name in names),
+            *(
+                Estimate.of(row, name, digits=2) if name == "frequency" else row[name]
+                for name in names
+            ),
             Estimate(row[quantile], high=row[high]),
         )
         for row in areas[:AREAS].to_dict("records")

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
+from rockfall.analysis.validity.remark import STOPS
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import case_of
 from rockfall.language import Text, say
@@ -32,21 +33,34 @@ def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
 
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
-    """Warnings of several results by name, without duplicates and with the values of the first
-    result. If a warning does not apply to all results, their names precede it."""
+    """Warnings of several results by name, without duplicates and ordered by grade, with the values
+    of the result with the largest fraction of boulders or rebounds. If a warning does not apply to
+    all results, their names precede it."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():
         for text in own:
             what = (text.key, *(str(text.values.get(value)) for value in TELLING))
-            texts.setdefault(what, text)
+            texts[what] = max(texts.get(what, text), text, key=_fraction)
             names.setdefault(what, []).append(name)
-    return [
+    return in_order(
         text
         if len(names[what]) == len(by_name)
         else say("join.colon", before=", ".join(first_of(names[what], MAX_NAMED)), after=text)
         for what, text in texts.items()
-    ]
+    )
+
+
+def in_order(texts: Iterable[Text]) -> list[Text]:
+    """Warnings with those first that make results wrong, also after the name of a place or run."""
+    kinds = {text: text.values.get("after", text) for text in texts}
+    return sorted(kinds, key=lambda text: getattr(kinds[text], "key", "") not in STOPS)
+
+
+def _fraction(text: Text) -> float:
+    """Largest fraction of boulders or rebounds in a warning; 0 if it has none."""
+    parts = [value.values for value in text.values.values() if isinstance(value, Text)]
+    return max((own["part"] / own["n"] for own in parts if {"part", "n"} <= own.keys()), default=0)
 
 
 def with_model_warnings(result: Result) -> Result:
