@@ -219,8 +219,8 @@ def figures(
         need_rows = "require rows of boulders (&output kept), which the result does not have"
         if not shown:
             raise RockfallError(
-                f"no figure can be drawn: run-outs, stops and line statistics {need_rows}; maps, "
-                "trajectories and rebounds are not in the result (&output)"
+                f"no figure can be drawn: run-outs, stops and line statistics {need_rows}, and "
+                "maps, trajectories and rebounds are not in the result (&output)"
             )
         warnings.warn(
             f"run-outs, stops and line statistics are not drawn: they {need_rows}", stacklevel=1

@@ -474,6 +474,6 @@ def test_results_without_the_lines_are_refused_with_what_to_do(site, capsys):
     with refused("without.nc: scenario 'one': its &line groups do not match the given objects "
                  "and segments: write the cases with --write-cases"):  # fmt: skip
         rockfall.hazard(original, results=["without.nc"], **about)
-    with refused("with.nc: scenario 'one': is the result of another case; see --write-cases"):
+    with refused("with.nc: scenario 'one': is the result of another case: see --write-cases"):
         rockfall.hazard(original.replace(case={"seed": 8}), results=["with.nc"], **about)
     assert json.loads(found.attrs["input_warnings"]) is not None

@@ -415,7 +415,7 @@ def test_scenarios_may_be_run_elsewhere(written, capsys):
             assert path.read_bytes() == Path("again", path.name).read_bytes()
     capsys.readouterr()
     elsewhere[3] = "other"
-    other = "is the result of another case; see --write-cases"
+    other = "is the result of another case: see --write-cases"
     refused_as = f"second.nc: scenario 'small': {other}"
     assert main([*elsewhere, "second.nc", "first.nc"]) == 2
     assert capsys.readouterr().err == f"rockfall: {refused_as}\n"

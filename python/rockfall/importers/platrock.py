@@ -227,7 +227,7 @@ def _case(folder: Path, number: int) -> Group:
 def _note_half_cell(made: Import) -> None:
     """Note the shift of PlatRock's terrain by half a cell: it takes cell corners for centres."""
     made.changed.append(
-        f"{made.name(made.dem)}: elevations are at cell centres; PlatRock puts them at south-west "
+        f"{made.name(made.dem)}: elevations are at cell centres, in PlatRock at south-west "
         f"corners, so its slope lies {made.grid.cell / 2:g} m further west and south"
     )
 
@@ -288,8 +288,8 @@ def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]
         "density, drop height and velocity"
     )
     made.changed.append(
-        f"{made.name(layer.path)}: rocks start above cell centres, not anywhere in the polygons; "
-        "frequency is the number of rocks, not a rate"
+        f"{made.name(layer.path)}: rocks start above cell centres, not anywhere in the polygons, "
+        "and frequency is the number of rocks, not a rate"
     )
     mean = float(np.average((low + high) / 2, weights=number))
     boulder = Group("boulder", [Entry("volume", "source", "from the polygons")])
@@ -314,9 +314,7 @@ def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
         n = len(layer.shapes)
         soils += [(f"soil_{k + 1}", {key: values[key][k] for key in values}) for k in range(n)]
         made.write_raster(ZONES, _soil_of_cells(made, layer))
-        made.taken.append(
-            f"{made.name(layer.path)}: {n} soils; where they overlap, the first is used"
-        )
+        made.taken.append(f"{made.name(layer.path)}: {n} soils, the first where they overlap")
         entries.append(Entry("ground_map", ZONES, "ids of grounds.csv"))
     made.changed.append(
         f"terrain without a soil has PlatRock's default: R_n {OUTSIDE['R_n']:g}, R_t "
@@ -366,8 +364,8 @@ def _ground(
 
 def _note_rebounds(made: Import, models: set[int], radius: float) -> None:
     made.changed.append(
-        f"roughness became roughness_angle, atan(roughness/{radius:.2f} m) for the mean volume; "
-        "PlatRock takes each rock's radius, and divides it between braking and turning"
+        f"roughness became roughness_angle, atan(roughness/{radius:.2f} m) for the mean volume. "
+        "PlatRock uses each rock's radius, and divides roughness between braking and turning"
     )
     if 0 in models:
         made.changed.append("bounce model 0 is constant: R_t also multiplies the rotation")

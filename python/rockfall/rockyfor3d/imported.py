@@ -105,10 +105,10 @@ def _surface(made: _Import) -> Group:
     if "soiltype" in made.rasters:
         text = "soil types 0 to 7 are the shipped grounds 0 to 7"
         entries.append(Entry("ground_map", made.path("soiltype"), text))
-        unsure = f"{say('model.quoted_coefficients')}; {say('model.understated')}"
+        unsure = f"{say('model.quoted_coefficients')}: {say('model.understated')}"
         made.model.append(
             "soiltype.asc: rebounds follow the classical model rockyfor3d of the shipped grounds, "
-            f"not the impact sets; {unsure}: `rockfall models` compares other rebounds"
+            f"not the impact sets, with {unsure}. `rockfall models` compares other rebounds"
         )
     else:
         made.left.append(

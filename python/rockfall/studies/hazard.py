@@ -252,7 +252,7 @@ def _read_scenario(study: HazardInputs, scenario: Scenario, path: str | Path) ->
                 f"{text}: its &line groups do not match the given objects and segments: write the "
                 "cases with --write-cases"
             )
-        raise RockfallError(f"{text}: is the result of another case; see --write-cases")
+        raise RockfallError(f"{text}: is the result of another case: see --write-cases")
     if json.loads(result.attrs["input_checksums"]) != study.scene.checksums:
         raise RockfallError(f"{text}: was run with other input files")
     if not result.attrs["complete"]:

@@ -149,7 +149,7 @@ def _numerical_says(convergence: Convergence) -> Iterator[str]:
         largest = sure.loc[sure["change"].abs().idxmax()]
         yield (
             f"{head}: {len(sure)} of {len(changed)} values change by more than three standard "
-            f"errors;\n  the largest change: {_rule(largest[KEYS])}, {largest['change']:+.2%}."
+            f"errors,\n  the largest change: {_rule(largest[KEYS])}, {largest['change']:+.2%}."
         )
     for variant, why in convergence.refused.items():
         yield f"{variant}: not run: {why}"

@@ -92,8 +92,8 @@ def section_notes(section: Section) -> Iterator[str]:
         if section.not_kept:
             recorded += f", the {section.recorded:,} of them that are kept count here"
         yield (
-            f"{recorded}, at most {most:,} cross a station in the corridor: a mean needs "
-            f"{MIN_FOR_MEAN}, a 95 % quantile {fewest_for(0.95)}, and is blank below; more: "
+            f"{recorded}, at most {most:,} cross a station in the corridor. A mean needs "
+            f"{MIN_FOR_MEAN}, a 95 % quantile {fewest_for(0.95)}: for more, set "
             f"{KEEP if section.not_kept else '&output trajectories'}"
         )
     elif section.not_kept:

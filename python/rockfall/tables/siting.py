@@ -123,5 +123,5 @@ def _acceptance(advice: Advice) -> str:
     if advice.is_enough:
         return "met, by the upper limit"
     told = advice.left[0] > (advice.acceptable or 0)
-    more = "" if told else "; more boulders may show that it is met"
+    more = "" if told else ", but more boulders may show that it is met"
     return f"not met by any of {advice.tried} alignments within the limits{more}"

@@ -201,7 +201,7 @@ def warnings(analysis: Back) -> Iterator[str]:
         if row["agreement"] == CONFLICT:
             yield (
                 f"conflict: {row['data']} is less likely with the other data than alone, by "
-                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}); {ALONE} gives each data set "
+                f"exp({row['loss']:.1f} +- {row['loss_error']:.1f}): {ALONE} gives each data set "
                 "alone"
             )
     edge = [row["parameter"] for row in posterior_table(analysis).to_dict("records")
