@@ -158,7 +158,7 @@ contains
          if (any(v /= 0)) t = v/sqrt(sum(v**2))
       end function unit_vector
 
-      !> W = R_b omega about the axis that lies in the surface normal to a direction; > 0 for forward rolling.
+      !> W = R_b omega about the axis in the surface that is normal to a direction; > 0 for forward rolling.
       pure real(wp) function rolling(now, t)
          type(instant_t), intent(in) :: now
          real(wp), intent(in) :: t(2)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Elementary functions built only from + - * / and sqrt, for bitwise identical results on all machines
-!> (libm picks implementations with different last bits by processor type).
+!> Elementary functions built only from + - * / and sqrt, for bitwise identical results on all machines. The last bits
+!> of libm depend on the type of processor.
 module rockfall_math
    use rockfall_kinds, only: wp, sp, i4, i8
    implicit none

@@ -58,7 +58,7 @@ contains
       k = 0
    end function first_repeated
 
-   !> Names closest to a word by the number of differing characters, the closest first.
+   !> Names closest to a word by edit distance, the closest first.
    pure function nearest_names(word, names, n) result(nearest)
       character(len=*), intent(in) :: word, names(:)
       integer, intent(in) :: n  !! number of names to return

@@ -25,7 +25,7 @@ module rockfall_barrier
    !> above the rounding of coordinates, yet only a micrometre on a slope of one kilometre.
    real(wp), parameter :: barrier_offset = 1.0e-9_wp
 
-   !> Strength of spruce and larch relative to silver fir, the smallest of Dorren and Berger (2006) [-].
+   !> Strength of spruce and larch relative to silver fir [-], the smallest value in Dorren and Berger (2006).
    real(wp), parameter :: log_factor = 0.9_wp
    !> Strength of a log of decay class 1 (fresh) to 4 (soft) relative to a fresh log [-]. Assumed, as no measured values
    !> are known: a linear decrease to zero in class 5 (no firm wood).
@@ -40,7 +40,8 @@ module rockfall_barrier
 contains
 
    !> Outcome for a boulder at a barrier: it passes over if its centre is above the top edge. Otherwise the barrier
-   !> stops it if its energy is at most the capacity, or is broken through and absorbs its capacity.
+   !> stops it if its energy is at most the capacity; else the boulder breaks through, and the barrier absorbs its
+   !> capacity.
    elemental integer function barrier_outcome(height, capacity, passing_height, energy) result(outcome)
       real(wp), intent(in) :: height          !! height of the top edge above the ground, vertical [m]
       real(wp), intent(in) :: capacity        !! [J]

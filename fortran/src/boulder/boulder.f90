@@ -29,7 +29,7 @@ module rockfall_boulder
       real(wp) :: exponent = 1.0_wp          !! pareto: exponent of the number of larger boulders, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
       integer, allocatable :: list_shape(:)  !! block shape of each volume, if known
-      !> [kg/m3]; 2800 is implied by the energies and volumes in the paper
+      !> density [kg/m3]; 2800 is implied by the energies and volumes in the paper
       real(wp) :: density = 2800.0_wp
    end type volume_distribution_t
 

@@ -36,8 +36,7 @@ module rockfall_forest
    !> Parameters common to all stems.
    type :: tree_model_t
       real(wp) :: stem_height = huge(1.0_wp)      !! boulders higher than this pass over the stem [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]  !! x, as in absorbed_fraction: frontal below the first limit, scratch
-                                                 !! from the second [-]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]  !! limits of x in absorbed_fraction between types [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
@@ -155,7 +154,7 @@ contains
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y            !! start of the flight [m]
       real(wp), intent(in) :: path(2)         !! path from the start to the end, in plan [m]
-      real(wp), intent(in) :: radius          !! radius of the boulder [m]
+      real(wp), intent(in) :: radius          !! R_b [m]
       real(wp) :: reach, length2, d(2), along, across, beyond, r2, d2, within, hits
       integer :: left, right, row, k
 
@@ -189,10 +188,10 @@ contains
    !> in each row are contiguous in `stem`.
    pure subroutine find_first_hit(this, spans, x, y, v, radius, broken, hit)
       type(forest_t), intent(in) :: this
-      type(span_t), intent(in), contiguous :: spans(:)    !! spans of the flight
+      type(span_t), intent(in), contiguous :: spans(:)
       real(wp), intent(in) :: x, y            !! start of the flight [m]
       real(wp), intent(in) :: v(2)            !! plan velocity [m/s]
-      real(wp), intent(in) :: radius          !! radius of the boulder [m]
+      real(wp), intent(in) :: radius          !! R_b [m]
       integer, intent(in) :: broken(:)        !! stems to ignore
       type(tree_hit_t), intent(out) :: hit
       real(wp) :: speed, heading(2), length, reach, near, from, to

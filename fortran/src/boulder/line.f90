@@ -43,7 +43,7 @@ contains
    pure real(wp) function first_meeting(this, a, b, radius) result(fraction)
       type(line_t), intent(in) :: this
       real(wp), intent(in) :: a(2), b(2)  !! [m]
-      real(wp), intent(in) :: radius      !! radius of the boulder [m]
+      real(wp), intent(in) :: radius      !! R_b [m]
       real(wp) :: reach
       integer :: k
 

@@ -63,7 +63,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity         !! [m/s2]
       real(wp), intent(in) :: friction        !! tangent of the rest angle [-]
-      real(wp), intent(in) :: radius          !! radius of the boulder [m]
+      real(wp), intent(in) :: radius          !! R_b [m]
       type(landing_t), intent(in) :: landing  !! the contact
       real(wp), intent(in) :: speed2          !! |v|**2 after the contact [m2/s2]
       real(wp), intent(in) :: w               !! W = R_b omega after the contact [m/s]
@@ -316,7 +316,7 @@ contains
       type(terrain_t), intent(in) :: dem
       type(flight_t), intent(in) :: path
       real(wp), intent(in) :: duration  !! [s]
-      real(wp), intent(in) :: radius    !! radius of the boulder [m]
+      real(wp), intent(in) :: radius    !! R_b [m]
       real(wp), allocatable, intent(out) :: time(:)      !! times since the start of the path, increasing [s]
       real(wp), allocatable, intent(out) :: place(:, :)  !! (3, size(time)): x, y, z [m]
       type(patch_t) :: patch, next

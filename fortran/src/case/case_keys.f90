@@ -51,7 +51,7 @@ module rockfall_case_keys
 
    !> Groups that a case may repeat.
    character(len=*), parameter :: repeatable(*) = [character(len=8) :: "line", "barrier", "dam", "scenario", "variant"]
-   !> Lists that may be a single number: `1,5` alone is refused.
+   !> Lists that may be a single number: `1,5` alone is refused, because its comma may be decimal.
    character(len=*), parameter :: may_be_one(*) = [character(len=16) :: "volumes", "boulder_volumes", &
                                                    "frequency_factor"]
    integer, parameter :: max_names = 1000  !! maximum number of barriers or dams named by a variant
@@ -432,7 +432,7 @@ contains
              //"|"//trim(key%file)
    end function row_text
 
-   !> Refuse a case that names both kinds of the random operator without a choice between them.
+   !> Refuse a case that names impact sets and an impact table but lacks `form`, which chooses between them.
    pure subroutine check_operator(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error

@@ -54,7 +54,7 @@ contains
       found = 0
    end function misread_number
 
-   !> Rule for number `k` if the next number gives its decimals.
+   !> Rule that shows number `k` in correct notation, if the next number gives its decimals or thousands.
    pure function point_rule(entry, k) result(rule)
       type(entry_t), intent(in) :: entry
       integer, intent(in) :: k

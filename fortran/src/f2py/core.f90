@@ -669,9 +669,9 @@ contains
       side = block_side(nodes)
    end subroutine block_of
 
-   !> Plan of the tallies needed by maps: for each layer of map_plan_t its index in the stack, from 1 (0: none), with
-   !> the first counts of passages and of hits above energy thresholds; bins of the counts for quantiles; and the number
-   !> of layers of each stack.
+   !> Plan of the tallies needed by maps. `counts`, `sums` and `maxima`: index in its stack of each layer of map_plan_t,
+   !> from 1 (0: none); the last two counts are the first layers of passages and of hits above energy thresholds.
+   !> `bins`: rows of the bin counts for quantiles. `layers`: number of layers of each stack.
    subroutine map_plan(names, thresholds, counts, sums, maxima, bins, layers)
       character(len=*), intent(in) :: names     !! names of maps, separated by spaces
       integer(c_int), intent(in) :: thresholds  !! number of thresholds
@@ -785,7 +785,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Set positive cells to zero, from row `first` (1..) on, if they are not steep; the terrain is that of terrain_of.
+   !> Set positive cells that are not steep to zero, from row `first` (1..) on. The scene need not be built.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -796,7 +796,7 @@ contains
       call keep_steep_cells(terrain_of(handle), threshold, first, cells)
    end subroutine steep_cells
 
-   !> Ratio of surface to plan area of source cells given in map coordinates [m]; the terrain is that of terrain_of.
+   !> Ratio of surface to plan area of source cells at map coordinates [m]. The scene need not be built.
    subroutine area_ratios(handle, source_x, source_y, ratio, ns)
       !f2py threadsafe
       integer(c_int), intent(in) :: ns
@@ -1301,7 +1301,7 @@ contains
       case ("block_axes"); found = [block_axes]  ! axes of the shapes over the longest axis, (3, shapes) [-]
       case ("size_weights"); found = size_weights  ! probabilities of the obstacle sizes of method A
       case ("ead_energy"); found = ead_energy    ! maximum energy of each class of EAD 340059, from class 0 [J]
-      case ("sample_units"); found = [units_of]  ! unit in SI of the quantities (rows) at lines and at ends (columns)
+      case ("sample_units"); found = [units_of]  ! units per SI unit: quantities (rows), at lines and at ends (columns)
       case ("sample_edges")  ! edges of sample bins, in the units of sample_units; too many for the stack
          deallocate (found)
          allocate (found(n_sample_bins + 1))

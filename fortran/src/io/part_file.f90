@@ -39,7 +39,7 @@ module rockfall_part_file
 
 contains
 
-   !> Write the completed boulders to `name`, as the file `part` until it is complete and on disk.
+   !> Write the completed boulders to the file `part`, which is renamed to `name` once it is complete and on disk.
    subroutine write_part(name, part, case, text, inputs, run, store, error)
       character(len=*), intent(in) :: name, part
       type(case_t), intent(in) :: case

@@ -34,7 +34,7 @@ module rockfall_scene_file
    type :: inputs_t
       type(scene_t) :: scene
       type(scene_arrays_t) :: arrays
-      type(namelist_t) :: keys                 !! keys of the case
+      type(namelist_t) :: keys
       type(netcdf_file_t) :: file              !! open file, whose `crs` is copied to results
       integer :: crs = -1                      !! id of the variable `crs`
       type(axis_t) :: cells(2)                 !! x, y
@@ -51,7 +51,7 @@ contains
    subroutine read_scene(name, case, keys, inputs, error)
       character(len=*), intent(in) :: name
       type(case_t), intent(in) :: case
-      type(namelist_t), intent(in) :: keys  !! keys of the case
+      type(namelist_t), intent(in) :: keys
       type(inputs_t), intent(out) :: inputs
       type(error_t), allocatable, intent(out) :: error
 
@@ -490,7 +490,7 @@ contains
       type(netcdf_file_t), intent(inout) :: file
       character(len=*), intent(in) :: name
       character(len=:), allocatable, intent(out) :: text, attribute
-      character(len=*), intent(in) :: attribute_name  !! name of the attribute
+      character(len=*), intent(in) :: attribute_name
       character(len=1), allocatable :: letter(:)
       integer :: id, n, k
 

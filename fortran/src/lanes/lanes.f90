@@ -54,7 +54,7 @@ module rockfall_lanes
    !> Boulders of a thread; a boulder stays in its lane until it ends.
    type :: pool_t
       integer :: index(lanes) = 0                       !! index in the results
-      integer(i8) :: number(lanes) = 0                  !! number of the boulder
+      integer(i8) :: number(lanes) = 0
       real(wp) :: heading1(lanes) = 0, heading2(lanes) = 0  !! heading after the last rebound [-]
       real(wp) :: w(lanes) = 0                          !! W = R_b omega [m/s]
       real(wp) :: v(3, lanes) = 0                       !! velocity of a boulder that has ended [m/s]
@@ -142,7 +142,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step              !! number of the first boulder; step to the next
       type(boulder_result_t), intent(inout) :: results(:)
-      type(crossings_t), intent(inout) :: crossings(:)  !! crossings of each boulder
+      type(crossings_t), intent(inout) :: crossings(:)
       type(maps_t), intent(in) :: maps                    !! maps that do not count sources
       integer, intent(inout) :: next                      !! index of the next boulder
       integer(i8), intent(in) :: deadline                 !! time after which no more boulders start [ticks]

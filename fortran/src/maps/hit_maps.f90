@@ -223,7 +223,7 @@ contains
    subroutine add_hits(maps, hits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: hits
-      real(wp), intent(in) :: mass  !! mass of the boulder [kg]
+      real(wp), intent(in) :: mass  !! [kg]
       integer :: k, held
 
       held = -1

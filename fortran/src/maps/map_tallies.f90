@@ -25,7 +25,7 @@ module rockfall_map_tallies
 
    !> Tallies of the cells of a window. Stacks that the maps do not need have size zero.
    type :: map_tallies_t
-      integer :: at(2) = 1, nodes(2) = 0                  !! first column and row of the window; columns and rows
+      integer :: at(2) = 1, nodes(2) = 0                  !! first column and row of the window; its columns and rows
       type(map_plan_t) :: plan                            !! positions of maps in the stacks
       real(wp), allocatable :: thresholds(:)              !! energy thresholds [J]
       integer(i4), pointer, contiguous :: counts(:, :, :) => null()

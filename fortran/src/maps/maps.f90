@@ -350,9 +350,9 @@ contains
       call move_alloc(longer, visits%visit)
    end subroutine lengthen
 
-   !> Join the visits of each cell to one, with the maxima and the earliest time, in order of the first visits. Called
-   !> when a boulder ends: one hash table of indices (open addressing) fits in the first-level
-   !> cache, but tables for all boulders in flight would not.
+   !> Join the visits of each cell to one visit, with the maxima and the earliest time, in order of the first visits.
+   !> Called when a boulder ends: a single hash table of indices (open addressing) fits in the first-level cache, but
+   !> tables for all boulders in flight would not.
    pure subroutine join_visits(visits)
       type(visits_t), intent(inout) :: visits
       integer, allocatable :: entry(:)  ! hash table, 0-based, of a power-of-two size; 0: free
@@ -433,7 +433,7 @@ contains
    subroutine add_visits(maps, visits, mass)
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
-      real(wp), intent(in) :: mass  !! mass of the boulder [kg]
+      real(wp), intent(in) :: mass  !! [kg]
       logical :: values_requested
       integer :: k, held
 

@@ -56,7 +56,7 @@ contains
       type(maps_t), intent(in) :: maps
       type(visits_t), intent(in) :: visits
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: radius  !! radius of the boulder [m]
+      real(wp), intent(in) :: radius  !! R_b [m]
       real(wp) :: height
       integer :: k, held
 

@@ -392,8 +392,8 @@ contains
       call prefetch(table%record(record_fields, record))
    end subroutine prefetch_record
 
-   !> Factor for the record's velocities: the ratio of the speeds, or 1 for a rolling block. The fastest bin has no
-   !> upper limit: beyond its fastest record, a contact is a scaled copy of that record.
+   !> Factor on the record's velocities: the ratio of the speeds, or 1 for a rolling block. The fastest bin has no upper
+   !> limit: beyond its fastest record, a contact is a scaled copy of that record.
    elemental real(wp) function speed_scale(ratio, rolling, v1, fastest)
       real(wp), intent(in) :: ratio    !! ratio of the boulder's speed to the record's [-]
       real(wp), intent(in) :: rolling  !! 1 or 0
@@ -460,8 +460,8 @@ contains
       own_velocity = scale*of_record + pull*duration - scale*record_pull*record_duration
    end function own_velocity
 
-   !> Velocity along the heading, slowed by friction over the boulder's own duration of the contact instead of the
-   !> laboratory's. The force is that of gravity at the rest angle of the ground. The velocity is not reversed.
+   !> Velocity along the heading, with friction for the boulder's own duration of the contact instead of the
+   !> laboratory's. The friction equals gravity along a slope at the rest angle. The velocity is not reversed.
    elemental real(wp) function held_longer(along, rolling, hold, pull1, pull2, stretch, duration)
       real(wp), intent(in) :: along  !! velocity of the boulder if friction acted for the duration of the record [-]
       real(wp), intent(in) :: rolling       !! 1: the boulder rolls, with the block's duration; else 0

@@ -333,7 +333,7 @@ contains
    !> rolling boulder stays on the ground, and hits it where it rises.
    elemental subroutine compute_departure(along, across, normal, g1, g2, cosine, t1, t2, t3, end1, end2, rolls, &
                                           pressed, heading1, heading2, v1, v2, v3)
-      real(wp), intent(in) :: along, across, normal  !! velocity in the frame of the start, across to the left
+      real(wp), intent(in) :: along, across, normal  !! velocity in the frame of the start, across to the left [m/s]
       real(wp), intent(in) :: g1, g2, cosine         !! ground at the start, as in find_pull [-]
       real(wp), intent(in) :: t1, t2, t3             !! tangent at the start [-]
       real(wp), intent(in) :: end1, end2             !! gradient at the end [-]

@@ -36,7 +36,7 @@ module rockfall_ensemble
    type :: worker_t
       procedure(trace_full), pointer, nopass :: trace => null()  !! procedure for boulders that run one by one
       type(scratch_t) :: scratch
-      type(span_t), allocatable :: spans(:)  !! spans of the flight
+      type(span_t), allocatable :: spans(:)
       type(totals_t) :: totals
    end type worker_t
 

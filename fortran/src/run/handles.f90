@@ -56,7 +56,7 @@ module rockfall_handles
    type :: run_handle_t
       type(run_t) :: run
       type(scene_handle_t), pointer :: scene => null()  !! scene of the run, if any
-      type(part_t) :: part    !! part with arrays as in files, to be written or just read
+      type(part_t) :: part    !! part with arrays as in files, to be written, or as read
       type(table_t) :: table  !! arrays of the run or of its part, as last listed
    contains
       procedure :: begin, begin_joined, begin_continued, advance, list, write_map

@@ -323,7 +323,7 @@ contains
       end function fault_of
    end function array_fault
 
-   !> Check that crossings belong to lines of the case and boulders with rows, each pair once; sort them.
+   !> Check that crossings belong to lines of the case and to boulders with rows, each pair once; sort them.
    function crossing_fault(run) result(fault)
       type(run_t), intent(inout) :: run
       character(len=:), allocatable :: fault

@@ -57,7 +57,7 @@ module rockfall_run_state
       integer(i1), allocatable :: status(:)
       integer(i4), allocatable :: integers(:, :)
       integer :: lines = 0
-      integer(i8) :: crossed(1) = 0                       !! number of crossings in the last chunk, kept or sampled
+      integer(i8) :: crossed(1) = 0                       !! number of crossings in the last chunk, stored or sampled
       type(crossing_rows_t) :: crossings                  !! line crossings of the boulders with rows
       ! Sums over the completed boulders:
       integer(i8) :: count(n_totals) = 0                  !! sums of the last columns of boulder_counts
@@ -457,7 +457,7 @@ contains
    pure subroutine store_boulder(rows, scene, number, crossings, before)
       type(crossing_rows_t), intent(inout) :: rows
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: number  !! number of the boulder
+      integer(i8), intent(in) :: number
       type(crossings_t), intent(in) :: crossings
       integer(i8), intent(in) :: before
       real(wp) :: values(n_reals)

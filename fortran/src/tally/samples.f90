@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers. All
-!> are integers or sets, so results do not depend on the order or partition of the numbers.
+!> Samples of numbers that are not stored individually: counts in narrow bins, exact sums, and the largest numbers.
+!> Counts and sums are integers, so results do not depend on the order or partition of the numbers.
 module rockfall_samples
    use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_associated, c_f_pointer
    use rockfall_kinds, only: wp, sp, i4, i8, i16

@@ -103,7 +103,7 @@ contains
       if (slow) call rest_or_roll(scene, ground, landing, squared_length(flight%v), omega_r, result, roll)
    end subroutine handle_impact
 
-   !> Handle a contact from a table: find its end, or that the boulder stops.
+   !> Handle a contact from a table: compute its end, unless the boulder stops.
    pure subroutine handle_table_contact(scene, ground_data, number, ground, landing, v, ratio, u, omega_r, level, &
                                         result, flight, roll, scratch)
       type(scene_t), intent(in) :: scene

@@ -138,7 +138,7 @@ contains
    !> Queue the fragments of the broken piece, and add the energy lost in breaking.
    pure subroutine add_fragments(scene, boulder, scratch, all, pending)
       type(scene_t), intent(in) :: scene
-      integer(i8), intent(in) :: boulder  !! number of the boulder
+      integer(i8), intent(in) :: boulder
       type(scratch_t), intent(in) :: scratch
       type(all_pieces_t), intent(inout) :: all
       type(pending_t), intent(inout) :: pending

@@ -29,7 +29,7 @@ module rockfall_obstacles
       integer :: kind = none        !! barrier or tree
       integer :: number = 0         !! index of the barrier
       real(wp) :: time = no_hit_time  !! time since the start of the flight [s]
-      type(tree_hit_t) :: hit = tree_hit_t()  !! hit of a tree
+      type(tree_hit_t) :: hit = tree_hit_t()
    end type obstacle_t
 
 contains
@@ -109,7 +109,7 @@ contains
                                                     sum(kinetic_energy(result%boulder, crossing%v, crossing%omega)))
    end function hits_barrier
 
-   !> Record barriers that a boulder crossed but never hit as passed over.
+   !> Record `passed_over` for barriers that a boulder crossed but never hit.
    pure subroutine record_passed_over(scene, result, crossings)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(in) :: result
@@ -128,7 +128,7 @@ contains
    !> Find the first tree hit by a flight, unless `obstacle` is hit earlier.
    pure subroutine find_tree(forest, radius, flight, spans, felled, obstacle)
       type(forest_t), intent(in) :: forest
-      real(wp), intent(in) :: radius  !! radius of the boulder [m]
+      real(wp), intent(in) :: radius  !! R_b [m]
       type(flight_t), intent(in) :: flight
       type(span_t), intent(in), contiguous :: spans(:)
       integer, intent(in) :: felled(:)
@@ -193,7 +193,7 @@ contains
       integer(i8), intent(in) :: number
       type(tree_hit_t), intent(in) :: hit
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: energy  !! energy of the boulder [J]
+      real(wp), intent(in) :: energy  !! [J]
       type(boulder_result_t), intent(inout) :: result
       type(scratch_t), intent(inout) :: scratch
       type(tree_impact_t), intent(out) :: impact

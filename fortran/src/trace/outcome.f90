@@ -32,7 +32,7 @@ module rockfall_outcome
       type(boulder_t) :: boulder = boulder_t()
       integer :: status = 0
       integer :: impacts = 0               !! number of contacts with the ground
-      real(wp) :: path_length = 0.0_wp     !! length of the path [m]
+      real(wp) :: path_length = 0.0_wp     !! [m]
       real(wp) :: time = 0.0_wp            !! [s]
       real(wp) :: speed_max = 0.0_wp       !! maximum speed [m/s]; squared until the boulder ends
       real(wp) :: jump_height_max = 0.0_wp !! [m]

@@ -157,7 +157,7 @@ contains
       real(wp), intent(in) :: omega_r  !! W [m/s]
       real(wp), intent(in) :: start_time  !! since the release [s]
       real(wp), intent(in) :: time     !! duration of the flight [s]
-      type(span_t), intent(in), contiguous :: spans(:)  !! spans of the flight
+      type(span_t), intent(in), contiguous :: spans(:)
       type(scratch_t), intent(inout) :: scratch
 
       associate (visits => scratch%visits, spin => inertia_factor*omega_r**2)

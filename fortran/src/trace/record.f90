@@ -10,8 +10,8 @@ module rockfall_record
    !> Motion from a vertex to the next; no_leg at the end; the others in the order of rockfall_variables.
    integer, parameter :: no_leg = 0, flight_leg = 1, ground_leg = 2, rest_leg = 3
 
-   !> Vertex of a trajectory: release, contact, obstacle hit, or end. On the ground also the points where the path
-   !> enters another patch, and where the boulder waits.
+   !> Vertex of a trajectory: release, contact, obstacle hit, or end; on the ground also a point where the path enters
+   !> another patch, and where the boulder waits.
    type :: vertex_t
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m]; time since release [s]
       real(wp) :: v(3) = 0                   !! velocity after the vertex [m/s]

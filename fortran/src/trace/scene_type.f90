@@ -72,7 +72,7 @@ contains
       if (allocated(scene%shapes%ground)) n_grounds = size(scene%shapes%ground, 1)
    end function n_grounds
 
-   !> Return whether boulders can run in lanes: not if they may break or turn by the laboratory.
+   !> Return whether boulders can run in lanes: not if they may break, or turn by deviations from the laboratory.
    pure logical function goes_in_lanes(scene)
       type(scene_t), intent(in) :: scene
 

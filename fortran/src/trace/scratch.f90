@@ -53,7 +53,7 @@ module rockfall_scratch
       integer, allocatable :: felled(:)          !! broken trees
       logical :: tree_hits_requested = .false.   !! maps need hits of trees
       type(tree_hits_t) :: tree_hits
-      type(record_t) :: record                   !! record of the trajectory
+      type(record_t) :: record
       type(touch_t) :: touch                     !! state on ground with an impact table
       ! Only if boulders may break:
       type(piece_t), allocatable :: start        !! piece to be traced
@@ -89,7 +89,7 @@ contains
    !> Find the objects hit by a boulder on its paths, each once.
    pure subroutine find_all_hits(scene, radius, paths, hits)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: radius  !! radius of the boulder [m]
+      real(wp), intent(in) :: radius  !! R_b [m]
       type(paths_t), intent(in) :: paths
       type(visits_t), intent(inout) :: hits
 

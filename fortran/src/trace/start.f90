@@ -57,7 +57,7 @@ contains
       end if
    end subroutine start_boulder
 
-   !> Start the first flight of the piece in the work space, and clear the work space but keep the path so far.
+   !> Start the first flight of the piece in the work space, which is cleared except for the path so far.
    pure subroutine start_piece(scene, level, result, flight, omega_r, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level  !! basic, ..., with_all

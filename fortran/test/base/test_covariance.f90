@@ -83,7 +83,7 @@ contains
       end do
    end function printed
 
-   !> Covariance whose standard deviations are multiplied by 1, 10, ..., 10**(-decades) in turn.
+   !> Covariance whose standard deviations are multiplied by 1, 0.1, ..., 10**(-decades) in turn.
    pure function scaled(c, decades) result(other)
       real(wp), intent(in) :: c(n, n)
       integer, intent(in) :: decades

@@ -109,7 +109,7 @@ contains
       end do
    end subroutine test_cube_root
 
-   !> Test numbers of both signs, subnormal numbers, and numbers next to zero and to the largest.
+   !> Test numbers of both signs, subnormal numbers, and the neighbours of zero and of the largest number.
    subroutine test_rounded_up()
       real(wp), parameter :: special(*) = [0.0_wp, tiny(1.0_wp), -tiny(1.0_wp), 1.0e-45_wp, real(huge(1.0_sp), wp), &
                                            -0.5_wp*huge(1.0_sp)]

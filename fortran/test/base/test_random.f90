@@ -53,7 +53,7 @@ contains
       call check("words are 32 bits", all(word >= 0 .and. word <= low32))
    end subroutine test_words
 
-   !> Another seed, purpose, boulder, impact or draw gives other words, with no word in common.
+   !> A different seed, purpose, boulder, impact or draw gives different words; none occurs twice.
    subroutine test_streams()
       integer, parameter :: n = 10
       integer(i8) :: word(4, n)

@@ -41,7 +41,7 @@ contains
       call check("the bound of the mean", sum(volume)/n < 1.01_wp*mean_volume(volumes))
    end subroutine draw
 
-   !> Check mean and standard deviation of volumes within 4 standard errors (the second from the fourth moment).
+   !> Check mean and standard deviation of volumes within 4 standard errors (for the latter from the fourth moment).
    subroutine check_moments(name, mean, std)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: mean, std
@@ -94,7 +94,7 @@ contains
       call check_moments("uniform", 1.0_wp, 1.2_wp/sqrt(12.0_wp))
    end subroutine test_uniform
 
-   !> Mean and standard deviation are those of the volume; its logarithm is normal.
+   !> The given mean and standard deviation are those of the volume; its logarithm is normal.
    subroutine test_lognormal()
       real(wp) :: variance
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Turn after a rebound: printed classes, past the descent or at most to it, by the laboratory, upslope, in pits.
+!> Turn after a rebound: by the printed classes, past the descent or at most to it; by the laboratory; upslope; in pits.
 program test_direction
    use rockfall_kinds, only: wp
    use rockfall_math, only: pi, degree
@@ -101,7 +101,7 @@ contains
       end do
    end subroutine test_downslope
 
-   !> Near the descent, the heading also turns by the whole angle to the side of the descent, whatever the random side,
+   !> Near the descent, the heading also turns by the full angle to the side of the descent, whatever the random side,
    !> so that the printed classes occur.
    subroutine test_past()
       real(wp) :: before(2), after(2), draw(3), apart, turned
@@ -138,7 +138,7 @@ contains
       end do
    end subroutine test_either_side
 
-   !> Incidence classes follow their bounds. Quantiles are at 0, 10, ..., 90, 95, 99, 100 % and linear in between.
+   !> Incidence classes change at their bounds. Quantiles are at 0, 10, ..., 90, 95, 99, 100 % and linear in between.
    subroutine test_lateral_angle()
       real(wp), parameter :: bound(3) = [10.0_wp, 45.0_wp, 71.0_wp], p(13) = [0.0_wp, 0.1_wp, 0.2_wp, 0.3_wp, 0.4_wp, &
          0.5_wp, 0.6_wp, 0.7_wp, 0.8_wp, 0.9_wp, 0.95_wp, 0.99_wp, 1.0_wp]

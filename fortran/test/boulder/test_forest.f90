@@ -146,7 +146,7 @@ contains
       call check("but once it was left", again%tree == 1)
    end subroutine test_start_inside
 
-   !> The height counts at the point where the boulder touches the stem.
+   !> The height at the point where the boulder touches the stem decides whether it passes over.
    subroutine test_passing_over()
       type(tree_model_t) :: law
       type(tree_hit_t) :: hit

@@ -84,7 +84,8 @@ contains
       end do
    end subroutine test_sliding
 
-   !> Eastward down a plane: over the edge of the raster, into a column without elevations, out of a window.
+   !> A boulder that moves eastward down a plane leaves over the edge of the raster, into a column without elevations,
+   !> or out of a window.
    subroutine test_departures()
       type(scene_t) :: scene
       type(boulder_result_t) :: result

@@ -51,7 +51,7 @@ contains
       end do
    end subroutine pass
 
-   !> Each source is run by one thread; with many cells, so that the table grows.
+   !> One thread runs each source; with so many cells, the table must grow.
    subroutine test_gathered()
       integer(i8) :: s
 

@@ -215,8 +215,8 @@ contains
       end do
    end subroutine test_limited_contacts
 
-   !> For any record, boulder and slope, a contact takes its duration, part of which the boulder moves to the end of its
-   !> path. A boulder that leaves the ground at once takes no time.
+   !> For any record, boulder and slope, the boulder moves to the end of its path within the duration of the contact,
+   !> and waits there for the rest. A boulder that leaves the ground at once takes no time.
    subroutine test_any_record()
       integer, parameter :: exits(*) = [flies, rolls_on, stops]
       real(wp) :: record(record_fields, 2), x(12), unit, time, speed

@@ -14,7 +14,7 @@ module lab_pressure
       real(wp) :: reserve = 0        !! p_y/k: elastic depth up to yielding [m]
       real(wp) :: friction = 0       !! mu [-]
       real(wp) :: soil_density = 0   !! [kg/m3]
-      logical :: plough = .false.    !! pressure acts along the facet's normal; false: along the ground's
+      logical :: plough = .false.    !! true: pressure acts along the facet's normal; false: along the ground's
    end type law_t
 
    !> State of a facet while any part of it is submerged.

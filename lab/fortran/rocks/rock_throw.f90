@@ -115,7 +115,8 @@ contains
    !> If the step of a throw is too long, the throw is repeated with half the step. In an adaptive throw the step is
    !> shortened at once, and lengthened when all contacts permit it. If two bodies overlap by more than a radius, beyond
    !> the validity of Hertz's law, the throw is repeated with rocks four times as stiff. In collisions, where gravity is
-   !> negligible, the overlap over the radius depends only on rho v**2/E, to the power 2/5: it decreases to 0.57.
+   !> negligible, the overlap over the radius is proportional to (rho v**2/E)**(2/5), so it decreases to 0.57 of its
+   !> value.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -123,7 +124,7 @@ contains
       type(boulder_t), intent(in) :: boulder
       type(throw_t), intent(in) :: throw
       type(random_key_t), intent(in) :: key  !! random key for the facets, together with the number
-      integer(i8), intent(in) :: number      !! number of the throw
+      integer(i8), intent(in) :: number
       type(contact_t), intent(out) :: contacts(:)
       integer, intent(out) :: n              !! number of contacts
       logical, intent(out) :: complete

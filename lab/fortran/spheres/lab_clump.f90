@@ -249,8 +249,7 @@ contains
                        + sum(matmul(clump%momentum, rotation_matrix(clump%q))**2/clump%inertia))
    end function clump_energy
 
-   !> Effective mass [kg] of a clump for a force at sphere k, normal to its lever arm. It is the minimum for any
-   !> contact.
+   !> Effective mass [kg] of a clump for a force at sphere k, normal to its lever arm: the minimum over all directions.
    pure real(wp) function contact_mass(clump, k) result(mass)
       type(clump_t), intent(in) :: clump
       integer, intent(in) :: k

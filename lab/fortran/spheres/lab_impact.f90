@@ -179,7 +179,7 @@ contains
    pure logical function fits(layer, packing, radius)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
-      real(wp), intent(in) :: radius  !! radius of the boulder [m]
+      real(wp), intent(in) :: radius  !! R_b [m]
 
       fits = max(3*radius, 2*(radius + largest_extent(layer) + skin_factor*packing%mean_radius)) &
          < layer%box%width
@@ -290,7 +290,7 @@ contains
 
    !> Return whether the boulder, or the sphere around it, would hit a body if all continued in straight lines. In free
    !> flight, gravity does not change the motion relative to flying bodies; a fall back to the layer is the next impact.
-   !> Considers periodic images up to the next on each side.
+   !> Includes the periodic images next to the box.
    pure logical function will_meet(s)
       type(assembly_t), intent(in) :: s
       real(wp) :: centre(3), v(6), reach, p(3), u(3), along, square

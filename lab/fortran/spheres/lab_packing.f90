@@ -31,8 +31,7 @@ module lab_packing
    real(wp), parameter :: resting_drag = 2          !! drag while a layer springs back after the fall
    real(wp), parameter :: settling_damping = 0.3_wp !! minimum fraction of critical damping of contacts
    real(wp), parameter :: softness = 0.1_wp         !! Young's modulus during the fall, over that of the material [-]
-   integer, parameter :: stages = 12, stage_steps = 60  !! stages in which the modulus is raised once the layer is at
-                                                        !! rest, and steps of a stage
+   integer, parameter :: stages = 12, stage_steps = 60  !! stages that raise the modulus at rest; steps of a stage
    ! Kinetic energy over (mass g R_m) at which a layer has fallen, and at which it is at rest. The floor then carries
    ! the weight within 1e-2, or 1e-3 for large layers.
    real(wp), parameter :: fallen = 1.0e-4_wp, at_rest = 1.0e-5_wp
@@ -60,7 +59,7 @@ module lab_packing
    type :: layer_t
       real(wp), allocatable :: x(:, :)    !! (3, n) centres of spheres [m]
       real(wp), allocatable :: radius(:)  !! (n) radii [m]
-      type(clump_shape_t), allocatable :: rock  !! shape of the clumps that consecutive spheres form
+      type(clump_shape_t), allocatable :: rock  !! shape of the clumps, if any; their spheres are consecutive
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
       real(wp) :: top = 0                 !! height of the highest body [m]

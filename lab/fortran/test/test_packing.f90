@@ -77,7 +77,7 @@ contains
       call check_close("the surface is that of the bodies", layer%surface, mean, 5.0e-3_wp)
    end subroutine test_layer
 
-   !> Mean height of the highest body over 20,000 points of a lattice that is no raster.
+   !> Mean height of the highest body over 20,000 quasi-random points.
    pure real(wp) function mean_height(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 20000

@@ -444,7 +444,7 @@ contains
       call check("and takes much of it", last < before - 0.2_wp*input)
    end subroutine test_base_loses_energy
 
-   !> Some check detects too long a step; 20 times is far too long.
+   !> A step that is too long is detected by one of the checks; 20 times the default is far too long.
    subroutine test_long_steps()
       type(layer_t) :: layer
       type(assembly_t) :: s
