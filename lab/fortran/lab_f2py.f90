@@ -387,7 +387,7 @@ contains
    !> Time after which a contact is cut into records [s].
    subroutine cut_time(radius, gravity, time)
       real(c_double), intent(in) :: radius, gravity  !! [m], [m/s2]
-      real(c_double), intent(out) :: time
+      real(c_double), intent(out) :: time  !! [s]
 
       time = cut_time_of(radius, gravity)
    end subroutine cut_time

@@ -153,7 +153,7 @@ contains
 
    !> Tangent [-] of an angle from 0 to less than 90 degrees, without libm; exactly 1 at 45 degrees.
    elemental real(wp) function tangent(degrees)
-      real(wp), intent(in) :: degrees
+      real(wp), intent(in) :: degrees  !! [degree]
       real(wp) :: s, c
 
       if (degrees < 22.5_wp) then

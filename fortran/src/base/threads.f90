@@ -84,7 +84,7 @@ contains
 
    !> Clock time a number of seconds from now [ticks of system_clock].
    integer(i8) function deadline_in(seconds) result(deadline)
-      real(wp), intent(in) :: seconds
+      real(wp), intent(in) :: seconds  !! [s]
       integer(i8) :: now, rate
 
       call system_clock(now, rate)

@@ -71,7 +71,7 @@ contains
    pure type(landing_t) function point_in_front(dem, landing, v) result(point)
       type(terrain_t), intent(in) :: dem
       type(landing_t), intent(in) :: landing  !! at the barrier
-      real(wp), intent(in) :: v(2)            !! in plan [m/s]
+      real(wp), intent(in) :: v(2)            !! velocity in plan [m/s]
       real(wp) :: offset(2)
 
       point = landing

@@ -24,7 +24,7 @@ contains
 
    !> Shape mix with the given fractions >= 0; if all are zero, each boulder's shape is given.
    pure type(shape_mix_t) function shape_mix(shares) result(mix)
-      real(wp), intent(in) :: shares(n_block_shapes)
+      real(wp), intent(in) :: shares(n_block_shapes)  !! [-]
       integer :: k
 
       if (.not. sum(shares) > 0) return

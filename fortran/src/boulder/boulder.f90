@@ -56,7 +56,7 @@ module rockfall_boulder
    !> Release attributes of a feature of the source layer: a polygon with all sources inside it, or a point.
    type :: feature_t
       type(volume_distribution_t) :: volumes
-      real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
+      real(wp) :: drop_height = 0.0_wp       !! height above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
    end type feature_t
 
@@ -66,7 +66,7 @@ module rockfall_boulder
       real(wp), allocatable :: x(:), y(:)    !! local coordinates of each source [m]
       integer(i8) :: boulders_per_source = 1
       integer(i8), allocatable :: last(:)    !! last boulder of each source, non-decreasing
-      real(wp) :: drop_height = 0.0_wp       !! above the surface [m]
+      real(wp) :: drop_height = 0.0_wp       !! height above the surface [m]
       real(wp) :: velocity(3) = 0.0_wp       !! east, north, up [m/s]
       integer, allocatable :: feature(:)     !! feature index of each source, if the sources come from a layer
    end type release_t

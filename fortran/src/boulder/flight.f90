@@ -68,7 +68,7 @@ contains
       real(wp), intent(in) :: gravity                       !! [m/s2]
       type(flight_t), intent(in) :: start
       type(landing_t), intent(out) :: landing
-      type(span_t), intent(inout), contiguous, optional :: spans(:)  !! at least nx + ny
+      type(span_t), intent(inout), contiguous, optional :: spans(:)  !! at least nx + ny elements
       integer, intent(out), optional :: n_spans
       type(patch_t) :: patch
       real(wp) :: inverse(2), p, q, t0, t1, tx, ty, s, d0, d1, d2
@@ -122,7 +122,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: gravity     !! [m/s2]
       type(flight_t), intent(in) :: start
-      real(wp), intent(in) :: time        !! since its start [s]
+      real(wp), intent(in) :: time        !! time since the start of the flight [s]
       type(span_t), intent(inout), contiguous :: spans(:)
       integer, intent(inout) :: n
       type(landing_t), intent(inout) :: landing
@@ -177,7 +177,7 @@ contains
 
    !> Time at which a coordinate reaches an edge between patches [s].
    elemental real(wp) function exit_time(x, edge, cell, inverse)
-      real(wp), intent(in) :: x, cell  !! at the start, size of a cell [m]
+      real(wp), intent(in) :: x, cell  !! coordinate at the start [m]; cell size [m]
       real(wp), intent(in) :: edge     !! index of the edge, 0.. [-]
       real(wp), intent(in) :: inverse  !! as returned by inverse_speed [s/m]
 
@@ -187,7 +187,7 @@ contains
 
    !> Time at which a coordinate reaches the side of patch interval k in its direction of motion [s].
    elemental real(wp) function side_time(x, v, k, cell, inverse)
-      real(wp), intent(in) :: x, v, cell  !! at the start [m], [m/s], size of a cell [m]
+      real(wp), intent(in) :: x, v, cell  !! coordinate and velocity at the start [m], [m/s]; cell size [m]
       real(wp), intent(in) :: k           !! an integer [-]
       real(wp), intent(in) :: inverse     !! as returned by inverse_speed [s/m]
 
@@ -292,7 +292,7 @@ contains
    !> of s = sqrt(h**2 + w**2) over dt is (F(w0) - F(w1))/(2 g), F(w) = w s + h**2 ln(w + s). And since
    !> (w + s)(s - w) = h**2 at both ends, (w0 + s0)/(w1 + s1) = (s0 + s1 + g t)/(s0 + s1 - g t).
    pure real(wp) function arc_length(v, gravity, time)
-      real(wp), intent(in) :: v(3)     !! at the start [m/s]
+      real(wp), intent(in) :: v(3)     !! velocity at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: time     !! flight time [s]
 
@@ -302,7 +302,7 @@ contains
    !> Length [m] of a parabola from the squared plan speed and the vertical speed.
    elemental real(wp) function parabola_length(plan2, v3, gravity, time) result(length)
       real(wp), intent(in) :: plan2    !! [m2/s2]
-      real(wp), intent(in) :: v3       !! at the start [m/s]
+      real(wp), intent(in) :: v3       !! vertical speed at the start [m/s]
       real(wp), intent(in) :: gravity  !! [m/s2]
       real(wp), intent(in) :: time     !! flight time [s]
       real(wp) :: fall, v1, s0, s1, speed_sum, area

@@ -29,7 +29,7 @@ module rockfall_forest
 
    type :: stem_t
       real(wp) :: x = 0.0_wp, y = 0.0_wp          !! axis, local coordinates [m]
-      real(wp) :: radius = 0.0_wp                 !! at breast height [m]
+      real(wp) :: radius = 0.0_wp                 !! radius at breast height [m]
       real(wp) :: max_energy = 0.0_wp             !! maximum energy absorbed in a central hit [J]
    end type stem_t
 

@@ -111,7 +111,7 @@ contains
       real(wp), intent(in) :: gravity         !! [m/s2]
       type(landing_t), intent(in) :: landing  !! the contact
       real(wp), intent(in) :: t(3)            !! unit tangent of the ground [-]
-      real(wp), intent(in) :: length, time    !! along the tangent [m]; [s]
+      real(wp), intent(in) :: length, time    !! length along the tangent [m], duration [s]
       real(wp), intent(in) :: speed           !! [m/s]
       type(roll_t), intent(inout) :: roll
       logical, intent(out) :: off

@@ -62,7 +62,7 @@ module rockfall_case
       type(volume_distribution_t) :: volumes
       real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! fraction of each block shape; all 0: given by sources [-]
       real(wp) :: radius_sigma = 0.0_wp          !! standard deviation of ln R_m between boulders [-]
-      real(wp) :: strength_sigma = -1.0_wp       !! of ln(strength) on all tables; < 0: as each ground gives [-]
+      real(wp) :: strength_sigma = -1.0_wp       !! std of ln(strength) on all tables; < 0: as each ground gives [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes in the case are factors
       logical :: by_feature = .false.            !! the layer of the sources gives all volumes
       logical :: source_density = .false.        !! sources also give their density

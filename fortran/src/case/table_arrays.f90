@@ -19,7 +19,7 @@ module rockfall_table_arrays
    type :: table_arrays_t
       integer, pointer, contiguous :: shape(:, :) => null()   !! (table_counts, tables)
       real(wp), pointer, contiguous :: scale(:, :) => null()  !! (table_scales, tables)
-      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! by column; by row
+      real(wp), pointer, contiguous :: size(:) => null(), relief(:) => null()  !! of each column; of each row
       !> Edges of bins, for flights and then for rolls. First key: by part. Second key: by part and first bin. Third
       !> key: by part, first and second bin.
       real(wp), pointer, contiguous :: edge(:) => null()

@@ -279,7 +279,7 @@ contains
    subroutine advance(run, handle, first, step, n, seconds, done, left, code, message)
       !f2py threadsafe
       integer(c_int64_t), intent(in) :: run, handle, first, step, n
-      real(c_double), intent(in) :: seconds
+      real(c_double), intent(in) :: seconds  !! [s]
       integer(c_int64_t), intent(out) :: done
       integer(c_int), intent(out) :: left, code
       character(len=max_message), intent(out) :: message
@@ -384,7 +384,7 @@ contains
    end subroutine forget_part
 
    pure type(grid_t) function grid_of(corner, nodes) result(grid)
-      real(c_double), intent(in) :: corner(3)
+      real(c_double), intent(in) :: corner(3)  !! west, north, cell [m]
       integer(c_int), intent(in) :: nodes(2)
 
       grid = grid_t(corner(1), corner(2), corner(3), nodes(1), nodes(2))
@@ -418,7 +418,7 @@ contains
       integer(c_int64_t), intent(in) :: case
       character(len=*), intent(in) :: texts
       integer(c_int64_t), intent(in) :: numbers(9)
-      real(c_double), intent(in) :: corner(3)
+      real(c_double), intent(in) :: corner(3)  !! west, north, cell [m]
       type(case_handle_t), pointer :: given
       integer :: first, second
 
@@ -652,7 +652,7 @@ contains
       !f2py threadsafe
       integer(c_int), intent(in) :: nbx, nby
       integer(c_int64_t), intent(in) :: handle
-      real(c_double), intent(in) :: minima(nbx, nby), max_head
+      real(c_double), intent(in) :: minima(nbx, nby), max_head  !! [m]
       integer(c_int), intent(out) :: box(4)
       type(scene_handle_t), pointer :: opened
 
@@ -727,7 +727,7 @@ contains
       integer(c_int), intent(in) :: n, m, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! with sum nt
+      integer(c_int32_t), intent(in) :: counts(n)       !! their sum is nt
       real(c_double), intent(out) :: numbers(m, nt)     !! m: 4 or 2
       integer :: i, k, stem
 
@@ -780,7 +780,7 @@ contains
    !> Default slope threshold of sources for a cell size [degree].
    subroutine slope_threshold(cell, slope)
       real(c_double), intent(in) :: cell  !! [m]
-      real(c_double), intent(out) :: slope
+      real(c_double), intent(out) :: slope  !! [degree]
 
       slope = usual_threshold(cell)
    end subroutine slope_threshold
@@ -825,7 +825,7 @@ contains
    !> Return whether a line of points [m] is on the outer side of one edge of a raster.
    subroutine points_outside(west, north, cell, nodes, x, y, is, n)
       integer(c_int), intent(in) :: n, nodes(2)
-      real(c_double), intent(in) :: west, north, cell, x(n), y(n)
+      real(c_double), intent(in) :: west, north, cell, x(n), y(n)  !! map coordinates; cell size [m]
       integer(c_int), intent(out) :: is                   !! 1 or 0
 
       is = merge(1, 0, is_outside(grid_t(west, north, cell, nodes(1), nodes(2)), x, y))
@@ -877,7 +877,7 @@ contains
    !> Limits of the 95 % intervals of fractions [-] of a number of boulders.
    subroutine fraction_limits(fraction, boulders, low, high, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: fraction(n), boulders
+      real(c_double), intent(in) :: fraction(n), boulders  !! [-]; number of boulders
       real(c_double), intent(out) :: low(n), high(n)
 
       low = fraction_limit(fraction, boulders, -1)
@@ -1003,7 +1003,7 @@ contains
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: number(n)
-      real(c_double), intent(out) :: deviate(n)
+      real(c_double), intent(out) :: deviate(n)  !! [-]
       type(soil_draw_t) :: soil
       type(normal_table_t) :: table
       integer :: k
@@ -1194,7 +1194,7 @@ contains
 
    !> Probability of each impact set, given a ratio R_b/R_m.
    subroutine weights_of_sets(ratio, between, weights)
-      real(c_double), intent(in) :: ratio
+      real(c_double), intent(in) :: ratio  !! R_b/R_m [-]
       integer(c_int), intent(in) :: between  !! stochastic interpolation between sets: 1 or 0
       real(c_double), intent(out) :: weights(n_impact_sets)
 
@@ -1204,7 +1204,7 @@ contains
    !> Impact set, 1 to 5, for each ratio R_b/R_m.
    subroutine ratio_classes(ratio, class, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: ratio(n)
+      real(c_double), intent(in) :: ratio(n)  !! R_b/R_m [-]
       integer(c_int), intent(out) :: class(n)
       logical :: outside
       integer :: k
@@ -1227,8 +1227,8 @@ contains
    !> Limit rebounds in the same way as the kernel.
    subroutine limit_rebounds(v_in, v_out, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: v_in(3, n)
-      real(c_double), intent(inout) :: v_out(3, n)
+      real(c_double), intent(in) :: v_in(3, n)  !! V_t, V_n, W [m/s]
+      real(c_double), intent(inout) :: v_out(3, n)  !! V_t, V_n, W [m/s]
       integer :: k
 
       do k = 1, n

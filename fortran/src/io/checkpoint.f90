@@ -127,7 +127,7 @@ contains
 
    subroutine wait_for(this, seconds)
       class(checkpoint_t), intent(inout) :: this
-      real(wp), intent(in) :: seconds
+      real(wp), intent(in) :: seconds  !! [s]
       integer(i8) :: now, rate
 
       call system_clock(now, rate)

@@ -49,7 +49,7 @@ module rockfall_flights
       real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! time [s]; height [m] and its rate [m/s]
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum height so far [m]
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! indices of the next patch [-]
-      real(wp), dimension(lanes) :: next_t = 0                        !! time of its entry, or of contact [s]
+      real(wp), dimension(lanes) :: next_t = 0                        !! time at which it is entered, or of contact [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 if the flight has a contact, else 0
       real(wp), dimension(lanes) :: known = 1                         !! 1 if the next patch is known, else 0
       real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! other corners of the next patch [m]
@@ -210,7 +210,7 @@ contains
    !> the procedure.
    subroutine fly_patches(dem, gravity, w, f, l, scratch, cells, heights)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity, w(:)
+      real(wp), intent(in) :: gravity, w(:)  !! [m/s2]; as in fly_to_landings [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
@@ -445,7 +445,7 @@ contains
    !> Remove the flights that hit the ground on their current patch.
    subroutine remove_landed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity, w(:)
+      real(wp), intent(in) :: gravity, w(:)  !! [m/s2]; as in fly_to_landings [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
@@ -465,7 +465,7 @@ contains
    !> Remove the flights that left the known terrain.
    subroutine remove_departed(dem, gravity, w, f, l, scratch, cells)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity, w(:)
+      real(wp), intent(in) :: gravity, w(:)  !! [m/s2]; as in fly_to_landings [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)
@@ -492,7 +492,7 @@ contains
       integer, intent(in) :: k
       real(wp), intent(in) :: contact  !! as in landings_t
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: gravity, w(:)
+      real(wp), intent(in) :: gravity, w(:)  !! [m/s2]; as in fly_to_landings [m/s]
       type(flights_t), intent(inout) :: f
       type(landings_t), intent(inout) :: l
       type(scratch_t), intent(inout) :: scratch(:)

@@ -876,7 +876,7 @@ contains
       type(table_batch_t), intent(in) :: b
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
-      real(wp), intent(in) :: start_time  !! since the release [s]
+      real(wp), intent(in) :: start_time  !! time since the release [s]
       type(scratch_t), intent(inout) :: scratch
       type(flight_t) :: path
       type(span_t) :: span(1)

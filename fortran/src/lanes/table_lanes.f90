@@ -179,7 +179,7 @@ contains
    subroutine compute_incidence(l, gravity, g1, g2, steepness, word, b)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity  !! [m/s2]
-      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! as in handle_table_contacts [-]
       integer(i8), intent(in) :: word(lanes)
       type(table_batch_t), intent(inout) :: b
       real(wp) :: normal, unit, a1, a2, a3, speed, along, across
@@ -562,7 +562,7 @@ contains
    subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l
-      real(wp), dimension(lanes), intent(in) :: g1, g2
+      real(wp), dimension(lanes), intent(in) :: g1, g2  !! as in handle_table_contacts [-]
       logical, intent(in) :: paths
       type(table_batch_t), intent(inout) :: b
       real(wp) :: g(2)
@@ -589,7 +589,7 @@ contains
    !> Compute the velocities after the contacts.
    subroutine set_departures(l, g1, g2, steepness, b)
       type(landings_t), intent(in) :: l
-      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness
+      real(wp), dimension(lanes), intent(in) :: g1, g2, steepness  !! as in handle_table_contacts [-]
       type(table_batch_t), intent(inout) :: b
       real(wp) :: left, lift, velocity_factor, normal, rests, rolls, pressed, unit, cosine
       integer :: k

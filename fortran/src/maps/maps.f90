@@ -56,7 +56,7 @@ module rockfall_maps
       real(sp), pointer, contiguous :: steepest(:, :) => null(), flattest(:, :) => null(), shortest(:, :) => null()
       integer(i8), pointer, contiguous :: tree_impacts(:, :) => null()  !! number of tree hits, including repeated hits
       type(layer_t) :: tree_height                                      !! height of the contact point
-      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! absorbed by trees [J]
+      integer(i8), pointer, contiguous :: tree_energy(:, :) => null()   !! energy absorbed by trees [J]
       !> Bin counts (bins, slots): a cell gets a slot, and with it memory, when the first boulder passes it. The order
       !> of boulders determines only the number of the slot.
       integer(i4), pointer, contiguous :: bin_counts(:, :) => null()

@@ -34,8 +34,8 @@ contains
       type(visits_t), intent(inout) :: visits
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: start(2)  !! start of the flight [m]
-      real(wp), intent(in) :: v(2)      !! in plan [m/s]
-      real(wp), intent(in) :: start_time  !! since the release [s]
+      real(wp), intent(in) :: v(2)      !! velocity in plan [m/s]
+      real(wp), intent(in) :: start_time  !! time since the release [s]
       real(wp), intent(in) :: duration  !! [s]
       real(wp) :: t(2)
       integer :: k

@@ -437,15 +437,15 @@ contains
    elemental real(wp) function own_reach(of_record, keeps, stretch, speed, along, across, normal)
       real(wp), intent(in) :: of_record       !! advance of the record [-]
       real(wp), intent(in) :: keeps, stretch  !! as in own_duration [-]
-      real(wp), intent(in) :: speed, along, across, normal  !! of the record, before the contact and after it [-]
+      real(wp), intent(in) :: speed, along, across, normal  !! of the record, before and after the contact [-]
 
       own_reach = own_duration(of_record, keeps, stretch)/mean_speed(speed, along, across, normal)
    end function own_reach
 
    !> Speed that corresponds to the mean translational energy before and after a contact.
    elemental real(wp) function mean_speed(speed, along, across, normal)
-      real(wp), intent(in) :: speed                  !! before [-]
-      real(wp), intent(in) :: along, across, normal  !! after [-]
+      real(wp), intent(in) :: speed                  !! speed before the contact [-]
+      real(wp), intent(in) :: along, across, normal  !! velocities after the contact [-]
 
       mean_speed = sqrt(0.5_wp*(speed*speed + (along*along + across*across + normal*normal)))
    end function mean_speed
@@ -664,7 +664,7 @@ contains
 
    !> Twice the kinetic energy, over m g R_b.
    elemental real(wp) function scaled_energy(along, across, normal, w, inertia)
-      real(wp), intent(in) :: along, across, normal, w, inertia
+      real(wp), intent(in) :: along, across, normal, w, inertia  !! as in outcome_t, approach_t [-]
 
       scaled_energy = along*along + across*across + normal*normal + inertia*w*w
    end function scaled_energy

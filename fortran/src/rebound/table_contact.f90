@@ -254,7 +254,7 @@ contains
    elemental subroutine limit_energy(along, across, normal, w, inertia, allowed, speed_in, pull, reach, radius, total, &
                                      left, per_total, speed, slide)
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
-      real(wp), intent(in) :: speed_in, pull  !! before the contact; gravity along the tangent, over g [-]
+      real(wp), intent(in) :: speed_in, pull  !! speed before the contact; gravity along the tangent, over g [-]
       real(wp), intent(in) :: radius        !! R_b [m]
       real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
       real(wp), intent(out) :: per_total    !! 1/total

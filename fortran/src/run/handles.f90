@@ -279,7 +279,7 @@ contains
       class(run_handle_t), intent(inout) :: this
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step, n
-      real(wp), intent(in) :: seconds
+      real(wp), intent(in) :: seconds  !! [s]
       integer(i8), intent(out) :: done
       type(error_t), allocatable, intent(out) :: error
 

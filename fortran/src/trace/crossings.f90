@@ -69,14 +69,14 @@ contains
    !> Record the first crossing of a line, unless an earlier flight crossed it.
    pure subroutine record_crossing(scene, gravity, result, flight, landing, omega_r, line, crossings, until)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: gravity
+      real(wp), intent(in) :: gravity  !! [m/s2]
       type(boulder_result_t), intent(in) :: result
       type(flight_t), intent(in) :: flight
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: omega_r
+      real(wp), intent(in) :: omega_r  !! W [m/s]
       integer, intent(in) :: line  !! index of the line
       type(crossings_t), intent(inout) :: crossings
-      real(wp), intent(in), optional :: until
+      real(wp), intent(in), optional :: until  !! as in record_crossings [s]
       real(wp) :: fraction
       integer :: k
 

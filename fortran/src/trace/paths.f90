@@ -27,7 +27,7 @@ contains
       type(scene_t), intent(in) :: scene
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: start_time  !! since the release [s]
+      real(wp), intent(in) :: start_time  !! time since the release [s]
       type(landing_t), intent(out) :: landing
       type(scratch_t), intent(inout) :: scratch
       type(span_t), intent(inout), contiguous :: spans(:)
@@ -155,7 +155,7 @@ contains
       real(wp), intent(in) :: gravity  !! gravity along the path [m/s2]
       type(flight_t), intent(in) :: flight
       real(wp), intent(in) :: omega_r  !! W [m/s]
-      real(wp), intent(in) :: start_time  !! since the release [s]
+      real(wp), intent(in) :: start_time  !! time since the release [s]
       real(wp), intent(in) :: time     !! duration of the flight [s]
       type(span_t), intent(in), contiguous :: spans(:)
       type(scratch_t), intent(inout) :: scratch

@@ -39,7 +39,7 @@ module lab_clump
       real(wp) :: v(3) = 0, a(3) = 0         !! velocity [m/s], acceleration [m/s2]
       real(wp) :: q(4) = [1, 0, 0, 0]        !! orientation of the principal axes, a unit quaternion
       real(wp) :: momentum(3) = 0            !! angular momentum, in space [kg m2/s]
-      real(wp) :: spin(3) = 0                !! in space [rad/s]
+      real(wp) :: spin(3) = 0                !! spin in space [rad/s]
       real(wp) :: spin_rate(3) = 0           !! rate of change of the spin, in space [rad/s2]
       real(wp) :: moment(3) = 0              !! moment of the contact forces about the centre, in space [N m]
       real(wp), allocatable :: offset(:, :)  !! (3, spheres) relative to the centre, in principal axes [m]

@@ -34,7 +34,7 @@ module lab_impact
       real(wp) :: angle = 45            !! angle of the path to the surface, 90 = perpendicular [degrees]
       real(wp) :: spin = 0              !! W/V [-]
       real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface, over the width [-]
-      real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! in plan, a unit vector [-]
+      real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! heading in plan, a unit vector [-]
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
       real(wp) :: patience = 6         !! maximum duration, over (R_b + R_m)/speed [-]
       real(wp) :: spent = 1.0e-4_wp     !! fraction of the incident energy that counts as zero
