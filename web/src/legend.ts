@@ -111,7 +111,7 @@ const COMMON = [
   'passages', 'reach_probability', 'deposits', 'energy_q95', 'energy_mean', 'energy_max',
   'speed_q95', 'speed_max_map', 'passing_height_q95', 'passing_height_max', 'energy_line_angle_max', 'travel_time_min',
 ];
-const LIMIT = /_(low|high)$/; // interval limit
+const LIMIT = /_(low|high)$/; // suffix of a map of interval limits
 
 function mapOptions(maps: readonly MapName[]): HTMLOptionElement[] {
   return options(maps.map((map) => [map.name, withUnit(nameOfMap(map), map.unit)] as const));

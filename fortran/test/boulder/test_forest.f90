@@ -210,7 +210,7 @@ contains
       do scene = 1, 20
          call random_number(x)
          call random_number(y)
-         x = 10.0_wp**mod(scene, 4)*x  ! from 1 m to 1 km, also in a row
+         x = 10.0_wp**mod(scene, 4)*x  ! extents from 1 m to 1 km in each direction
          y = 10.0_wp**mod(scene/4, 4)*y
          if (scene == 9) y = 3
          if (scene > 15) x = 5*nint(x/5)  ! on the edges of buckets
