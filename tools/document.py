@@ -50,8 +50,8 @@ FORMATS = """
 
 The content of a file decides its format, not its name (except SRTM tiles, such as `N46E007.hgt`).
 Others are refused, also those with headers of text (EHdr, SAGA, ENVI, Surfer text): convert them to
-GeoTIFF with `rio convert` or `gdal_translate`, classic netCDF to netCDF-4 with `nccopy`. One band,
-square cells, north up or south up.
+GeoTIFF in metres (`rio` drops scales, offsets and units), classic netCDF to netCDF-4 with `nccopy`.
+One band, square cells, north up or south up.
 
 - **Units** are metres. A missing unit is taken as metre; any other is refused, for axes and heights
   of a CRS, the band, and netCDF variables and coordinates.

@@ -99,7 +99,7 @@ FOREIGN = {
     "f.grd": (b"DSAA\r\n2 2\n", "a Surfer text grid", "convert it to a GeoTIFF: rio convert"),
     "g.sgrd": (b"NAME\t= a\n", "a SAGA grid", "convert it to a GeoTIFF: rio convert g.sdat g_sdat"),
     "h.hgt": (b"\x01\x02" * 9, "an SRTM tile whose name gives no position", "name it such as"),
-    "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "convert it to a GeoTIFF: rio"),
+    "i.asc": (b"north: 5000000\nsouth: 1\n", "a GRASS text grid", "convert it in GRASS: r.in"),
     "j.tif": (zipped(), "a ZIP archive", "unpack it"),
     "k.asc": (gzip.compress(b"ncols 2", mtime=0), "compressed (gzip)", "unpack it"),
     "l.tif": (b"<!DOCTYPE html>\n<html>", "a web page", "the download failed"),
@@ -145,6 +145,32 @@ def converted(driver, name, z):
             rasterio.shutil.copy(file, name, driver=driver)
     for companion in Path().glob("*.aux.xml"):  # written only by GDAL
         companion.unlink()
+
+
+SCALED = {
+    "a.sdat": (".sgrd", "Z_FACTOR\t= 0.010000\n", "Z_FACTOR = 0.010000"),
+    "a.sgrd": (".sgrd", "Z_FACTOR\t= 1.000000\nZ_OFFSET\t= 300\n", "Z_OFFSET = 300"),
+    "b.sdat": (".sgrd", "UNIT\t= ft\nZ_FACTOR\t= 1.0\n", "UNIT = ft"),
+    "c.img": (".hdr", "ENVI\ndata gain values = {0.01}\n", "data gain values = 0.01"),
+    "d.img": (".hdr", "ENVI\ndata offset values = { 5 }\n", "data offset values = 5"),
+    "e.rst": (".rdc", "value units : feet\n", "value units = feet"),
+    "f.sdat": (".sgrd", "UNIT\t= m\nZ_FACTOR\t= 1.0\nZ_OFFSET\t= 0.0\n", ""),
+    "g.rst": (".rdc", "value units : unspecified\n", ""),
+    "h.img": (".hdr", "ENVI\ndata gain values = {1.0}\n", ""),
+}
+
+
+@pytest.mark.parametrize("name", SCALED)
+def test_no_command_is_suggested_that_loses_the_scale_of_the_heights(name):
+    suffix, header, lost = SCALED[name]
+    Path(name).write_bytes(bytes(8))
+    Path(name).with_suffix(suffix).write_text(header)
+    with pytest.raises(RockfallError) as caught:
+        read_dem(name)
+    said = str(caught.value)
+    assert ("to a GeoTIFF: rio convert" in said) == (not lost)
+    assert said.endswith(f"`rio convert` loses {lost}") == bool(lost)
+    assert len(said.split(": ", 1)[1].split()) <= 25
 
 
 @pytest.mark.parametrize(
