@@ -459,7 +459,7 @@ def test_an_index_above_its_total_is_remarked(small, monkeypatch):
         changed[name][...] = value
     changed["first_order_error"][...] = 0.02
     assert list(orders_reversed(changed)) == []
-    about = "L: first-order index above the total"
+    about = "L: first-order index exceeds the total"
     changed["first_order"].loc[{"input": "radius", "result": "speed.mean"}] = 0.37
     changed["first_order"].loc[{"input": "source", "result": "speed.mean"}] = 0.22
     assert list(orders_reversed(changed)) == [
