@@ -159,12 +159,12 @@ contains
       close (unit)
    end function text_of
 
-   !> Means, covariances, third and fourth moments of 10**7 draws are within 4.5 standard errors of those of a normal
+   !> Means, covariances, third and fourth moments of 10**6 draws are within 4.5 standard errors of those of a normal
    !> vector with covariance B B^T, where B z = L z as a matrix times V_in.
    subroutine compare_moments(set, root, v_in)
       type(impact_set_t), intent(in) :: set
       real(wp), intent(in) :: root(9, 9), v_in(3)
-      integer, parameter :: n = 10000000
+      integer, parameter :: n = 1000000
       type(velocity_distribution_t) :: distribution
       real(wp) :: b(3, 9), s(3, 3), x(3), first(3), second(3, 3), third(3, 3), fourth(3, 3), tolerance
       integer :: k, i, j
@@ -212,7 +212,7 @@ contains
    subroutine draw_all()
       integer(i8) :: k, word(4)
 
-      allocate (draws(3, 10000000))
+      allocate (draws(3, 1000000))
       do k = 1, size(draws, 2)
          word = random_words(key, for_impact, k, 3_i8, 0_i8)
          draws(:, k) = normal(table, word(:3))
