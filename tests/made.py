@@ -12,6 +12,7 @@ import rasterio
 from affine import Affine
 
 from rockfall.errors import RockfallError
+from rockfall.files import hazard_files
 from rockfall.io.rasters.grid import NO_ID, Grid
 
 UTM = "EPSG:32632"
@@ -121,6 +122,23 @@ def refused(message):
     assert said == expected
     assert caught.value.code == 2
     assert "\n" not in message
+
+
+def every_third(parameters):
+    """Parameters of a test; all but every third require `--all`."""
+    return [
+        pytest.param(
+            *(one if isinstance(one, tuple) else (one,)), marks=[pytest.mark.all] * (k % 3 > 0)
+        )
+        for k, one in enumerate(parameters)
+    ]
+
+
+def write_few_maps(patch):
+    """Write hazards with two maps, because writing all takes longer than everything else."""
+    put = hazard_files._put_maps
+    few = ["hazard_class", "hazard_class_certain", "crs"]
+    patch.setattr(hazard_files, "_put_maps", lambda hazard, folder: put(hazard[few], folder))
 
 
 def leave_pictures_blank(patch):

@@ -23,6 +23,8 @@ OBSERVED = "line,quantity,unit,mean,std,n\nL,speed,m/s,9.5,2.5,40\n"
 #: Promised names as listed in `tests/interface.txt`: `rockfall.run`, and so on.
 PROMISED = (Path(__file__).parent / "interface.txt").read_text(encoding="utf-8")
 NAMES = {*re.findall(r"^rockfall\.([\w.]+)", PROMISED, re.MULTILINE)} - {"__version__"}
+#: Examples of whole studies, which take a second or more.
+SLOW = {"back_analysis", "convergence", "dossier", "figures", "measure_ground", "write_hazard"}
 
 
 def test_all_that_is_public_is_promised():
@@ -51,7 +53,10 @@ def site(tmp_path_factory):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("name", sorted(NAMES))
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=[pytest.mark.all] * (one in SLOW)) for one in sorted(NAMES)],
+)
 def test_example(name, site, tmp_path, monkeypatch, blank_figures):
     monkeypatch.setattr("rockfall.studies.back.study.ROUND", 16)
     pytest.importorskip("matplotlib", reason="the report extra is not installed")

@@ -224,6 +224,7 @@ def test_the_posterior_is_what_an_ensemble_draws(place, capsys):
     assert np.allclose(found["drawn_source_east"], draws["source_east"][which])
 
 
+@pytest.mark.all
 def test_a_back_analysis_that_is_stopped_keeps_its_whole_rounds(place, capfd, monkeypatch):
     words = ["back", "case.nml", "seen.csv", "--effective", "40", "--members", "48", "--quiet"]
     members = iter(range(100))

@@ -294,6 +294,7 @@ def test_boulders_of_ours_are_not_rejected_and_faster_ones_are(result):
     assert "not rejected" in as_text(same) and "not rejected" not in as_text(faster)
 
 
+@pytest.mark.all
 def test_chance_is_right_95_times_in_100(result):
     """20 samples of 120 boulders, each compared with 500 others from the same distribution."""
     rng = np.random.default_rng(3)

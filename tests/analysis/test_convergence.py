@@ -57,6 +57,7 @@ def found(gallery):
     return gallery.value("convergence", make)
 
 
+@pytest.mark.all
 def test_errors_of_independent_normal_values_are_those_of_theory():
     """Relative standard errors are sigma/mu/sqrt(n) and 1/sqrt(2 n); for a fraction sqrt(q/p/n)."""
     random = np.random.default_rng(1)

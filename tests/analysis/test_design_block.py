@@ -95,6 +95,7 @@ def test_the_interval_is_that_of_the_likelihood():
     assert likelihood.loss(found.volume - 0.5, T) == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.all
 def test_intervals_hold_the_block_of_a_known_distribution():
     """One sample of 20 surveys; benchmarks.accuracy.design_block has thousands. The intervals must
     also be informative."""

@@ -222,6 +222,7 @@ def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
     assert np.array_equal(same[:, 0], same[:, 1])
 
 
+@pytest.mark.all
 def test_where_nothing_matters_there_is_chance_only(tmp_path):
     case = case_of(tmp_path, 400, ensemble={"runs": 8, "sets": ["sets.nml"] * 2})
     found = vary(case)
@@ -276,6 +277,7 @@ def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
         assert value.sel(result="speed.mean") == table.loc["speed", "mean"]
 
 
+@pytest.mark.all
 def test_the_draws_of_a_file_are_as_many_files(tmp_path):
     mean, covariance = sets()
     other = 0.97 * mean, 1.2 * covariance
@@ -505,6 +507,7 @@ def test_no_title_of_an_ensemble_stays_english(small, monkeypatch, language):
 # ---- draws
 
 
+@pytest.mark.all
 def test_fields_have_the_variance_and_correlation_they_are_asked_for():
     random = np.random.default_rng(1)
     fields = np.array([gaussian_field((24, 30), 4.0, random) for _ in range(1500)])
@@ -663,6 +666,7 @@ def test_an_interrupted_ensemble_writes_nothing(place, capfd, monkeypatch):
     assert sorted(path.name for path in Path().iterdir()) == ["case.nml", "dem.tif"]
 
 
+@pytest.mark.all
 def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypatch):
     text = Path("case.nml").read_text()
     Path("case.nml").write_text(text + "&output maps = 'passages' /\n")
@@ -690,6 +694,7 @@ def test_an_ensemble_that_is_stopped_keeps_what_was_done(place, capfd, monkeypat
 # ---- the command
 
 
+@pytest.mark.all
 def test_the_command_writes_what_it_prints(place, capsys):
     assert main(["ensemble", "case.nml", "-o", "all.nc"]) == 0
     printed = capsys.readouterr().out

@@ -158,6 +158,7 @@ def test_what_makes_no_sense_is_refused(ask, message):
         getattr(rockfall, function)(made(), *words)
 
 
+@pytest.mark.all
 def test_the_command_prints_what_it_writes(tmp_path, capsys):
     line = [{"name": "road", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
     release = {"x": [140.0, 160.0], "y": [380.0, 380.0]}

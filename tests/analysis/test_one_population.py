@@ -155,6 +155,7 @@ def test_pieces_of_a_line_are_crossed_by_what_crosses_the_line(tmp_path, seed):
         assert counts[1:].sum() == counts[0] + again
 
 
+@pytest.mark.all
 def test_products_of_a_run_say_that_it_is_not_of_the_scenarios(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     pytest.importorskip("jinja2", reason="the report extra is not installed")

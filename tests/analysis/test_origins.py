@@ -11,7 +11,7 @@ import xarray as xr
 
 import rockfall
 import scenes
-from made import make_layer, refused
+from made import make_layer, refused, write_few_maps
 from rockfall.analysis.hazard.origins import origin_areas, origins_at
 from rockfall.analysis.precision.weighted import quantile_interval
 from rockfall.cli import main
@@ -320,6 +320,7 @@ def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypa
         + "&scenario name = 'a', frequency = 3.0 /\n&scenario name = 'b', return_period = 40.0 /\n"
     )
     hazard = rockfall.hazard(rockfall.read_case("case.nml"))
+    write_few_maps(monkeypatch)
     rockfall.write_hazard(hazard, "zones")
     place = 600062.5, 4999932.5
     at = {"x": place[0], "y": place[1]}
@@ -386,7 +387,7 @@ def test_the_key_of_the_map_has_the_energies_of_its_classes(hazard):
         )
 
 
-@pytest.mark.parametrize("wide", [6.69, 4.0])
+@pytest.mark.parametrize("wide", [pytest.param(6.69, marks=pytest.mark.all), 4.0])
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_key_of_the_map_lies_on_the_sheet(hazard, language, wide):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")

@@ -39,6 +39,7 @@ def test_the_fit_is_the_optimum_that_scipy_finds(shape, size):
     assert cost <= least + 1e-6
 
 
+@pytest.mark.all
 def test_p_values_are_even_where_the_gpd_holds_and_small_where_not():
     def p_values(draw):
         return np.array([fit_gpd(np.sort(draw(seed)), 0.0, 1.0).p_value for seed in range(250)])

@@ -56,6 +56,7 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
     assert np.mean(held) >= 0.8  # 10 runs: 2.2 standard errors below 0.95
 
 
+@pytest.mark.all
 def test_heavy_tails_take_no_more_boulders_than_theory_asks():
     """On average, if each stage has separate boulders, as with several sources. Limits of the 95 %
     quantile are only a few values apart: runs that relied on them were a fifth too long."""

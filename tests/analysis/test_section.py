@@ -471,6 +471,7 @@ def test_command(place, capsys):
     assert main(["section", "case.nc", "--line", quoted, "-o", "far.csv"]) == 0
 
 
+@pytest.mark.all
 def test_the_command_says_that_a_layer_was_reprojected(place, capsys):
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")

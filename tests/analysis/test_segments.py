@@ -245,6 +245,7 @@ def test_few_values_or_weights_give_no_upper_limit():
     assert np.isnan(quantile_interval(values[:0], values[:0], 0.95)).all()
 
 
+@pytest.mark.all
 def test_intervals_hold_the_quantile():
     """With more weight on the highest values, and with more light values: almost 97.5 % on either
     side."""

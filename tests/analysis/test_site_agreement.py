@@ -177,6 +177,7 @@ def test_files_of_the_case_that_cannot_be_read_are_listed(
     assert part in front_of("less.html") and broken in front_of("less.html")
 
 
+@pytest.mark.all
 def test_figures_say_what_they_lack(left, blank_figures, capsys):
     Path("sets.nml").unlink()
     Path("seen.csv").unlink()

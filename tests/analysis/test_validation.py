@@ -123,6 +123,7 @@ def test_printed_numbers_are_compared(small, made, tmp_path):
     assert of(found, OWN, "mean", line).observed_error == pytest.approx(speed.std() / 10)
 
 
+@pytest.mark.all
 def test_the_command_writes_its_table(small, made, tmp_path, capsys):
     folder, _, _ = made
     command = ["validate", small.name, str(folder / "stops.csv"), "--table", "talus"]
@@ -193,6 +194,7 @@ def test_more_boulders_of_a_source_do_not_move_the_test():
     assert abs(unweighted - even[0]) > 0.1
 
 
+@pytest.mark.all
 def test_p_of_the_same_distribution_is_uniform():
     """Weights are independent of values: p is below 5, 20 and 50 % as often as in theory. With the
     number of boulders instead of the effective number it would be far more often."""

@@ -188,6 +188,7 @@ def test_scenarios_of_stopped_variants_go_on(here, capsys, monkeypatch):
     ).read_text()
 
 
+@pytest.mark.all
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_runs_a_variant_that_is_prepared(here):
     case = site(here, GROUPS)
@@ -214,6 +215,7 @@ def test_check_lists_every_variant(here, capsys):
     assert "variant" not in capsys.readouterr().out
 
 
+@pytest.mark.all
 def test_a_stopped_run_goes_on(here, capsys, monkeypatch):
     case = site(here, GROUPS[:2])
     calls = iter(range(1))

@@ -360,6 +360,7 @@ def test_a_witness_that_cannot_be_is_one_line(place, capfd, text):
     refuses(["back", "case.nml", "seen.csv"], HOSTILE[text], capfd)
 
 
+@pytest.mark.all
 def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsys):
     shapely = pytest.importorskip("shapely")
     pyproj = pytest.importorskip("pyproj")

@@ -558,7 +558,11 @@ DOCUMENTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("about", DOCUMENTS)
+@pytest.mark.parametrize(
+    "about",
+    [one if one in ("points", "nets", "zones by radius", "settings")
+     else pytest.param(one, marks=pytest.mark.all) for one in DOCUMENTS],
+)  # fmt: skip
 def test_what_is_run_is_what_is_saved(place, about):
     """Every variable is bit-identical, also when the saved case is opened again."""
     layers, settings = DOCUMENTS[about]
@@ -594,6 +598,7 @@ def test_a_net_drawn_and_removed_brings_the_numbers_back(serve, visit):
     assert np.array_equal(after["arrays"]["stops"], before["arrays"]["stops"])
 
 
+@pytest.mark.all
 def test_of_many_lines_those_in_view_come_first_and_all_at_the_end(serve, visit):
     page = visit(serve())
     count = 2 * MAX_LINES + 10
@@ -990,6 +995,7 @@ def test_a_folder_that_is_read_only_serves_until_something_is_saved(serve, place
     folder.chmod(0o755)
 
 
+@pytest.mark.all
 def test_layers_are_exported_from_a_fresh_run(serve, visit):
     page = visit(serve())
     page.send("export", name="out")
@@ -1282,6 +1288,7 @@ def test_a_case_that_is_wrong_ends_the_command(place, capsys):
     assert "wrong.nml: &case seed" in capsys.readouterr().err
 
 
+@pytest.mark.all
 def test_the_base_of_a_case_with_variants_is_named_and_run_by_its_command(serve, varied, visit):
     page = visit(serve(varied))
     welcome = page.until("welcome")

@@ -101,6 +101,7 @@ def test_tables_are_in_the_language_of_the_page_with_its_decimals():
     assert any("," in text for text in cells) and not any("." in text for text in cells)
 
 
+@pytest.mark.all
 def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
     houses(page, hazard=True)
     page.until("hazard")
@@ -136,6 +137,7 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
     assert "nobody" in page.until("origins", place="nobody")["error"]
 
 
+@pytest.mark.all
 def test_segments_of_a_line_are_those_of_the_command(page):
     """A line of 300 m has 20 segments of 15 m, or with round lengths 15 of 20 m."""
     houses(page, hazard=True)

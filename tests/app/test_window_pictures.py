@@ -74,6 +74,7 @@ def test_a_picture_lies_where_it_lies_and_is_transparent_beyond(enter):
     assert "rgba" not in page.until("basemap", chosen="")["arrays"]
 
 
+@pytest.mark.all
 def test_a_picture_of_another_crs_is_laid_over_the_terrain(enter):
     corners = [W, W + 300], [N - 200, N]
     (west, east), (south, north) = warp.transform("EPSG:32632", "EPSG:4326", *corners)

@@ -83,6 +83,7 @@ def iter_of(sent):
         yield sent.get()
 
 
+@pytest.mark.all
 def test_a_section_of_a_result_has_what_the_file_holds(enter):
     case = rockfall.read_case("case.nml").replace(output={"maps": ["passages"], "trajectories": 90})
     write_result(rockfall.run(case), "result.nc")

@@ -135,7 +135,7 @@ def test_what_is_not_the_same_is_not_overwritten_unasked(what, name, capfd):
         assert main(words) == 0 and capfd.readouterr().err == FINISHED
 
 
-@pytest.mark.parametrize("what", ["variants", "hazard"])
+@pytest.mark.parametrize("what", ["variants", pytest.param("hazard", marks=pytest.mark.all)])
 def test_a_study_that_was_stopped_goes_on(what, monkeypatch, capfd):
     """Its checkpoint has priority, also next to an older folder."""
     before = everything(Path("out"))

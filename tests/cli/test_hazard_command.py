@@ -16,7 +16,7 @@ import pytest
 import rasterio
 
 import rockfall
-from made import UTM, make_layer, refused
+from made import UTM, make_layer, refused, write_few_maps
 from programs import (
     PROGRESS,
     SAYS_PROGRESS,
@@ -75,6 +75,11 @@ def write_case():
 def hazard_case(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_case()
+
+
+@pytest.fixture
+def few_maps(monkeypatch):
+    write_few_maps(monkeypatch)
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +211,7 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
         assert Path("few", name).read_bytes() == Path("all", name).read_bytes()
 
 
-def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
+def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case, few_maps):
     """Each zone has the highest class of its cells; a warning gives the cells that lose theirs."""
     text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0, minimum_width = 0 /\n"
     Path("case.nml").write_text(text)
@@ -231,7 +236,7 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case):
     assert not any("minimum_area" in one for one in hazard_warnings(rockfall.hazard(case)))
 
 
-def test_an_object_beyond_the_elevations_is_said(hazard_case, capsys):
+def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
     """An object can also be given by layer; a point on the edge is in the last cell."""
     beyond = shapely.LineString([(599800, 4999905), (600020, 4999910)])
     bounds = rasterio.open("dem.tif").bounds
@@ -277,7 +282,7 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
     assert f"{tifs} .tif" in names.split(", ")
 
 
-def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
+def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, few_maps, capsys):
     """A warning of a single scenario is listed with its name, also in the section of the report."""
     narrow = CALM_SETS.replace("/\n&", " speed_range = 100, 101 /\n&").replace(
         "ratio = 5", "ratio = 5, speed_range = 100, 101"
@@ -312,6 +317,7 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, capsys):
         read_hazard("other.nc")
 
 
+@pytest.mark.all
 def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     whole = Path("out/hazard_class.tif").read_bytes(), rockfall_counts()
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 3)
@@ -330,7 +336,7 @@ def test_a_hazard_that_was_killed_goes_on(written, monkeypatch, capsys):
     assert not list(Path().glob("*.checkpoint")) and not list(Path().glob("*.lock"))
 
 
-def test_a_finished_scenario_is_not_run_again(hazard_case, monkeypatch):
+def test_a_finished_scenario_is_not_run_again(hazard_case, few_maps, monkeypatch):
     fly = simulate._run_range
     monkeypatch.setattr(simulate, "FIRST_CHUNK", 300)
     killed_after(monkeypatch, 1)  # the first scenario completely
@@ -399,7 +405,7 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
     refuses([*ARGUMENTS[:5], "bare.gpkg"], "bare.gpkg: .*EPSG:.*", capsys)
 
 
-def test_scenarios_may_be_run_elsewhere(written, capsys):
+def test_scenarios_may_be_run_elsewhere(written, few_maps, capsys):
     """Also in shards, with the same hazard. Results of other scenarios or inputs are refused."""
     assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
     cases = ["case_scenario1.nml", "case_scenario2.nml"]
@@ -410,9 +416,9 @@ def test_scenarios_may_be_run_elsewhere(written, capsys):
     assert main(["run", cases[1], "-o", "second.nc", "--quiet"]) == 0
     elsewhere = [*ARGUMENTS[:2], "-o", "again", *ARGUMENTS[4:], "--results"]
     assert main([*elsewhere, "first.nc", "second.nc"]) == 0
-    for path in Path("out").iterdir():
+    for path in Path("again").iterdir():
         if path.suffix in (".tif", ".csv"):
-            assert path.read_bytes() == Path("again", path.name).read_bytes()
+            assert path.read_bytes() == Path("out", path.name).read_bytes()
     capsys.readouterr()
     elsewhere[3] = "other"
     other = "is the result of another case: see --write-cases"
@@ -435,6 +441,7 @@ def test_too_little_memory_is_said_before_the_runs(hazard_case, capsys):
     refuses([*ARGUMENTS, "--memory", "80KB"], line, capsys)
 
 
+@pytest.mark.all
 def test_an_earlier_hazard_is_replaced(written):
     before = Path("out/hazard.nc").stat().st_mtime_ns
     assert main([*ARGUMENTS, "--seed", "3", "--overwrite"]) == 0
@@ -456,6 +463,7 @@ def test_a_library_user_writes_the_same(written, made):
         rockfall.write_hazard(found, "mine")
 
 
+@pytest.mark.all
 @sends_signals
 def test_ctrl_c_keeps_what_is_done_and_writes_nothing_else(hazard_case):
     words = [*(word for word in ARGUMENTS if word != "--quiet"), "--boulders", "1000000"]

@@ -126,6 +126,7 @@ def page(place, capsys):
     return made
 
 
+@pytest.mark.all
 def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     """In the box at the top; the page does not mention impact sets that made no rebound."""
     text = ON_GROUND.replace("boulders = 20", "boulders = 200")

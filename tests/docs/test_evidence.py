@@ -134,12 +134,11 @@ def test_no_message_elsewhere_compares_with_a_site():
     """In the catalogue and in texts of the sources."""
     texts = [text for forms in catalogue("en").forms.values() for text in forms]
     for path in sorted((ROOT / "python/rockfall").rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        statements = [node for node in ast.walk(tree) if isinstance(node, ast.Expr)]
-        documentation = {id(node.value) for node in statements}
+        nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+        documentation = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
         texts += [
             node.value
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.Constant)
             and isinstance(node.value, str)
             and id(node) not in documentation

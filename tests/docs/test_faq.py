@@ -40,6 +40,7 @@ def test_there_are_messages():
 
 @pytest.mark.parametrize("message", MESSAGES)
 def test_message_is_in_the_source(message, said):
-    parts = [re.escape(part.strip()) for part in message.split("...") if part.strip()]
-    pattern = re.compile(r".*?".join(parts), re.DOTALL)
-    assert any(pattern.search(one) for one in said), f"nothing says: {message}"
+    parts = [part.strip() for part in message.split("...") if part.strip()]
+    pattern = re.compile(r".*?".join(map(re.escape, parts)), re.DOTALL)
+    able = [one for one in said if parts[0] in one]  # faster than the pattern
+    assert any(pattern.search(one) for one in able), f"nothing says: {message}"

@@ -11,7 +11,7 @@ import pytest
 
 import rockfall
 import scenes
-from made import make_layer, make_raster
+from made import every_third, make_layer, make_raster
 from rockfall.case import read_case
 from rockfall.cli import main
 from rockfall.scene.read import read_scene
@@ -223,7 +223,7 @@ SOURCE_LAYERS = {  # file name, shapes, attributes: the number of sources
 }
 
 
-@pytest.mark.parametrize("name", SOURCE_LAYERS)
+@pytest.mark.parametrize("name", every_third(SOURCE_LAYERS))
 def test_layers_of_sources_are_taken_for_sources(name):
     shapes, columns, sources = SOURCE_LAYERS[name]
     make_layer(name, shapes, **columns)

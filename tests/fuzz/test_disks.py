@@ -173,7 +173,9 @@ def test_a_result_larger_than_the_disk_is_refused_before_the_flight(program, res
     assert everything(ready) == before
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize(
+    "program", [pytest.param("rockfall", marks=pytest.mark.all), "rockfall-batch"]
+)
 def test_a_disk_that_fills_up_leaves_a_checkpoint_that_is_named(program, ready, disk, monkeypatch):
     monkeypatch.chdir(ready)
     output = OUTPUTS[program]

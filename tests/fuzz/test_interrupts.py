@@ -50,6 +50,7 @@ def shim(tmp_path_factory):
     return build_shim(tmp_path_factory.mktemp("shim"))
 
 
+@pytest.mark.all
 @sends_signals
 def test_a_run_that_slurm_ends_goes_on(place):
     """`timeout` and other programs send a signal twice: to the process, and to its group."""

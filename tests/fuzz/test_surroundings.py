@@ -99,7 +99,9 @@ def test_a_generous_limit_is_enough(programs):
 SMALLEST = "ulimit -s 500;", {"OMP_STACKSIZE": "500k", "OMP_NUM_THREADS": "2"}
 
 
-@pytest.mark.parametrize("program", ["rockfall", "rockfall-batch"])
+@pytest.mark.parametrize(
+    "program", [pytest.param("rockfall", marks=pytest.mark.all), "rockfall-batch"]
+)
 def test_the_smallest_stack_is_enough(programs, program):
     done = ran(programs[program], *SMALLEST)
     assert done.returncode == 0, done.stderr.decode()

@@ -12,7 +12,7 @@ import pytest
 from affine import Affine
 from rasterio.crs import CRS
 
-from made import hill, make_layer, make_raster
+from made import every_third, hill, make_layer, make_raster
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import (
     crs_name,
@@ -43,7 +43,7 @@ DESCRIBED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("system", DESCRIBED)
+@pytest.mark.parametrize("system", every_third(DESCRIBED))
 def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
     """From the parameters alone, as in a program that cannot read WKT."""
     attributes = grid_mapping(CRS.from_user_input(system))
@@ -141,7 +141,7 @@ def test_well_known_text_of_any_dialect_is_the_number(code, form):
     assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
 
 
-@pytest.mark.parametrize("name", ["blocks.gpkg", "blocks.shp", "blocks.fgb"])
+@pytest.mark.parametrize("name", every_third(["blocks.gpkg", "blocks.shp", "blocks.fgb"]))
 @pytest.mark.parametrize("system", [GK_WEST + SHIFT, GK_WEST, "EPSG:31254", "EPSG:31254+5778"])
 @pytest.mark.parametrize("dem", ["EPSG:31254", GK_WEST + SHIFT.replace("577", "578")])
 def test_a_layer_in_another_spelling_is_not_moved(name, system, dem, tmp_path):

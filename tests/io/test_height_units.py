@@ -18,6 +18,7 @@ from affine import Affine
 from click.testing import CliRunner
 from rasterio.rio.main import main_group
 
+from made import every_third
 from rockfall.draft.dem import dem_of_points
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.length_units import unit_in_words, unit_of
@@ -224,7 +225,7 @@ def made_file(command):
     return found[-1]
 
 
-@pytest.mark.parametrize("way", RASTERS)
+@pytest.mark.parametrize("way", every_third(RASTERS))
 def test_heights_in_another_unit_are_refused_and_the_command_mends_them(way):
     unit, write = RASTERS[way]
     path = write(plane(unit))
@@ -255,7 +256,7 @@ IN_PLAN = {
 }
 
 
-@pytest.mark.parametrize("way", IN_PLAN)
+@pytest.mark.parametrize("way", every_third(IN_PLAN))
 @pytest.mark.parametrize("packing", [None, (0.5, 100.0)])
 def test_plan_in_another_unit_and_the_command_that_mends_both(way, packing):
     unit, crs, place, band_unit = IN_PLAN[way]

@@ -239,7 +239,14 @@ def test_the_pages_are_few_and_signed(made, monkeypatch, language):
 
 
 @pytest.mark.parametrize(
-    ("high", "coarsest", "number"), [(70.0, 5000.0, 0), (70.0, 1.0, 1), (300.0, 5000.0, 1)]
+    ("high", "coarsest", "number"),
+    [
+        (70.0, 5000.0, 0),
+        *(
+            pytest.param(*one, marks=pytest.mark.all)
+            for one in ((70.0, 1.0, 1), (300.0, 5000.0, 1))
+        ),
+    ],
 )
 def test_the_map_is_on_page_1_if_its_places_fit(made, monkeypatch, high, coarsest, number):
     monkeypatch.setattr(dossier_page, "FIRST", high)

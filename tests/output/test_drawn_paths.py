@@ -39,7 +39,11 @@ RUNS = {
 }
 
 
-@pytest.fixture(scope="module", params=RUNS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(one, marks=pytest.mark.all) if one in ("meadow", "compact") else one
+            for one in RUNS],
+)  # fmt: skip
 def drawn(request, tmp_path_factory):
     """Result, and the folder of its exports."""
     by, volume, gravity, nets, number = RUNS[request.param]

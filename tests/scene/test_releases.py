@@ -166,6 +166,7 @@ def test_one_law_for_all_features_is_that_of_the_case(case):
     same_results(again, other)
 
 
+@pytest.mark.all
 def test_both_programs_and_parts_know_the_sources(case):
     if not find_program():
         pytest.skip("no rockfall-batch")

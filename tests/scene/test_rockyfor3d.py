@@ -325,6 +325,7 @@ def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
 # ---- both programs
 
 
+@pytest.mark.all
 @pytest.mark.skipif(find_program() is None, reason="the standalone program is not built")
 def test_both_programs_give_the_same_bits(tmp_path):
     case = imported(tmp_path, **forest(), **net())

@@ -85,7 +85,7 @@ def test_a_stand_in_another_unit_than_the_others_is_told(tmp_path, columns, told
     assert told is None or told in remarks[0]
 
 
-@pytest.mark.parametrize("spread", ["random", "even"])
+@pytest.mark.parametrize("spread", ["random", pytest.param("even", marks=pytest.mark.all)])
 def test_stems_are_as_many_as_the_area_says_in_cells_cut_by_an_edge_too(tmp_path, spread):
     """Three adjacent stands with oblique edges, over many seeds: expected numbers of stems in each
     complete stand and in the part of its cells cut by the edge, within 4 standard errors."""

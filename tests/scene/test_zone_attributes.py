@@ -54,6 +54,7 @@ def test_attributes_are_the_rows_of_a_table(case):
     assert "zones" in one.attrs["input_checksums"] and "table" not in by_itself.surface
 
 
+@pytest.mark.all
 def test_a_frame_is_read_like_a_layer(case):
     geopandas = pytest.importorskip("geopandas", reason="the test extra is not installed")
     columns = {"Mean_Radius": [0.25, np.nan, 0.3], "ground": [None, "road", "rocky-slope"]}

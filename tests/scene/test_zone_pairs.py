@@ -104,6 +104,7 @@ def test_a_zone_without_a_ground_changes_that_of_the_case(case):
     assert [rule.plane.ground.strength for rule in scene.grounds] == [2e5, 3e5]
 
 
+@pytest.mark.all
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_gives_the_same_bits(case):
     prepare(write_pairs(case), "ready")

@@ -15,7 +15,7 @@ from rasterio.crs import CRS
 
 import rockfall
 import scenes
-from made import PLACE, make_layer, make_raster
+from made import PLACE, every_third, make_layer, make_raster
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.result import variables
 from rockfall.result.crossings import at_lines
@@ -104,7 +104,7 @@ def last_of(session, *how, **more):
     return batch
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", every_third(range(3)))
 def test_a_session_gives_the_bits_of_fresh_runs_after_any_changes(case, seed):
     rng, compared = np.random.default_rng(seed), 0
     with rockfall.open(case) as session:
@@ -135,7 +135,9 @@ def test_boulders_of_a_run_are_those_of_a_total(case, threads):
         same(last_of(session).dataset(), rockfall.run(session.case))
 
 
-@pytest.mark.parametrize("maps", [[*MAPS], ["sources", "passages"]])
+@pytest.mark.parametrize(
+    "maps", [pytest.param([*MAPS], marks=pytest.mark.all), ["sources", "passages"]]
+)
 def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
     """Rows and crossings have the bits of the complete run, and maps count the rows."""
     monkeypatch.setattr(batches.Batches, "_size", lambda _: 100)  # however fast the machine

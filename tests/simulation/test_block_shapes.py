@@ -10,7 +10,7 @@ import pytest
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
-from made import make_layer, make_raster, refused
+from made import every_third, make_layer, make_raster, refused
 from programs import (
     Killed,
     killed_after,
@@ -164,7 +164,7 @@ def test_the_result_names_the_shapes(mixed, tmp_path):
     assert shape.attrs["flag_values"].dtype == shape.dtype
 
 
-@pytest.mark.parametrize("lanes", [0, 1, 2, 3])
+@pytest.mark.parametrize("lanes", every_third([0, 1, 2, 3]))
 def test_no_bit_depends_on_lanes(mixed, lanes):
     case, result = mixed
     scene = read_scene(case, **striped())
@@ -172,6 +172,7 @@ def test_no_bit_depends_on_lanes(mixed, lanes):
     same(run_scene(scene), result)
 
 
+@pytest.mark.all
 def test_threads_chunks_and_parts_change_nothing(mixed):
     case, result = mixed
     same(rockfall.run(case, threads=3, chunk=17, **striped()), result)
@@ -182,8 +183,9 @@ def test_threads_chunks_and_parts_change_nothing(mixed):
 def full_case(folder, **boulder):
     """Case as files for both programs, with tables on zones."""
     case = make_full_case(
-        folder, impact={"table": "talus", "sets": None}, boulder={**MIX, **boulder}
-    )
+        folder, impact={"table": "talus", "sets": None}, boulder={**MIX, **boulder},
+        case={"boulders": 15},
+    )  # fmt: skip
     (folder / "zones.csv").write_text("zone,mean_radius,ground\n4,,\n-2,0.5,rocky-slope\n77,inf,\n")
     return case
 
@@ -198,6 +200,7 @@ def test_both_programs_give_the_same_and_join(tmp_path):
     same_results(rockfall.merge([tmp_path / "ready" / "1.nc", rest]), whole)
 
 
+@pytest.mark.all
 def test_terrain_in_windows_gives_the_same(tmp_path):
     case = full_case(tmp_path).replace(output={"maps": ["passages"]})
     windowed = read_scene(case, memory=4 * 8 * 60 * 30)
@@ -271,6 +274,7 @@ def test_sources_without_a_shape_have_those_of_the_mix(tmp_path):
     assert everywhere["block_shape"].values.mean() == pytest.approx(1.7, abs=0.2)
 
 
+@pytest.mark.all
 def test_shapes_of_polygons_hold_for_their_cells_in_both_programs(tmp_path):
     import shapely
 
@@ -400,6 +404,7 @@ AXES = [0.6, 0.5, 0.4, 1.4, 0.9, 0.8, 1.3, 1.1, 0.5, 1.6, 1.0, 0.9]
 LISTED_SHAPES = np.array([1, 2, 3, 2])
 
 
+@pytest.mark.all
 def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
     """Two volumes are equal but have different shapes."""
     case = full_case(tmp_path, **dict.fromkeys([*MIX, "volume_std"]) | LISTED, block_axes=AXES)
@@ -468,6 +473,7 @@ def by_sides(folder, **boulder):
     return case.replace(boulder=boulder, release=release)
 
 
+@pytest.mark.all
 def test_sides_in_rasters_give_the_shape_where_the_case_asks_for_it(tmp_path):
     case = by_sides(tmp_path, block_shape="source")
     result = rockfall.run(case)
@@ -508,6 +514,7 @@ def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
         rockfall.line_statistics(result.drop_vars("block_shape"), by="shape")
 
 
+@pytest.mark.all
 def test_check_and_the_report_have_the_fractions(tmp_path, capsys):
     case = full_case(tmp_path)
     assert main(["check", case.name]) == 0
@@ -559,6 +566,7 @@ def test_models_run_a_mix_by_impact_sets_too(tmp_path):
     assert {*run_scene(found["table talus"])["block_shape"].values.tolist()} == {1, 2, 3}
 
 
+@pytest.mark.all
 def test_a_session_follows_changes_of_the_shapes(tmp_path):
     case = full_case(tmp_path).replace(output={"maps": None})
     with rockfall.open(case) as session:
@@ -592,6 +600,7 @@ def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, ke
 # ---- files: checkpoints resume, and inconsistent files are refused
 
 
+@pytest.mark.all
 def test_a_run_that_was_killed_goes_on(mixed, tmp_path, monkeypatch):
     case, result = mixed
     scene = read_scene(case, **striped())
@@ -640,8 +649,8 @@ def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message)
     "name, value",
     [("shape_ground", 9), ("shape_ground", 0), ("source_shape", 4), ("source_shape", -1)],
 )
-def test_a_scene_file_with_other_numbers_is_refused(tmp_path, name, value):
-    done = run_changed(tmp_path, lambda file: file[name].__setitem__(0, value))
+def test_a_scene_file_with_other_numbers_is_refused(gallery, tmp_path, name, value):
+    done = run_changed(gallery, tmp_path, lambda file: file[name].__setitem__(0, value))
     refused_in_one_line(done, f"scene.nc: is damaged: {name} is missing or malformed")
 
 
@@ -670,27 +679,33 @@ DAMAGED_TABLE = "is a damaged impact table"
         (lambda file: file.renameVariable("table_map", "map"), "is damaged: table_map is missing"),
     ],
 )  # fmt: skip
-def test_tables_of_a_scene_file_that_cannot_be_are_refused(tmp_path, change, words):
-    done = run_changed(tmp_path, change)
+def test_tables_of_a_scene_file_that_cannot_be_are_refused(gallery, tmp_path, change, words):
+    done = run_changed(gallery, tmp_path, change)
     assert done.returncode == 2 and words in done.stderr
     assert done.stderr.count("\n") == 1 and not (tmp_path / "ready/out.nc").exists()
 
 
-def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(tmp_path):
-    done = run_changed(tmp_path, lambda file: file.setncattr("scene_layout", np.int64(2)))
+def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again(gallery, tmp_path):
+    layout = np.int64(2)
+    done = run_changed(gallery, tmp_path, lambda file: file.setncattr("scene_layout", layout))
     words = "scene.nc: is not a scene file with layout 3: create it with `rockfall prepare`"
     refused_in_one_line(done, words)
 
 
-def run_changed(tmp_path, change):
-    """Run the other program on a scene of three shapes whose file was changed."""
+def prepare_three(folder):
+    """Prepare a scene of three shapes."""
     rows = NAMES + ROWS_OF_SOURCES.replace(",380", ",4999980").replace(",300", ",4999900")
     rows = re.sub(r"(?m)^(\d),(\d+),", lambda m: f"{m[1]},{600000 + int(m[2])},", rows)
-    (tmp_path / "sources.csv").write_text(rows)
-    case = full_case(tmp_path).replace(
+    (folder / "sources.csv").write_text(rows)
+    case = full_case(folder).replace(
         release={"x": None, "y": None, "points": "sources.csv"}, case={"boulders": 2}
     )
-    prepare(case, tmp_path / "ready")
+    prepare(case, folder / "ready")
+
+
+def run_changed(gallery, tmp_path, change):
+    """Run the other program on a scene of three shapes whose file was changed."""
+    gallery.copy("three shapes", prepare_three, tmp_path)
     with netCDF4.Dataset(tmp_path / "ready" / "scene.nc", "a") as file:
         file.set_auto_maskandscale(False)
         change(file)

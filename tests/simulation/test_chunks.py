@@ -44,7 +44,7 @@ def run(case, **how):
     return rockfall.run(case, dem=rough(), transform=grid(rough()), **how)
 
 
-@pytest.mark.parametrize("chunk", [1, 7, EACH])
+@pytest.mark.parametrize("chunk", [1, 7, pytest.param(EACH, marks=pytest.mark.all)])
 def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
     case = case_in(tmp_path)
     whole = run(case)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rockfall
+from made import every_third
 from rockfall.grounds import shipped_rows, yielding_ground
 from rockfall.grounds.impact_tables import FIELDS, open_table, plane_table, shipped_tables
 from rockfall.result.motion import motion_of
@@ -64,7 +65,7 @@ def durations(table, radius):
     return np.unique(np.concatenate(known))
 
 
-@pytest.mark.parametrize(("table", "gradient", "radius"), CONTACTS)
+@pytest.mark.parametrize(("table", "gradient", "radius"), every_third(CONTACTS))
 def test_a_contact_lasts_as_long_as_one_of_the_laboratory(table, gradient, radius):
     """Exactly, including sliding and waiting. A quarter of the slides down talus with a gradient of
     0.3 once lasted longer than 2 sqrt(R_b/g), up to 20."""

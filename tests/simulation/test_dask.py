@@ -73,6 +73,7 @@ def test_a_worker_that_dies_in_the_middle_is_done_without(processes, few_boulder
     assert found.equals(rockfall.run(scene.case))
 
 
+@pytest.mark.all
 def test_the_command(few_boulders, tmp_path, monkeypatch, workers):
     monkeypatch.chdir(tmp_path)
     assert main(["run", "case.nml", "--quiet", "--dask", workers[0], "-o", "dask.nc"]) == 0

@@ -93,7 +93,11 @@ SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
 @pytest.mark.parametrize(
     ("name", "shape", "size"),
     [(*table, SIZES[0]) for table in TABLES]
-    + [(g, "compact", s) for g in GROUNDS for s in SIZES[1:]],
+    + [
+        pytest.param(g, "compact", s, marks=[pytest.mark.all] * (k > 0))
+        for k, g in enumerate(GROUNDS)
+        for s in SIZES[1:]
+    ],
 )
 def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
     """Sizes and densities have separate limits."""

@@ -52,7 +52,7 @@ SAME = ([], ["--overwrite"], ["--threads", "2"], ["--checkpoint", "0"])
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-@pytest.mark.parametrize("shard", [(), ("--shard", "1/2"), ("--shard", "20/20")])
+@pytest.mark.parametrize("shard", [(), ("--shard", "20/20")])
 def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
     run = PROGRAMS[program]
     words = ["-o", "a.nc", *shard]
@@ -76,8 +76,9 @@ def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
 
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("change", [
-    ["--seed", "8"], ["--boulders", "21"], ["--boulders-total", "19"], ["--shard", "1/2"],
-    "case", "dem", "version", "damaged", "text",
+    ["--seed", "8"], ["--shard", "1/2"], "case", "dem", "damaged",
+    *(pytest.param(one, marks=pytest.mark.all)
+      for one in (["--boulders", "21"], ["--boulders-total", "19"], "version", "text")),
 ])  # fmt: skip
 def test_what_is_not_the_same_is_not_overwritten_unasked(program, change, case, capfd):
     run, words = PROGRAMS[program], ["-o", "a.nc", "--resume"]

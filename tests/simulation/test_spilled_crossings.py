@@ -53,6 +53,7 @@ def test_slices_are_those_of_the_whole(scene, tmp_path):
             np.testing.assert_array_equal(contents[name][first:last], whole[first:last])
 
 
+@pytest.mark.all
 def test_a_killed_run_goes_on_with_what_was_spilled(scene, tmp_path, monkeypatch):
     whole = simulate(scene, chunk=50)
     with pytest.raises(Killed), monkeypatch.context() as patch:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from made import refused
+from made import every_third, refused
 from rockfall.grounds.impact_tables import (
     EDGES,
     FIELDS,
@@ -108,7 +108,7 @@ def weights(values, x):
 # ---- part for a boulder
 
 
-@pytest.mark.parametrize("part", [0.0, 0.2, 0.5, 0.9])
+@pytest.mark.parametrize("part", every_third([0.0, 0.2, 0.5, 0.9]))
 @pytest.mark.parametrize("between", [0, 1])
 def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
     tmp_path, between, part

@@ -10,7 +10,7 @@ import pytest
 from rockfall._core import rockfall_f2py as _core
 
 import rockfall
-from made import refused
+from made import every_third, refused
 from programs import make_full_case, run_program, same_results
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
@@ -60,7 +60,7 @@ def rebounds(result):
     return rows[:, np.abs(rows[:3]).sum(axis=0) > 0]
 
 
-@pytest.mark.parametrize("lanes", [0, 1, 2, 3])
+@pytest.mark.parametrize("lanes", every_third([0, 1, 2, 3]))
 def test_no_bit_depends_on_lanes(whole, lanes):
     case, result = whole
     scene = read_scene(case, **terrain())
@@ -165,7 +165,9 @@ def test_an_unknown_table_is_refused(made):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("along_out", np.nan), ("follower", 1e6), ("pull_along", 9.0), ("duration", -1e-3)],
+    every_third(
+        [("along_out", np.nan), ("follower", 1e6), ("pull_along", 9.0), ("duration", -1e-3)]
+    ),
 )
 def test_a_damaged_table_is_refused(made, tmp_path, field, value):
     table = open_table(made / "meadow.nc")

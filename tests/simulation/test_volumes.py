@@ -48,6 +48,7 @@ def test_sets_that_are_not_smooth_are_told():
     assert misfit(sets="laboratory-spheres", ratio="nearest") > 10
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
     """Near R_b/R_m = 4.5 with the sphere sets, where sets 4 and 5 differ most."""

@@ -66,6 +66,7 @@ def test_no_bit_depends_on_lanes(spread, lanes):
     same(run_scene(scene), result)
 
 
+@pytest.mark.all
 def test_threads_chunks_and_parts_change_nothing(spread):
     case, arrays, result = spread
     same(rockfall.run(case, threads=3, chunk=17, **arrays), result)
@@ -73,6 +74,7 @@ def test_threads_chunks_and_parts_change_nothing(spread):
     same(rockfall.merge(parts), result)
 
 
+@pytest.mark.all
 def test_both_programs_give_the_same(tmp_path):
     (tmp_path / "own.csv").write_text(OWN_HEAD + OWN_ROWS)
     case = make_full_case(
