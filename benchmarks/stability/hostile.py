@@ -486,6 +486,7 @@ def _import_all() -> None:
     import pyproj  # noqa: F401
     import scipy.stats  # noqa: F401
 
+    import rockfall.cli.commands.export
     import rockfall.cli.commands.lines
     import rockfall.cli.commands.results
     import rockfall.cli.commands.run  # noqa: F401

@@ -382,11 +382,11 @@ def _add_object_layers(command: argparse.ArgumentParser) -> None:
 
 
 def _add_results(commands: _Commands) -> None:
-    def result(name: str, does: str) -> _Parser:
-        return _add(commands, "results", name, does, "OUT.nc")
+    def result(name: str, does: str, module: str = "results") -> _Parser:
+        return _add(commands, module, name, does, "OUT.nc")
 
     text = "write a result as GeoTIFF, GeoPackage, CSV, KML or DXF"
-    export = result("export", text)
+    export = result("export", text, "export")
     export.add_argument("folder", metavar="DIR", type=Path, help="output folder (created)")
     text = "tif, gpkg, csv (default: these three), kml, dxf; of HAZARD.nc: kml, dxf"
     _option(export, "--formats FORMAT", str, text, nargs="+")
@@ -399,7 +399,7 @@ def _add_results(commands: _Commands) -> None:
     _option(project, "--hazard HAZARD.nc", Path, "add the zones of this hazard")
     _add_imprint(project, "on layouts", "language of project and tables: ")
     text = "compare results with observations, or variants with the first of them"
-    compare = _add(commands, "results", "compare", text)
+    compare = _add(commands, "variants", "compare", text)
     text = "results OUT.nc and observations OBSERVED.csv, or only variants A.nc B.nc ..."
     compare.add_argument("files", metavar="FILE", type=Path, nargs="+", help=text)
     _option(compare, "-o --output TABLE.csv", Path, "write all tables as CSV")
@@ -448,7 +448,7 @@ def _add_results(commands: _Commands) -> None:
 
 def _add_section(commands: _Commands) -> None:
     text = "draw a section along a line: profile, trajectories, envelopes of energy and height"
-    section = _add(commands, "section", "section", text, "OUT.nc")
+    section = _add(commands, "results", "section", text, "OUT.nc")
     text = "vertices, in quotes if any is negative, or a layer with one line"
     _option(section, "--line X,Y", str, text, nargs="+", required=True)
     _option(section, "--line-layer NAME", str, "layer name, if the file has several")

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Variants of a case, from its groups to the comparison."""
+"""Variants of a case, from its groups to the comparison; comparison of results."""
 
 import argparse
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,12 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from rockfall.case import Case, read_case
-from rockfall.case.files import input_files
+from rockfall.analysis.observed.compare import compare, observed_files
+from rockfall.analysis.observed.deposits import grid_for
+from rockfall.analysis.observed.observations import read_observed
+from rockfall.analysis.observed.ranks import rank_results
+from rockfall.case import Case, case_of, read_case
+from rockfall.case.files import files_behind, input_files
 from rockfall.case.variants import variants
 from rockfall.cli.checkpoints import (
     check_study_folder,
@@ -19,16 +24,17 @@ from rockfall.cli.checkpoints import (
     study_interrupted,
 )
 from rockfall.cli.commands.results import IMPRINT
-from rockfall.cli.given import memory_of, with_overrides
+from rockfall.cli.given import memory_of, warn_of_results, with_overrides
 from rockfall.cli.messages import DONE, print_files, say, warn, warn_each, warnings_told
+from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.interrupts import interrupts
 from rockfall.io.atomic import atomic_folder
-from rockfall.io.output_files import overwriting
-from rockfall.io.tables import write_csv
+from rockfall.io.output_files import check_output, overwriting
+from rockfall.io.tables import plain_decimal, write_csv
 from rockfall.language import catalogue
 from rockfall.products import report_variants
-from rockfall.result.dataset import write_result
+from rockfall.result.dataset import read_result, write_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.stages import KeptStages
 from rockfall.simulation.parts.finished import FINISHED, contains_run
@@ -43,6 +49,7 @@ from rockfall.studies.difference_maps import (
 )
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
 from rockfall.studies.yearly_variants import run_name, yearly_variants
+from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
 
 YEARLY = "frequencies.csv"  # frequencies over the scenarios of the case
@@ -149,3 +156,71 @@ def _are_finished(folder: Path, case: Case, memory: float) -> bool:
         contains_run(folder / f"{name}.nc", read_scene(variant, memory=memory))
         for name, variant in variants(case).items()
     )
+
+
+def compare_command(arguments: argparse.Namespace) -> int:
+    paths = [path for path in arguments.files if path.suffix == ".nc"]
+    sources = [path for path in arguments.files if path.suffix != ".nc"]
+    results = {str(path): read_result(path) for path in paths}
+    if len(arguments.files) == 1 and paths:
+        sources = observed_files(case_of(results[str(paths[0])]))
+    if not paths or len(paths) + len(sources) < 2:
+        raise RockfallError("compare needs results (.nc) and observations (CSV), or variants (.nc)")
+    if len(results) < len(paths):
+        raise RockfallError("compare: a result is given twice")
+    if not sources:
+        return _compare_variants(results, arguments)
+    for option in ("maps", "report"):
+        if getattr(arguments, option):
+            raise RockfallError(f"--{option} requires variants: results without observations")
+    seen = read_observed(*sources, grid=grid_for(next(iter(results.values())), sources))
+    if len(results) == 1:
+        (result,) = results.values()
+        comparison = compare(result, seen)
+        table, report = comparison.table(), comparison_text(comparison)
+    else:
+        table = rank_results(results, seen)
+        report = "\n".join([ranks_text(table), *seen.notes])
+    if arguments.output:
+        behind = (path for result in results.values() for path in files_behind(result))
+        check_output(arguments.output, (*arguments.files, *sources, *behind))
+        write_csv(table, arguments.output)
+    warn_of_results(*paths)
+    print(report)
+    return DONE
+
+
+def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namespace) -> int:
+    names = [Path(path).stem for path in results]
+    if len({*names}) < len(names):
+        raise RockfallError("compare: variants need different file names")
+    variants = dict(zip(names, results.values(), strict=True))
+    if arguments.costs and not arguments.report:
+        raise RockfallError("--costs requires --report")
+    table = compare_variants(variants)
+    inputs = [
+        *arguments.files,
+        *(path for result in results.values() for path in files_behind(result)),
+    ]
+    if arguments.output:
+        check_output(arguments.output, inputs)
+        write_csv(table, arguments.output)
+    if arguments.maps:
+        write_variants(table, difference_maps(variants), arguments.maps, inputs)
+    if arguments.report:
+        costs = dict(map(_cost, arguments.costs))
+        named = {name: getattr(arguments, name) for name in IMPRINT}
+        check_output(arguments.report, inputs)
+        with warnings_told():
+            report_variants(variants, arguments.report, costs=costs, **named)
+    warn_of_results(*map(Path, results))
+    print(variants_text(table, "\n".join(comparison_notes(variants))))
+    return DONE
+
+
+def _cost(given: str) -> tuple[str, float]:
+    """Variant and cost from NAME=AMOUNT."""
+    name, _, amount = given.rpartition("=")
+    if not name or math.isnan(cost := plain_decimal(amount)):
+        raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")
+    return name, cost
