@@ -37,7 +37,7 @@ PYTEST += ["-p", "netCDF4"]
 #: Newest versions that Wine 8 can load, with dependencies; then newest packages for tests.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0
-pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 rich colorama tzdata
+nanoarrow==0.7.0 pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 rich colorama tzdata
 pytest hypothesis psutil matplotlib pillow jinja2 threadpoolctl openpyxl python-docx ezdxf laspy
 pooch lazrs==0.6.0 starlette uvicorn websockets babel
 """.split()

@@ -14,7 +14,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -64,6 +64,7 @@ USUAL = ("tif", "gpkg", "csv")
 FORMATS = (*USUAL, "kml", "dxf")
 GONE = {"czml": "is no longer written: use kml, which Cesium reads"}
 DRAWN = ("sources", "stops", "lines", "trajectories")  # layers of KML and DXF, each feature once
+GEOMETRY = "geom"  # column of a GeoPackage
 MEASURED = {"LineString ZM": "Measured 3D LineString"}  # pyogrio name
 _ROWS = 100_000  # boulders read at a time
 _TOGETHER = 500_000  # crossings written at a time: about 330 MB
@@ -499,6 +500,7 @@ def write_geopackage(
     path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
 ) -> Path:
     """Write layers to a GeoPackage, with any QGIS styles, atomically."""
+    need("GeoPackages need", "vector", "nanoarrow", "pyogrio", "shapely")
     import pyogrio
     import shapely
 
@@ -509,10 +511,9 @@ def write_geopackage(
             for layer, (kind, parts) in layers.items():
                 for shapes, fields in parts:
                     wkb = shapes if kind.endswith(" ZM") else shapely.to_wkb(shapes)
-                    fields = in_milliseconds(fields)
-                    pyogrio.raw.write(
-                        part, wkb, list(fields.values()), list(fields),
-                        layer=layer, geometry_type=MEASURED.get(kind, kind), crs=crs, driver="GPKG",
+                    pyogrio.raw.write_arrow(
+                        _arrow(wkb, in_milliseconds(fields)), part, layer=layer, driver="GPKG",
+                        geometry_type=MEASURED.get(kind, kind), geometry_name=GEOMETRY, crs=crs,
                         append=part.exists(),
                     )  # fmt: skip
                     features[layer] += len(shapes)
@@ -528,6 +529,25 @@ def write_geopackage(
             reason = why_unwritten(error, part.parent)
             raise RockfallError(f"{path}: cannot be written: {reason}") from error
     return path
+
+
+def _arrow(wkb: np.ndarray, fields: Mapping[str, np.ndarray]) -> Any:
+    """Features as an Arrow array, which GDAL reads in half the time of NumPy arrays."""
+    import nanoarrow
+
+    columns = {GEOMETRY: nanoarrow.c_array(wkb.tolist(), nanoarrow.binary())}
+    for name, values in fields.items():
+        if values.dtype.kind == "M":
+            stamp = nanoarrow.timestamp(np.datetime_data(values.dtype)[0])
+            buffers = [None, values.view("i8")]
+            columns[name] = nanoarrow.c_array_from_buffers(stamp, values.size, buffers)
+        elif values.dtype.kind in "OU":
+            columns[name] = nanoarrow.c_array(values.tolist(), nanoarrow.string())
+        else:
+            columns[name] = nanoarrow.c_array(np.ascontiguousarray(values))
+    table = nanoarrow.struct({name: column.schema for name, column in columns.items()})
+    parts = columns.values()
+    return nanoarrow.Array(nanoarrow.c_array_from_buffers(table, len(wkb), [None], children=parts))
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from rockfall.studies.dossier import read_dossier, run_dossier
 
 
 def dossier_command(arguments: argparse.Namespace) -> int:
-    need("a dossier needs", "vector", "pyogrio", "shapely")
+    need("a dossier needs", "vector", "nanoarrow", "pyogrio", "shapely")
     check_needs(arguments.language)
     check_period(arguments.return_period)
     case = with_overrides(read_case(arguments.case), arguments)

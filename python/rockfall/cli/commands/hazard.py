@@ -47,7 +47,7 @@ SHEET = "hazard_sheet.pdf"
 
 
 def hazard_command(arguments: argparse.Namespace) -> int:
-    need("a hazard needs", "vector", "pyogrio", "shapely")
+    need("a hazard needs", "vector", "nanoarrow", "pyogrio", "shapely")
     need("a hazard needs", "report", "matplotlib")
     catalogue(arguments.language)  # refuses unknown languages before files are read
     case = overridden(arguments)

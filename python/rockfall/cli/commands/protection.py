@@ -176,7 +176,7 @@ def site_command(arguments: argparse.Namespace) -> int:
     files = [given[key] for key in ("candidates", "factors", "costs") if key in given]
     inputs = [*input_files(case), *files]
     need("site needs", "report", "matplotlib")
-    need("site needs", "vector", "pyogrio", "shapely")
+    need("site needs", "vector", "nanoarrow", "pyogrio", "shapely")
     check_folder(folder)
     names = results_of([scenario["name"] for scenario in case.scenario])
     check_outputs([folder / name for name in (*SITING_FILES, *names, ADVISED)], inputs)
