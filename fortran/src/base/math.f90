@@ -41,7 +41,6 @@ contains
       if (real(rounded_up, wp) < x) rounded_up = transfer(bits, rounded_up)
    end function rounded_up
 
-   !> Squared length |v|**2.
    pure real(wp) function squared_length(v)
       real(wp), intent(in) :: v(3)  !! any unit
 

@@ -66,7 +66,6 @@ module rockfall_random
 
 contains
 
-   !> Random key from a seed.
    pure type(random_key_t) function random_key(seed) result(key)
       integer(i8), intent(in) :: seed
       integer(i8), parameter :: step(2) = [int(z"9E3779B9", i8), int(z"BB67AE85", i8)]

@@ -101,7 +101,6 @@ contains
       split%fines = rest
    end subroutine split_volume
 
-   !> Fragment as a boulder.
    elemental type(boulder_t) function fragment_of(boulder, volume) result(fragment)
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: volume  !! volume of the fragment [m3]

@@ -203,8 +203,7 @@ contains
       curvature = -0.5_wp*gravity - c*p*q
    end function curvature
 
-   !> Return 1 if d0 + d1 s + d2 s**2, with d0 >= 0, becomes negative for s in 0..length, else 0 (a number, so that
-   !> loops vectorise).
+   !> Return 1 if d0 + d1 s + d2 s**2, with d0 >= 0, becomes negative for s in 0..length, else 0.
    elemental real(wp) function strikes_ground(d0, d1, d2, length)
       real(wp), intent(in) :: d0, d1, d2  !! [m], [m/s], [m/s2]
       real(wp), intent(in) :: length      !! length of the span [s]

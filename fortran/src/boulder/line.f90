@@ -137,8 +137,7 @@ contains
       end do
    end function next_crossing
 
-   !> Return 1 if the bounding boxes of a line and of a path from a to b touch, else 0: the path cannot cross the line
-   !> (a number, so that loops vectorise).
+   !> Return 1 if the bounding boxes of a line and of a path from a to b touch; else 0: the path cannot cross the line.
    elemental real(wp) function boxes_touch(low1, low2, high1, high2, a1, a2, b1, b2) result(near)
       real(wp), intent(in) :: low1, low2, high1, high2  !! bounding box of the line [m]
       real(wp), intent(in) :: a1, a2, b1, b2            !! ends of the path [m]

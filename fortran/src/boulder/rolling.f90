@@ -206,7 +206,6 @@ contains
       waits = time - slides
    end subroutine time_slide
 
-   !> Flight after a roll.
    pure type(flight_t) function flight_after_roll(dem, roll, landing, v) result(flight)
       type(terrain_t), intent(in) :: dem
       type(roll_t), intent(in) :: roll

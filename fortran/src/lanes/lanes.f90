@@ -4,7 +4,7 @@
 !> of `trace` in the same order, so results are bitwise identical.
 !>
 !> Compiled three times: for any processor; as the module rockfall_wide_lanes for AVX2; as rockfall_masked_lanes for
-!> AVX-512, where conditions become masks.
+!> AVX-512, where conditions become masks. Conditions in loops are numbers, 1 or 0, so that they vectorise.
 module rockfall_lanes
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_double, c_float
    use rockfall_kinds, only: wp, i8
@@ -506,7 +506,7 @@ contains
    end subroutine classify_contacts
 
    !> Find the slopes where the flights end, and transform the velocities to the local frames. `frames` is a
-   !> compile-time constant at each call, so the compiler specialises the procedure.
+   !> compile-time constant at each call.
    subroutine compute_incidence(l, gravity, per_cell, frames, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
@@ -706,7 +706,7 @@ contains
    end subroutine redraw_single
 
    !> Compute the next flights. Scalar procedures handle flat cells, incomplete neighbourhoods and vertical impacts.
-   !> `ends_there` is a compile-time constant at each call, so the compiler specialises the procedure.
+   !> `ends_there` is a compile-time constant at each call.
    subroutine turn_and_launch(n, per_cell, ends_there, c)
       integer, intent(in) :: n
       real(wp), intent(in) :: per_cell    !! [1/m]

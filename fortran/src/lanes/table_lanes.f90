@@ -120,7 +120,6 @@ contains
       b%by_table = .false.
    end subroutine clear_batch
 
-   !> Add a contact.
    subroutine add_contact(b, k, table, ground, boulder, soil, gravity, inertia, ratio, jump_height, w, heading1, &
                           heading2, touch)
       type(table_batch_t), intent(inout) :: b

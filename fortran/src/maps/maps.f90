@@ -104,7 +104,6 @@ contains
       end do
    end subroutine init_locks
 
-   !> Free the locks.
    subroutine free_locks(maps)
       type(maps_t), intent(inout) :: maps
       integer :: k

@@ -33,7 +33,6 @@ contains
                         associated(maps%tree_height%max)
    end function needs_tree_hits
 
-   !> Add a hit.
    pure subroutine add_tree_hit(hits, cell, height, absorbed)
       type(tree_hits_t), intent(inout) :: hits
       integer, intent(in) :: cell(2)         !! column, row

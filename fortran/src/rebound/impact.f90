@@ -119,8 +119,7 @@ contains
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0 (numbers, so that
-   !> loops vectorise).
+   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0.
    elemental subroutine beyond_fit(this, t, n, speed, angle)
       type(fitted_t), intent(in) :: this
       real(wp), intent(in) :: t, n          !! V_t, V_n [m/s]
@@ -320,7 +319,7 @@ contains
    end function energy_of
 
    !> Return 1 if a rebound velocity is admissible (the boulder leaves the surface without gaining energy; theory,
-   !> chapter 5), else 0 (a number, so that loops vectorise).
+   !> chapter 5), else 0.
    elemental real(wp) function admissible(t, n, w, energy_in)
       real(wp), intent(in) :: t, n, w    !! V_t, V_n, W after the rebound [m/s]
       real(wp), intent(in) :: energy_in  !! twice_energy before the rebound [m2/s2]

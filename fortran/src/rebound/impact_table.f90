@@ -504,7 +504,6 @@ contains
       allowed_energy = scaled_energy(v1, 0.0_wp, v2, v3, inertia) + min(1.0_wp, ratio*ratio)*gain*gain_fraction
    end function allowed_energy
 
-   !> Bin of a contact.
    pure integer function contact_bin(table, part, in) result(bin)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part

@@ -262,7 +262,7 @@ contains
                            this%run, error)
    end subroutine begin_joined
 
-   !> Open a run of a scene that continues another run, which then cannot be continued itself.
+   !> Open a run of a scene, as continue_run of rockfall_run_state.
    subroutine begin_continued(this, scene, other, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_handle_t), pointer, intent(in) :: scene
@@ -273,8 +273,7 @@ contains
       call continue_run(scene%case, scene%scene, other%run, this%run, error)
    end subroutine begin_continued
 
-   !> Run n boulders of a run, every `step`-th from the first, on a scene, which may be a window of the run's scene. No
-   !> boulder starts after `seconds`, but at least one is completed.
+   !> Run boulders, as advance of rockfall_run_state.
    subroutine advance(this, scene, first, step, n, seconds, done, error)
       class(run_handle_t), intent(inout) :: this
       type(scene_t), intent(in) :: scene

@@ -94,7 +94,6 @@ contains
       if (.not. allocated(error)) call allocate_tallies(run, error)
    end subroutine open_run
 
-   !> Set the dimensions of a run from its scene.
    subroutine set_dimensions(case, scene, before, boulders, window, run)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene

@@ -90,7 +90,6 @@ contains
       layout%group_part = [((p, k=1, each), p=1, size(n_sources))]
    end function layout_of
 
-   !> Add the end of a boulder.
    subroutine add_end(samples, layout, boulder, counts)
       type(samples_t), intent(inout) :: samples
       type(layout_t), intent(in) :: layout

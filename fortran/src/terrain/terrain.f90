@@ -304,7 +304,7 @@ contains
       pit = is_pit(z(2, 2), lowest) > 0
    end subroutine cell_descent
 
-   !> Return 1 if a raster cell is a pit (none of its eight neighbours is lower), else 0.
+   !> Return 1 if a raster cell is a pit, else 0.
    elemental real(wp) function is_pit(middle, lowest)
       real(wp), intent(in) :: middle, lowest  !! elevations of the cell and of its lowest neighbour [m]
 
@@ -319,7 +319,7 @@ contains
       has_neighbours = is_within(real(at(1), wp), real(at(2), wp), real(dem%nx, wp), real(dem%ny, wp)) > 0
    end function has_neighbours
 
-   !> Return 1 if a raster cell is not on the edge of its raster, else 0 (a number, so that loops vectorise).
+   !> Return 1 if a raster cell is not on the edge of its raster, else 0.
    elemental real(wp) function is_within(column, row, nx, ny)
       real(wp), intent(in) :: column, row  !! integers, from 1 [-]
       real(wp), intent(in) :: nx, ny       !! columns and rows of the raster, integers [-]

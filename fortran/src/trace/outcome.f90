@@ -70,7 +70,6 @@ contains
       if (in_window(dem, patch%i, patch%j)) status = hit_nodata
    end function departure_status
 
-   !> Add a flight to the result.
    pure subroutine add_flight(length, time, speed2, jump_height, result)
       real(wp), intent(in) :: length, time  !! [m], [s]
       real(wp), intent(in) :: speed2        !! |v|**2 at the end of the flight [m2/s2]

@@ -82,8 +82,7 @@ contains
           .or. allocated(scene%shapes) .or. scene%radius_sigma > 0) trace => trace_full
    end subroutine choose_tracer
 
-   !> Common body of the trace_* procedures. `level` is a compile-time constant at each call, so the compiler
-   !> specialises it.
+   !> Common body of the trace_* procedures, specialised by `level`, a compile-time constant at each call.
    pure subroutine trace_at_level(scene, number, result, scratch, spans, level)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

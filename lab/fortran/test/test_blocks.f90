@@ -47,7 +47,6 @@ contains
                         1, 5, 7, 1, 7, 3, 2, 4, 8, 2, 8, 6], [3, 12])
    end subroutine box
 
-   !> A box as a block.
    subroutine box_block(sides, block)
       real(wp), intent(in) :: sides(3)
       type(block_t), intent(out) :: block
