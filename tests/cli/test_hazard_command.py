@@ -254,6 +254,25 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
     assert said == f"rockfall: warning: {line} larger DEM (far)\n"
 
 
+def test_commands_repeat_the_warnings_of_a_hazard_and_of_a_result(hazard_case, capsys):
+    """A line of which 40 of 160 m lies beyond the cell centres, and a classical model."""
+    text = Path("case.nml").read_text(encoding="utf-8").replace("x = 600000.0,", "x = 599960.0,")
+    surface = "zones = 'zones.tif', table = 'zones.csv'"
+    soil = "ground = 'soil_4', uniform_mean_radius = 0.2"
+    Path("case.nml").write_text(text.replace(surface, soil), encoding="utf-8")
+    assert main(ARGUMENTS) == main(["run", "case.nml", "-o", "run.nc", "--quiet"]) == 0
+    for command in (
+        "lines out", "design out", "origins out --line L -o from", "export out drawn --formats kml",
+        "lines run.nc", "design run.nc",
+    ):  # fmt: skip
+        capsys.readouterr()
+        assert main(command.split()) == 0
+        printed = capsys.readouterr()
+        said = [line for line in (printed.out + printed.err).splitlines() if "arning: " in line]
+        assert sum("m lie outside the terrain" in line for line in said) == 1, command
+        assert sum("followed classical grounds (soil_4" in line for line in said) == 1, command
+
+
 def test_objects_are_a_layer_and_a_table(found):
     table = object_table(found)
     assert Path("out/objects.csv").read_text() == table.to_csv(index=False, lineterminator="\n")

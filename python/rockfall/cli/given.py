@@ -2,18 +2,13 @@
 """Case and scene from the arguments of a command."""
 
 import argparse
-from collections.abc import Collection, Iterable
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 from rockfall.analysis.objects.at_risk import AtRisk
-from rockfall.analysis.validity.warnings import joint_warnings
-from rockfall.case import Case, case_of, read_case
+from rockfall.case import Case, read_case
 from rockfall.case.variants import chosen_variant
 from rockfall.cli.messages import warn
-from rockfall.io.input_warnings import doubts_in
-from rockfall.result.dataset import open_result
 from rockfall.scene.read import read_scene
 from rockfall.scene.rules.plausible import implausible
 from rockfall.scene.scene import Scene
@@ -76,17 +71,3 @@ def warn_of_inputs(case: Case) -> None:
 def _warn_of(scene: Scene) -> None:
     for line in implausible(scene):
         warn(line)
-
-
-def warn_of_results(*paths: Path, told: Collection[str] = ()) -> None:
-    """Print each input and model warning of the results once, except those in `told`."""
-    with ExitStack() as opened:
-        results = {path.stem: opened.enter_context(open_result(path)) for path in paths}
-        inputs = [
-            f"{case_of(result).name}: {where}: {text}"
-            for result in results.values()
-            for where, text in doubts_in(result.attrs.get("input_warnings", "[]"))
-        ]
-        for text in dict.fromkeys((*inputs, *joint_warnings(results))):
-            if text not in told:
-                warn(text)

@@ -5,8 +5,9 @@ import argparse
 from importlib import import_module
 from pathlib import Path
 
-from rockfall.cli.given import given_options, warn_of_results
+from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, print_files, warnings_told
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError
 from rockfall.files.export import Chosen, export
 from rockfall.files.hazard_files import DRAWINGS, export_hazard, in_folder, is_hazard
@@ -33,8 +34,7 @@ def export_command(arguments: argparse.Namespace) -> int:
             files = products.export_with(path, folder, project, chosen)
         else:
             files = export(path, folder, **chosen._asdict())
-    if not is_hazard(path):
-        warn_of_results(path)
+    warn_of_results(path)
     print_files(files)
     return DONE
 

@@ -19,6 +19,7 @@ from rockfall.cli.checkpoints import (
 )
 from rockfall.cli.given import at_risk, memory_of, overridden, stem_of
 from rockfall.cli.messages import DONE, print_files, say, warn, warnings_told
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError, need
 from rockfall.files.hazard_files import in_folder, put_hazard, read_hazard
 from rockfall.files.origin_files import FIGURE, FILES, origin_tables, put_origins
@@ -168,6 +169,7 @@ def origins_command(arguments: argparse.Namespace) -> int:
             paths = [*put_origins(traced_hazard, tables, part), part / FIGURE]
             figure = origin_map(traced_hazard, terrain, Place(kind, k, place), PAGE)
             save(figure, paths[-1], DOTS)
+    warn_of_results(path)
     print(origins_text(tables["areas"], place, arguments.side))
     print_files([folder / path.name for path in paths])
     return DONE

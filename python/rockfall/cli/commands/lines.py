@@ -13,8 +13,8 @@ from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
-from rockfall.cli.given import warn_of_results
 from rockfall.cli.messages import DONE
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError
 from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
 from rockfall.io.atomic import atomic_folder
@@ -51,8 +51,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
                     f"{option}: is only valid for results OUT.nc: a hazard has no single boulders"
                 )
         _print_hazard(path, table)
-        return DONE
-    if by is not None:
+    elif by is not None:
         result, places = _open(path, table, "")
         statistics = line_statistics(result, by, _edges(arguments.classes))
         print(groups_text(statistics, by, result))

@@ -16,6 +16,7 @@ from rockfall.case.files import files_behind, input_files
 from rockfall.case.text import namelist_text
 from rockfall.cli.given import given_options, overridden, stem_of, warn_of_inputs
 from rockfall.cli.messages import DONE
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError, need
 from rockfall.files.export import crs_wkt, write_geopackage
 from rockfall.files.hazard_files import in_folder, is_hazard, read_hazard
@@ -92,6 +93,8 @@ def design_command(arguments: argparse.Namespace) -> int:
                 raise RockfallError(f"{path}: {error}", error.code) from error
     for path, sheet in sheets.items():
         print(*([f"{path}\n"] if len(sheets) > 1 else []), design_text(sheet), "", sep="\n")
+    told = {text for sheet in sheets.values() for text in sheet.warnings}
+    warn_of_results(*map(Path, paths), told=told)
     if folder:
         formats, language = arguments.tables, arguments.language
         print(*write_design(sheets, folder, results, formats, language), sep="\n")
@@ -114,6 +117,7 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
     with speaking(arguments.language):
         for path, sheet in sheets.items():
             print(*([f"{path}\n"] if len(sheets) > 1 else []), yearly_design_text(sheet), sep="\n")
+    warn_of_results(*map(Path, paths))
     if folder:
         with atomic_folder(folder, paths) as part:
             for name in YEARLY_TABLES:

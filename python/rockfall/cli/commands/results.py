@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from rockfall.case.files import files_behind
-from rockfall.cli.given import given_options, warn_of_results
+from rockfall.cli.given import given_options
 from rockfall.cli.messages import DONE, warnings_told
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError, need
 from rockfall.files.hazard_files import in_folder, is_hazard
 from rockfall.io.atomic import atomic_folder

@@ -24,8 +24,9 @@ from rockfall.cli.checkpoints import (
     study_interrupted,
 )
 from rockfall.cli.commands.results import IMPRINT
-from rockfall.cli.given import memory_of, warn_of_results, with_overrides
+from rockfall.cli.given import memory_of, with_overrides
 from rockfall.cli.messages import DONE, print_files, say, warn, warn_each, warnings_told
+from rockfall.cli.result_warnings import warn_of_results
 from rockfall.errors import RockfallError
 from rockfall.html_report.page import check_page_needs
 from rockfall.interrupts import interrupts
