@@ -195,7 +195,9 @@ def combined(inputs: HazardInputs, runs: Runs) -> xr.Dataset:
     if runs[0].lines or len(inputs.objects) or len(inputs.segments):
         data |= _levels()
     weights = [run.yearly / run.boulders for run in runs]
-    values |= origin_numbers([run.origins for run in runs], weights, inputs.scene.grid)
+    # Boulders with the same number may behave alike in all runs, which share random numbers.
+    unit = sum(run.per_cluster * weight for run, weight in zip(runs, weights, strict=True))
+    values |= origin_numbers([run.origins for run in runs], weights, unit, inputs.scene.grid)
     values |= _grounds(runs)
     if "ground" in values:
         data["ground"] = ("ground", values["ground"], {"long_name": "name of the ground"})

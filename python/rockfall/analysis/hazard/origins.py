@@ -57,11 +57,12 @@ class Origins(NamedTuple):
 
 
 def origin_numbers(
-    runs: Sequence[Origins], weights: Sequence[float], grid: Grid
+    runs: Sequence[Origins], weights: Sequence[float], unit: float, grid: Grid
 ) -> dict[str, np.ndarray]:
     """Origin variables of a hazard: cell centres, annual number of boulders that start in each
     cell, and for each place the annual number and energies [J] of the boulders that arrive from
-    each cell. `weights` are the frequencies [1/year] that a boulder of each run represents."""
+    each cell. `weights` are the frequencies [1/year] that a boulder of each run represents;
+    `unit` [1/year] counts as one boulder in limits of energies."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -72,7 +73,7 @@ def origin_numbers(
         numbers["source_frequency"] += weight * released
     for kind, places in runs[0].at.items():
         each = [
-            _arriving([run.at[kind][k] for run in runs], weights, cells)
+            _arriving([run.at[kind][k] for run in runs], weights, unit, cells)
             for k in range(len(places))
         ]  # fmt: skip
         if each:
@@ -82,7 +83,7 @@ def origin_numbers(
 
 
 def _arriving(
-    runs: Sequence[Arrivals | None], weights: Sequence[float], cells: np.ndarray
+    runs: Sequence[Arrivals | None], weights: Sequence[float], unit: float, cells: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Boulders that reach a place from each cell: number in each run, annual frequency, mean
     energy, and 95 % quantile of energy with its interval. Energies are NaN for cells without
@@ -105,7 +106,7 @@ def _arriving(
     energies = np.full((len(ENERGIES), cells.size), np.nan)
     for k, part in zip(reached, np.split(order, first)[1:], strict=True):
         mean = weight[part] @ energy[part] / weight[part].sum()
-        energies[:, k] = mean, *quantile_interval(energy[part], weight[part], LEVEL)
+        energies[:, k] = mean, *quantile_interval(energy[part], weight[part], LEVEL, unit)
     return {"boulders": boulders, "frequency": frequency} | dict(
         zip(ENERGIES, energies, strict=True)
     )
