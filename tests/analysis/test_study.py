@@ -107,6 +107,7 @@ def test_a_study_goes_on_where_it_was_stopped(case, tmp_path, monkeypatch):
         same(again[name], result)
 
 
+@pytest.mark.all
 def test_each_warning_on_the_models_is_there_once(case):
     hard = case.replace(surface={"ground": "rock_ledge"})
     study = Study()

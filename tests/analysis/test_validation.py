@@ -291,6 +291,7 @@ def test_a_note_says_where_every_law_has_the_same_ground(case, made):
     assert np.array_equal(one, other)
 
 
+@pytest.mark.all
 def test_tables_take_the_place_of_sets_whatever_keys_these_have(case, made):
     seen = read_observed(made[0] / "stops.csv")
     zones = with_zones(case, "4,0.2,\n-2,0.2,\n77,0.2,\n")

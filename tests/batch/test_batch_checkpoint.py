@@ -230,6 +230,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     refused(many, "a.nc.lock: exists but is not a lock: choose another output")
 
 
+@pytest.mark.all
 def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch):
     """Rows fit (1.8 MB) and the result does not: with more space the run resumes."""
     words = ("ready/case.nml", "-o", "a.nc", "--checkpoint", "1e-9", "--quiet")

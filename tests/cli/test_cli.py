@@ -14,7 +14,7 @@ import xarray as xr
 
 import rockfall
 import scenes
-from made import make_raster
+from made import every_third, make_raster
 from programs import (
     PROGRESS,
     SAYS_PROGRESS,
@@ -438,8 +438,10 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
 
 @pytest.mark.parametrize(
     ("command", "more"),
-    [("ensemble", ["--runs", "8"]), ("models", []), ("convergence", ["--reference", "40"]),
-     ("back", ["seen.csv", "--members", "64", "--effective", "2"])],
+    every_third([
+        ("ensemble", ["--runs", "8"]), ("models", []), ("convergence", ["--reference", "40"]),
+        ("back", ["seen.csv", "--members", "64", "--effective", "2"]),
+    ]),
 )  # fmt: skip
 def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, command, more):
     """As in `check` and `run`: a volume in litres."""

@@ -467,6 +467,7 @@ def test_an_earlier_hazard_is_replaced(written):
     assert Path("out/hazard.nc").stat().st_mtime_ns > before
 
 
+@pytest.mark.all
 def test_a_library_user_writes_the_same(written, made):
     _, found = made
     paths = rockfall.write_hazard(found, "mine")

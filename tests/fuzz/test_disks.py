@@ -162,7 +162,10 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-@pytest.mark.parametrize("reserves", [True, False], ids=["fallocate", "statvfs"])
+@pytest.mark.parametrize(
+    "reserves",
+    [pytest.param(True, id="fallocate"), pytest.param(False, id="statvfs", marks=pytest.mark.all)],
+)
 def test_a_result_larger_than_the_disk_is_refused_before_the_flight(program, reserves, ready, disk):
     """Rows of 200 boulders take 20 kB."""
     before = everything(ready)

