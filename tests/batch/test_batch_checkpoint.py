@@ -24,6 +24,7 @@ from programs import (
     preloads,
     same_results,
     sends_signals,
+    wait_until_busy,
 )
 from rockfall.cli import main
 from rockfall.simulation.parts.part_file import boulders_in
@@ -218,7 +219,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     )
     while not (many / "a.nc.lock").exists():
         time.sleep(0.01)
-    time.sleep(0.05)
+    wait_until_busy(running.pid, 0.3)  # the disk was asked for room before
     refused(many, "a.nc.lock: another run is writing this output")
     running.kill()
     running.wait()
