@@ -103,7 +103,7 @@ def project(tmp_path_factory):
     assert main(["check", names["case.nml"], "--variant", "with net"]) == 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dossier_page, "write_page", lambda page, path: Path(path).write_text(page))
-        patch.setattr(dossier_page, "_fitted", lambda page, *_: page)  # typeset in test_dossier.py
+        patch.setattr(dossier_page, "is_pdf", lambda _: False)  # typeset in test_dossier.py
         leave_pictures_blank(patch)
         words = ["dossier", names["case.nml"], "-o", str(folder / "dossier"), "--quiet"]
         words += ["--objects", str(folder / "houses.gpkg"), "--author", "A. Muster"]

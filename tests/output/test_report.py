@@ -552,7 +552,7 @@ def test_every_kind_of_result_has_a_page_in_every_language(tmp_path, monkeypatch
         assert "nan" not in shown.lower() and "inf " not in shown.lower()
         said = re.sub("<(pre|header)[ >].*?</\\1>|<dl .*?</dl>|<[^>]*>", " ", shown, flags=re.S)
         assert ENGLISH & set(re.findall(r"\w+", said.split("Provenance")[0].lower())) == set()
-        assert on_paper or "pas de relief" in text
+        assert on_paper or "le relief manque" in text
         assert not (on_paper and "<button" in text.split("<main>")[1].split("</main>")[0])
 
 
