@@ -16,7 +16,7 @@ import rockfall
 from crossed import crossed
 from made import make_raster
 from rockfall.errors import RockfallError
-from rockfall.files.export import export
+from rockfall.files.export import export, write_geopackage
 from rockfall.io.rasters.grid import Grid
 from rockfall.result.dataset import open_result
 from rockfall.result.maps.classes import classes_of
@@ -284,6 +284,29 @@ def test_lines_with_the_same_letters_get_files_of_their_own(result, tmp_path):
     assert names == ["line_EL1_2.csv", "line_el1.csv"]
 
 
+@pytest.mark.parametrize("n", [0, 5])
+def test_a_geopackage_has_the_values_of_every_type(tmp_path, n):
+    points = shapely.points(np.arange(n, dtype=float), np.zeros(n))
+    points[1:2] = None
+    mixed = np.array(["ä", None, np.nan, 1.5, ""], dtype=object)[:n]
+    begin = np.datetime64("2000-01-01", "us") + 1500 * np.arange(n)
+    fields = {"mixed": mixed, "word": mixed.astype("U3"), "begin": begin, "flag": begin > begin[:1]}
+    fields |= {kind: np.arange(n).astype(kind) for kind in ("i8", ">f8", "f4", "u1", "i4")}
+    fields["f4"][1:2] = np.nan
+    layers = {name: ("Point", [(points, fields)] * 2) for name in ("one", "other")}
+    path = write_geopackage(tmp_path / "a.gpkg", layers, "EPSG:2056")
+    about, _, shapes, columns = pyogrio.raw.read(path, layer="other")
+    found = dict(zip(about["fields"], columns, strict=True))
+    assert [*found] == [*fields]
+    assert shapes.tolist() == 2 * shapely.to_wkb(points).tolist()
+    assert found["mixed"].tolist() == 2 * ["ä", None, None, "1.5", ""][:n]
+    assert found["word"].tolist() == 2 * fields["word"].tolist()
+    assert (found["begin"] == np.tile(begin.astype("M8[ms]"), 2)).all()
+    for name in ("flag", "i8", ">f8", "f4", "u1", "i4"):
+        assert found[name].dtype == fields[name].dtype.newbyteorder("=") or name in ("u1", "flag")
+        np.testing.assert_array_equal(found[name], np.tile(fields[name], 2))
+
+
 def test_without_a_crs_maps_and_layers_have_none(result, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -339,7 +362,7 @@ DISK_FULL = """
 import resource, signal, sys, xarray as xr
 from rockfall.errors import RockfallError
 from rockfall.result.maps.classes import classes_of
-from rockfall.files.export import export
+from rockfall.files.export import export, write_geopackage
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 data = xr.load_dataset("out.nc", mask_and_scale=False, decode_times=False)
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
