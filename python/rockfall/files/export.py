@@ -541,8 +541,8 @@ def _arrow(wkb: np.ndarray, fields: Mapping[str, np.ndarray]) -> Any:
         if values.dtype.kind in "OUb":
             typed = nanoarrow.bool_() if values.dtype.kind == "b" else nanoarrow.string()
             entries = values.tolist()
-            if values.dtype.kind == "O":  # from attributes of any layer
-                entries = [None if one is None or one != one else str(one) for one in entries]
+            if values.dtype.kind == "O":  # attributes of any layer; only NaN differs from itself
+                entries = [None if v is None or v != v else str(v) for v in entries]
             columns[name] = nanoarrow.c_array(entries, typed)
             continue
         typed = nanoarrow.timestamp("ms")
