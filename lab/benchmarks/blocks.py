@@ -11,7 +11,7 @@ contacts, for each ground and shape. `planes`: blocks on planes of meadow with m
 (Caviezel et al. 2019, Earth Surface Dynamics 7, 199; a table with columns mass_kg, radius_m,
 incoming_total_speed_mps, impact_angle_deg, published_energy_transition_ratio), whose spin was not
 measured: W/V is drawn from 0 to 1, or is 0, or 1. Exit status 1 if an impact gains more than 1e-4,
-or half the step changes a mean by more than 0.002.
+or halving the step changes a mean by more than 0.002.
 """
 
 import argparse

@@ -118,7 +118,7 @@ def velocities(data, when: str) -> np.ndarray:
 
 
 def step_error(case: LabCase, data) -> float:
-    """Median change of V_out with half the step, relative to |V_in|, over the first layer."""
+    """Median change of V_out by halving the step, relative to |V_in|, over the first layer."""
     step = case.impact["step_factor"] / 2
     half = run_impacts(case.replace(lab={"layers": 1}, impact={"step_factor": step}))
     data = data.isel(layer=slice(1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pictures below the results in the live window, from local files."""
+"""Background pictures of the live window, from local files."""
 
 import json
 import threading

@@ -42,7 +42,7 @@ COMPARED = re.compile(
     r"|(?<!vaujany-)\bobserved\b|\b[Hh]eld[- ]out\b|\bVaujany\b|\bTschamut\b|\bexperiment\b"
     r"|\bin the field\b|\bdid\b|\b(?:blocks|boulders) went\b"
 )
-LEVELS = re.compile(r"\b(?:5|50|90|95) % (?:confidence|of the draws|quantile|interval)|of 95 %")
+LEVELS = re.compile(r"\b(?:1|5|50|90|95) % (?:confidence|of the draws|quantile|interval)|of 95 %")
 #: Words for fractions in the messages of other languages.
 PARTS = re.compile(r"\d ?%|Viertel|Drittel|Zehntel|\bquart\b|\btiers\b|\bquarto\b|\bterzo\b")
 

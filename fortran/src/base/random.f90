@@ -30,7 +30,7 @@ module rockfall_random
    integer, parameter :: shape_word = 2         !! for_release: shape of the block, if there are several
    integer, parameter :: deviate_word = 1       !! for_strength: standard normal deviate of the ground strength
    integer, parameter :: column_word = 2, row_word = 3  !! for_strength: choices between parts of an impact table
-   integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normals of V_t, V_n, W
+   integer, parameter :: rebound_words = 3      !! for_impact: words 1 to 3 are the normal deviates of V_t, V_n, W
    integer, parameter :: normal_restitution_word = 1      !! for_impact, classical rebound: R_n
    integer, parameter :: tangential_restitution_word = 2  !! for_impact, classical rebound: R_t
    integer, parameter :: obstacle_spread_word = 3         !! for_impact, classical rebound: obstacle height scatter

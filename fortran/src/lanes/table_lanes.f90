@@ -557,7 +557,7 @@ contains
       end do
    end subroutine find_paths_near_lines
 
-   !> Find the paths whose ends the loops did not find, and all paths if requested.
+   !> Trace one by one the paths whose ends the vector loops did not find, or that may cross a line; all if requested.
    subroutine find_paths(scene, l, g1, g2, paths, b)
       type(scene_t), intent(in) :: scene
       type(landings_t), intent(in) :: l

@@ -172,7 +172,7 @@ def _between(off: np.ndarray, group: np.ndarray) -> float:
 
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
-    """Statistics for the slope and boulders of a seed."""
+    """Site statistics, with slope and boulders made from a seed, and neutral slopes of the sets."""
     numbers = site.numbers(sets, seed=seed, talus=Talus(seed), **how)
     return numbers | neutral_slopes(sets, seed)
 

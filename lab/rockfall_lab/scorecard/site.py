@@ -112,7 +112,8 @@ def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
 
 
 def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
-    """Mean, deviation, maximum of each quantity, and others; NaN if too few boulders pass."""
+    """Mean, standard deviation and maximum of each quantity, and others; NaN if too few boulders
+    pass."""
     passed = at["line_speed"].notnull().values
     numbers = {f"{name}_passing": _mean(passed)}
     if passed.sum() < MIN_PASSED:

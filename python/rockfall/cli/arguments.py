@@ -193,8 +193,8 @@ def _add_app(commands: _Commands) -> None:
     )
     _option(app, "--port N", int, "port on this machine; default: any free port", default=0)
     _add_object_layers(app)
-    _option(app, "--basemap FILE", Path, "image below the results, such as an orthophoto")
-    text = "web map service below the results: https://HOST/PATH?LAYERS=NAME"
+    _option(app, "--basemap FILE", Path, "background image, such as an orthophoto")
+    text = "web map service as background: https://HOST/PATH?LAYERS=NAME"
     _option(app, "--wms URL", str, text, default="")
     _switch(app, "--keep", "keep running until Ctrl-C, even when the last page is closed")
     _switch(app, "--no-browser", "only print the address")
@@ -442,7 +442,7 @@ def _add_results(commands: _Commands) -> None:
     for verb in figures, report:
         _option(verb, "--dem FILE", Path, "default: DEM of the case, if found")
         _option(verb, "--observed CSV", Path, "observations to draw next to the results", nargs="+")
-        _option(verb, "--basemap FILE", Path, "image below the maps")
+        _option(verb, "--basemap FILE", Path, "background image of the maps")
         _option(verb, "--limits UNIT=LIMITS", str, "limits of classes: kJ=30,300 m=1,5", nargs="+")
 
 

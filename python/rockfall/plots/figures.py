@@ -91,7 +91,7 @@ def figures(
     for profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds
     summaries and samples to the distributions at lines, distances and fractions to the passing
     curve, and stopping places to the maps. `look` has class limits and a basemap. With more than
-    `most_lines` lines, only those that most boulders pass are drawn. `left` collects figures that
+    `most_lines` lines, only those with the most passages are drawn. `left` collects figures that
     cannot be drawn because a file of the case cannot be read.
     """
     if "boulder" not in result.sizes or not simulated(result):
@@ -190,7 +190,7 @@ def _passages(
 
 
 def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
-    """Indices of the lines in figures, in order: all lines, or those that most boulders pass."""
+    """Indices of the lines in figures, in order: all lines, or those with the most passages."""
     if not lines(result):
         return []
     passed = result["row_size"].values

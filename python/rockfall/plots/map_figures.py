@@ -38,7 +38,7 @@ OPAQUE = 0.8  # opacity of colours over the visible relief
 
 
 class Look(NamedTuple):
-    """Map settings of the user: class limits by unit, and an image below the maps."""
+    """Map settings of the user: class limits by unit, and a background image."""
 
     limits: Limits | None = None
     basemap: Basemap | None = None

@@ -70,7 +70,7 @@ class SourceBoulders(NamedTuple):
     volume: np.ndarray  # [m3]
     inertia: np.ndarray  # I/(m R**2) [-]
     density: np.ndarray | None = None  # [kg/m3]; None: as in the case
-    shape: np.ndarray | None = None  # int8: block shape from the axes, from 1; None: as in the case
+    shape: np.ndarray | None = None  # int8: block shape, from 1; None: as in the case
 
 
 class Features(NamedTuple):

@@ -48,7 +48,8 @@ def sited_case(case: Case) -> Case:
 
 
 def populations(scene: Scene) -> dict[str, Population]:
-    """Runs of a siting by scenario, with the scene's lines; without scenarios, a single run ""."""
+    """Population of each scenario of a siting, with the scene's lines; without scenarios, a single
+    population named ""."""
     if not scene.case.scenario:
         return {"": Population(scene, 1.0)}
     return {

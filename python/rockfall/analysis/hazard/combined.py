@@ -123,7 +123,8 @@ class ScenarioRun:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
-        without_objects = result.drop_vars("row_size", errors="ignore")  # any exit affects zones
+        # zones depend on boulders that leave the terrain anywhere, not only near lines
+        without_objects = result.drop_vars("row_size", errors="ignore")
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Model warnings of runs without duplicates, as Python warnings and as an attribute."""
+"""Model warnings of one or more runs, without repetition, as Python warnings and as a result
+attribute."""
 
 from __future__ import annotations
 

@@ -127,8 +127,8 @@ def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
 
 
 def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
-    """Refuse options that require `--return-period` without it, and options that exclude it with
-    it."""
+    """Refuse options that need `--return-period` if it is absent, and options that cannot be
+    combined with it if it is given. Without it, require results."""
     is_block = arguments.return_period is not None
     others = [key for key in keys if key != "blocks"] if is_block else BLOCK_OPTIONS
     rule = "cannot be combined with" if is_block else "requires"
