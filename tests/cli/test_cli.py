@@ -360,7 +360,7 @@ def test_a_release_at_rest_on_the_ground_is_a_warning(place, capsys):
     assert main(["check", "case.nml"]) == 0
     assert capsys.readouterr().err == (
         "rockfall: warning: case.nml: &release: no drop_height and no velocity: "
-        "boulders rest at the source where the ground is flatter than rest_angle\n"
+        "boulders rest at the source where the ground is less steep than rest_angle\n"
     )
 
 

@@ -340,8 +340,8 @@ MISTAKES = {
         {"name": "b", "frequency": 0.3}), "name = 'b': 1,500 times as frequent as 'a', the next"),
     "a return period as a frequency": (put_several("scenario", {"name": "a", "frequency": 0.01},
         {"name": "b", "return_period": 0.07}),
-        "name = 'b': 1,429 times as frequent as 'a', the next lower: is one of the two a return "
-        "period"),
+        "name = 'b': 1,429 times as frequent as 'a', the next most frequent: is one of the two a "
+        "return period"),
     "dem_correlation in km": (put("ensemble", dem_error=1.0, dem_correlation=0.03),
         "dem_correlation = 0.03 m: shorter than half a cell of 5 m: is the value in km?"),
     "source_shift in cm": (put("ensemble", source_shift=300.0), "= 300 m: more than 100 m: is the"),

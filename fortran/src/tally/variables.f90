@@ -207,9 +207,9 @@ module rockfall_variables
                    upper//"passing_height_"//levels(k), order_statistics), &
        k=1, size(levels)), &
       variable_t("map", "energy_line_angle_max", "real", "degree", &
-                 "steepest line from the release of a boulder that passed", to_middle), &
+                 "maximum energy-line angle of the boulders that passed", to_middle), &
       variable_t("map", "energy_line_angle_min", "real", "degree", &
-                 "flattest line from the release of a boulder that passed", to_middle), &
+                 "minimum energy-line angle of the boulders that passed", to_middle), &
       variable_t("map", "travel_time_min", "real", "s", &
                  "shortest time from release until a boulder reaches the cell"), &
       variable_t("map", "tree_impacts", "integer", "1", "tree hits", "each hit counts"), &
@@ -223,7 +223,7 @@ module rockfall_variables
       variable_t("histogram", "tangential_share", "integer", "1", &
                  "tangential fraction of the incident energy", ends), &
       variable_t("histogram", "normal_share", "integer", "1", &
-                 "normal fraction of the incident energy", ends), &
+                 "fraction of the incident energy normal to the surface", ends), &
       variable_t("histogram", "rotational_share", "integer", "1", &
                  "rotational fraction of the incident energy", ends), &
       variable_t("histogram", "restitution_tangential", "integer", "1", &

@@ -56,7 +56,7 @@ class MemberMaps:
             attrs = self.attrs[name]
             return dict(self._quantiles(name, members, attrs["long_name"], attrs["units"]))
         members /= self.boulders
-        spread = "standard deviation over the runs, Monte Carlo error included"
+        spread = "standard deviation over the runs, including the Monte Carlo error"
         reached = f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed"
         return {
             "reach_probability_mean": (members.mean(axis=0), "mean over the runs", "1"),
