@@ -8,7 +8,6 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -322,7 +321,6 @@ def _units(crs: pyproj.CRS) -> tuple[Unit, Unit | None]:
     return plan, heights
 
 
-@lru_cache
 def in_plan(crs: CRS) -> CRS:
     """Horizontal part of a system."""
     from rasterio.crs import CRS
@@ -443,7 +441,6 @@ def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
     return pyproj.CRS.from_json_dict(description)
 
 
-@lru_cache
 def _pyproj(crs: CRS) -> pyproj.CRS:
     import pyproj
 
