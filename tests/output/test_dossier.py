@@ -293,7 +293,7 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     constant = Dossier({"": own}, pd.DataFrame(), second=Second("constant_a, constant_b", other))
     with speaking("fr"):
         (sentence,), (table,) = second_answer(constant), second_tables(constant)
-    assert "l'autre modèle possible sur ce sol (coefficients constants)" in sentence
+    assert "l'autre modèle de rebond que ce sol admet (coefficients constants)" in sentence
     assert table.caption.endswith(": coefficients constants (constant_a, constant_b)")
 
 

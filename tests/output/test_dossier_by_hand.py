@@ -442,10 +442,10 @@ def weighted_q95(energies, weights):
 
 def test_the_second_model(sheets, boulders):
     """The frequency of each place on other grounds, and the model that governs."""
-    (head,) = [row[1] for row in sheets[0] if row[0] and "second model" in row[1]]
+    (head,) = [row[1] for row in sheets[0] if row[0] and "other rebound model" in row[1]]
     assert all(ground in head for ground in SECOND.values())
     for place in ("road", *HOUSES):
-        row = table(sheets, "second model")[place]
+        row = table(sheets, "other rebound model")[place]
         for k, name in enumerate(("today", "second")):
             counts = count(boulders[name], place, lambda energy, _: energy >= 0)
             assert row[3 * k : 3 * k + 3] == pytest.approx(rates(counts), rel=CLOSE)
