@@ -246,8 +246,8 @@ def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
         assert (left_out in caption) == (used < 9), kept
         assert (left_out in section_figure(found).axes[0].get_title("left")) == (used < 9), kept
         assert ("the 4 of them that are kept count here" in said) == (used < 9), kept
-        assert ("more: &output kept = 'all'" in said) == (used < 9), kept
-        assert ("more: &output trajectories" in said) == (used == 9), kept
+        assert ("for more, set &output kept = 'all'" in said) == (used < 9), kept
+        assert ("for more, set &output trajectories" in said) == (used == 9), kept
     found = " ".join(section_notes(section("none", MAPS)))
     assert "trajectories of 9 of 50 boulders are recorded, but none of these" in found
     with refused(
