@@ -23,11 +23,11 @@ from rockfall.language import catalogue, speaking
 from rockfall.office.dossier import write_dossier_document, write_dossier_workbook
 from rockfall.office.tables import FORMATS, check_tables
 from rockfall.plots.terrain import terrain_of
-from rockfall.protection.yearly import YEARS, YearlyDesign, check_period, yearly_design
+from rockfall.protection.yearly import YEARS, check_period, yearly_design
 from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
-from rockfall.studies.dossier import Dossier, DossierInputs, read_dossier, run_dossier
+from rockfall.studies.dossier import Designs, Dossier, DossierInputs, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import yearly_table
 
 PAGES = "dossier.pdf"
@@ -135,18 +135,21 @@ def terrain_of_inputs(inputs: DossierInputs) -> Terrain | None:
     return (rasters.z, rasters.grid) if rasters.z.size else None
 
 
-def designs_of(made: Dossier, costs: str | Path | None = None) -> dict[str, YearlyDesign]:
+def designs_of(made: Dossier, costs: str | Path | None = None) -> Designs:
     """Barrier designs for the hazards that have evaluation lines."""
-    return {
+    by_variant = {
         name: yearly_design(hazard, made.period, costs)
         for name, hazard in made.hazards.items()
         if "line_class_behind" in hazard
     }
+    if made.second is None or "line_class_behind" not in made.second.hazard:
+        return Designs(by_variant)
+    return Designs(by_variant, yearly_design(made.second.hazard, made.period, costs))
 
 
 def put_dossier(
     made: Dossier,
-    designs: dict[str, YearlyDesign],
+    designs: Designs,
     folder: Path,
     terrain: Terrain | None,
     parties: Parties,

@@ -30,13 +30,14 @@ from rockfall.result.dataset import write_result
 from rockfall.result.variables import OUTCOME
 from rockfall.simulation import simulate
 from rockfall.simulation.parts.checkpoint import Checkpoint
-from rockfall.studies.dossier import Dossier, Second, read_dossier, run_dossier
+from rockfall.studies.dossier import Designs, Dossier, Second, read_dossier, run_dossier
 from rockfall.studies.hazard import run_study
 from rockfall.studies.yearly_variants import yearly_table
 from rockfall.table import Table
 from rockfall.tables.dossier import (
     Section,
     answer_table,
+    barrier_answers,
     remaining_tables,
     second_answer,
     second_tables,
@@ -49,6 +50,7 @@ import docx  # noqa: E402
 import openpyxl  # noqa: E402
 import shapely  # noqa: E402
 
+from rockfall.dossiers import designs_of  # noqa: E402
 from rockfall.html_report import dossier_page  # noqa: E402
 
 Z = scenes.rough()
@@ -216,7 +218,6 @@ def pages_of(made, monkeypatch, language):
     leave_pictures_blank(monkeypatch)
     from weasyprint import HTML
 
-    from rockfall.dossiers import designs_of
     from rockfall.html_report.inputs import Parties
 
     found = Dossier(hazards, frequencies)
@@ -297,6 +298,31 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
     assert table.caption.endswith(": coefficients constants (constant_a, constant_b)")
 
 
+def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
+    folder, page = made
+    released = float(read_hazard(folder / "hazard_today.nc")["frequency"].sum())
+    assert f"assumed: {released:.2g} boulders per year" in " ".join(first_page(page).split())
+
+
+def test_a_net_that_differs_by_the_second_model_is_on_page_1(made):
+    """With the second model, boulders at the road pass 1 m higher than with the first."""
+    first = read_hazard(made[0] / "hazard_by_second_model.nc")
+    second = first.copy(deep=True)
+    rates, higher = (hazard["line_class_behind"].values for hazard in (first, second))
+    assert (np.diff(first["exceeded_height"].values[:20]) == 0.5).all()
+    higher[..., 2:20] = rates[..., :18]
+    higher[..., :2] = rates[..., :1]
+    said = {}
+    for name, hazard in (("alike", first), ("apart", second)):
+        dossier = Dossier({"": first}, pd.DataFrame(), 10.0, second=Second("other", hazard))
+        said[name] = barrier_answers(dossier, designs_of(dossier))
+    (height,) = re.findall(r"^Net on road, .*, ([\d.]+) m suffice", "\n".join(said["alike"]), re.M)
+    assert not any(text.startswith("other: ") for text in said["alike"])
+    (own, other) = [text for text in said["apart"] if "Net on road" in text]
+    assert own == said["alike"][0] and other.startswith("other: Net on road")
+    assert f", {float(height) + 1:g} m suffice" in other
+
+
 @pytest.mark.parametrize(
     ("rate", "low", "high", "expected"),
     [
@@ -314,7 +340,7 @@ def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, exp
         for end, limit in zip(("", "_low", "_high"), limits, strict=True):
             hazard[f"line_frequency{end}"].values[:] = limit
     dossier = Dossier({"": own}, pd.DataFrame(), second=Second("talus", other))
-    first = next(dossier_page.answers(dossier, {}))
+    first = next(dossier_page.answers(dossier, Designs({})))
     assert first.startswith(expected)
     assert ("rebound models differ" in first) == ("factor" in expected)
 

@@ -4,7 +4,7 @@ then the barrier, the variants, all places, the inputs, and the hazard map sheet
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,9 +28,9 @@ from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.hazard.hazard_sheet import Imprint, hazard_sheet
 from rockfall.plots.hazard.origin_map import origin_map, origin_place
 from rockfall.plots.studies.curves_figure import curves_figure
-from rockfall.protection.yearly import YearlyDesign
+from rockfall.quantities import number
 from rockfall.result.trajectories import Terrain
-from rockfall.studies.dossier import Dossier
+from rockfall.studies.dossier import Designs, Dossier
 from rockfall.table import Table, in_line
 from rockfall.tables.dossier import (
     MOST,
@@ -66,7 +66,7 @@ class Given(NamedTuple):
 
 def write_dossier_page(
     dossier: Dossier,
-    designs: Mapping[str, YearlyDesign],
+    designs: Designs,
     given: Given,
     path: str | Path,
     language: str,
@@ -74,7 +74,7 @@ def write_dossier_page(
     """Write the pages of a dossier (.pdf or .html) atomically, in a language."""
     path = Path(path)
     with speaking(language):
-        content = _content(dossier, dict(designs), given)
+        content = _content(dossier, designs, given)
         if is_pdf(path):
             page = _fitted(content, dossier, given.terrain)
         else:
@@ -145,7 +145,7 @@ def _closing(
     return picture(drawn, title, say("dossier.origin_caption", name=place.name), on_paper=True)
 
 
-def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -> dict[str, Any]:
+def _content(dossier: Dossier, designs: Designs, given: Given) -> dict[str, Any]:
     """Content for the template, without the map and the closing figure."""
     hazard, parties = dossier.first, given.parties
     warnings = dossier_warnings(dossier)
@@ -162,7 +162,7 @@ def _content(dossier: Dossier, designs: dict[str, YearlyDesign], given: Given) -
         more_warnings=warnings[WARNINGS:],
         answers=list(answers(dossier, designs)),
         tables_first=[_in_lines(table) for table in first_tables(dossier)],
-        certainty=_certainty(),
+        certainty=_certainty(dossier),
         map=Picture("", "", NO_MAP, round(96 * MAP.wide), round(96 * MAP.high)),
         on_first=False,
         sections=list(pages.values()),
@@ -215,7 +215,7 @@ def question(dossier: Dossier) -> str:
     return say(key, places=names)
 
 
-def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]:
+def answers(dossier: Dossier, designs: Designs) -> Iterator[str]:
     """Sentences on page 1: on models that differ widely, on lines, on the most frequently hit
     objects, and on the barrier."""
     hazard, apart = dossier.first, list(models_apart(dossier))
@@ -225,7 +225,7 @@ def answers(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[str]
     for _, k, name in objects[:HOUSES]:
         yield _of_object(hazard, k, name)
     yield from () if apart else second_answer(dossier)
-    yield from barrier_answers(designs)[:ADVICE]
+    yield from barrier_answers(dossier, designs)[:ADVICE]
     for name, own in dossier.hazards.items():
         for text in around_ends(own):
             yield say("join.colon", before=name, after=text) if name else text
@@ -272,14 +272,15 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
     yield "places", shown
 
 
-def _certainty() -> list[Text]:
+def _certainty(dossier: Dossier) -> list[Text]:
     """Sentences on what the intervals include."""
-    return [say("office.intervals"), say("summary.the_brackets_hold_no_error_of")]
+    released = number(float(dossier.first["frequency"].sum()), 2)
+    return [say("office.intervals"), say("dossier.certainty", n=released)]
 
 
-def parts_of(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
+def parts_of(dossier: Dossier, designs: Designs) -> Iterator[Section]:
     """Sections of page 1, and of the following pages."""
-    notes = [question(dossier), *answers(dossier, designs), *_certainty()]
+    notes = [question(dossier), *answers(dossier, designs), *_certainty(dossier)]
     tables = [answer_table(dossier.first, dossier.period)]
     if len(dossier.hazards) > 1:
         tables += [variants_table(dossier), *remaining_tables(dossier)]

@@ -20,7 +20,7 @@ from rockfall.case import Case, check_all_kept
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
 from rockfall.language import say
-from rockfall.protection.yearly import YEARS
+from rockfall.protection.yearly import YEARS, YearlyDesign
 from rockfall.result.variables import ENDS
 from rockfall.scene.lines import numbered
 from rockfall.scene.scene import Scene
@@ -55,6 +55,14 @@ class Dossier:
     def first(self) -> xr.Dataset:
         """Hazard of the first variant."""
         return next(iter(self.hazards.values()))
+
+
+class Designs(NamedTuple):
+    """Barrier designs for the hazards with evaluation lines: by variant, and by the second model
+    for the first variant."""
+
+    by_variant: Mapping[str, YearlyDesign]
+    second: YearlyDesign | None = None
 
 
 @dataclass(frozen=True)

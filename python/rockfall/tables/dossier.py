@@ -16,9 +16,8 @@ from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Text, say, word
-from rockfall.protection.yearly import YearlyDesign
 from rockfall.result.variables import ENDS
-from rockfall.studies.dossier import Dossier
+from rockfall.studies.dossier import Designs, Dossier
 from rockfall.studies.model_scenes import BY_SETS, CONSTANT
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
@@ -39,7 +38,14 @@ from rockfall.tables.hazard import (
 from rockfall.tables.models import apart
 from rockfall.tables.run import hazard_inputs
 from rockfall.tables.variants import difference_table, measures_table
-from rockfall.tables.yearly_design import advice, check_tables, choice_tables, loads_table, verdicts
+from rockfall.tables.yearly_design import (
+    advice,
+    check_tables,
+    choice_tables,
+    decisions,
+    loads_table,
+    verdicts,
+)
 from rockfall.terrain.polyline import lengths, spaced
 
 MOST = 8  # maximum number of places on page 1
@@ -56,11 +62,11 @@ class Section(NamedTuple):
     tables: Sequence[Table]
 
 
-def sections(dossier: Dossier, designs: dict[str, YearlyDesign]) -> Iterator[Section]:
-    """Sections after page 1; `designs` are the designs of variants whose hazards have lines."""
+def sections(dossier: Dossier, designs: Designs) -> Iterator[Section]:
+    """Sections after page 1."""
     hazard, several = dossier.first, len(dossier.hazards) > 1
-    if designs:
-        yield _protection(designs)
+    if designs.by_variant:
+        yield _protection(dossier, designs)
     if several:
         costs = dossier.costs
         cases = {name: case_in(hazard.attrs) for name, hazard in dossier.hazards.items()}
@@ -89,22 +95,31 @@ def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
         yield say("summary.a_dash_in_brackets_too_few")
 
 
-def _protection(designs: dict[str, YearlyDesign]) -> Section:
+def _protection(dossier: Dossier, designs: Designs) -> Section:
     """Section with the loads and barrier choices of the first variant, and the barriers of all
     variants."""
-    first = next(iter(designs.values()))
+    first = next(iter(designs.by_variant.values()))
     tables = [loads_table(first), *list(choice_tables(first))[:CHOICES]]
-    for name, sheet in designs.items():
+    for name, sheet in designs.by_variant.items():
         for table in check_tables(sheet):
             caption = say("join.colon", before=name, after=table.caption) if name else table.caption
             tables.append(table._replace(caption=caption))
-    return Section("protection", say("section.protection"), barrier_answers(designs), tables)
+    return Section(
+        "protection", say("section.protection"), barrier_answers(dossier, designs), tables
+    )
 
 
-def barrier_answers(designs: dict[str, YearlyDesign]) -> list[Text]:
-    """Sentences on the advised barrier, then on the barriers of the variants."""
-    texts = list(advice(next(iter(designs.values())))) if designs else []
-    for name, sheet in designs.items():
+def barrier_answers(dossier: Dossier, designs: Designs) -> list[Text]:
+    """Sentences on the advised barrier, on barriers that differ by the second model, and on the
+    barriers of the variants."""
+    first = next(iter(designs.by_variant.values()), None)
+    texts = list(advice(first)) if first else []
+    if first and designs.second and dossier.second:
+        own, model = decisions(first), _shown(dossier.second.model)
+        for line, (decision, text) in decisions(designs.second).items():
+            if decision != own[line][0]:
+                texts.append(say("join.colon", before=model, after=text))
+    for name, sheet in designs.by_variant.items():
         for text in verdicts(sheet):
             texts.append(say("join.colon", before=name, after=text) if name else text)
     return texts

@@ -110,6 +110,22 @@ def advice(sheet: YearlyDesign) -> Iterator[Text]:
             yield from _advice(line, load, rows.to_dict("records"), sheet.period)
 
 
+def decisions(sheet: YearlyDesign) -> dict[str, tuple[object, Text]]:
+    """By line and barrier: class and height of the advised barrier, or the verdict on the barrier
+    of the case, and the sentence on it."""
+    made: dict[str, tuple[object, Text]] = {}
+    for load in sheet.loads.to_dict("records"):
+        rows = sheet.choices[sheet.choices["line"] == load["line"]].to_dict("records")
+        advised = [(row["ead_class"], row["height"]) for row in rows if row["advised"]]
+        needed = advised or load["frequency_high"] > 1 / sheet.period
+        made[load["line"]] = needed, next(_advice(load["line"], load, rows, sheet.period))
+    checks = sheet.checks.to_dict("records")
+    made |= {
+        row["line"]: (verdict(row), text) for row, text in zip(checks, verdicts(sheet), strict=True)
+    }
+    return made
+
+
 def _advice(line: str, load: Row, rows: list[dict[Any, Any]], years: float) -> Iterator[Text]:
     advised = next((row for row in rows if row["advised"]), None)
     if advised is None:
