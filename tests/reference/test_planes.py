@@ -52,7 +52,7 @@ def test_the_page_has_every_number_of_every_set_and_table_but_ensembles(tmp_path
     monkeypatch.setattr(sys, "argv", ["planes.py", "--boulders", "30", "-o", str(tmp_path)])
     planes.main()
     text = (tmp_path / "validation" / "planes.md").read_text(encoding="utf-8")
-    assert f"## `{name}`\n" in text and "many" not in text
+    assert f"## `{name}`\n" in text and "`many`" not in text
     rows = [line for line in text.splitlines() if re.match(r"\| \d+ degrees", line)]
     assert len(rows) == 2 * 2 * len(planes.ON_PAGE)  # rows of the set, rows of the table
     assert (tmp_path / "figures" / "planes.png").read_bytes().startswith(b"\x89PNG")
