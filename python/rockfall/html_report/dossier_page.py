@@ -41,6 +41,7 @@ from rockfall.tables.dossier import (
     models_apart,
     remaining_tables,
     second_answer,
+    second_demands,
     sections,
     variants_table,
     years_between,
@@ -225,7 +226,8 @@ def answers(dossier: Dossier, designs: Designs) -> Iterator[str]:
     for _, k, name in objects[:HOUSES]:
         yield _of_object(hazard, k, name)
     yield from () if apart else second_answer(dossier)
-    yield from barrier_answers(dossier, designs)[:ADVICE]
+    yield from barrier_answers(designs)[:ADVICE]
+    yield from second_demands(dossier, designs)
     for name, own in dossier.hazards.items():
         for text in around_ends(own):
             yield say("join.colon", before=name, after=text) if name else text

@@ -42,7 +42,7 @@ from rockfall.tables.yearly_design import (
     advice,
     check_tables,
     choice_tables,
-    decisions,
+    demands,
     loads_table,
     verdicts,
 )
@@ -104,25 +104,28 @@ def _protection(dossier: Dossier, designs: Designs) -> Section:
         for table in check_tables(sheet):
             caption = say("join.colon", before=name, after=table.caption) if name else table.caption
             tables.append(table._replace(caption=caption))
-    return Section(
-        "protection", say("section.protection"), barrier_answers(dossier, designs), tables
-    )
+    notes = [*barrier_answers(designs), *second_demands(dossier, designs)]
+    return Section("protection", say("section.protection"), notes, tables)
 
 
-def barrier_answers(dossier: Dossier, designs: Designs) -> list[Text]:
-    """Sentences on the advised barrier, on barriers that differ by the second model, and on the
-    barriers of the variants."""
+def barrier_answers(designs: Designs) -> list[Text]:
+    """Sentences on the advised barrier, then on the barriers of the variants."""
     first = next(iter(designs.by_variant.values()), None)
     texts = list(advice(first)) if first else []
-    if first and designs.second and dossier.second:
-        own, model = decisions(first), _shown(dossier.second.model)
-        for line, (decision, text) in decisions(designs.second).items():
-            if decision != own[line][0]:
-                texts.append(say("join.colon", before=model, after=text))
     for name, sheet in designs.by_variant.items():
         for text in verdicts(sheet):
             texts.append(say("join.colon", before=name, after=text) if name else text)
     return texts
+
+
+def second_demands(dossier: Dossier, designs: Designs) -> Iterator[Text]:
+    """Sentences on lines and barriers of the first variant where the second model demands more."""
+    if designs.second and dossier.second:
+        own = demands(next(iter(designs.by_variant.values())))
+        for line, other in demands(designs.second).items():
+            if other.exceeds(own[line]):
+                model = _shown(dossier.second.model)
+                yield say("join.colon", before=model, after=other.text)
 
 
 def around_ends(hazard: xr.Dataset) -> Iterator[Text]:

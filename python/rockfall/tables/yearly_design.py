@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Barriers designed for the annual frequency of passing boulders, as tables, sentences and text."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,20 +112,31 @@ def advice(sheet: YearlyDesign) -> Iterator[Text]:
             yield from _advice(line, load, rows.to_dict("records"), sheet.period)
 
 
-def decisions(sheet: YearlyDesign) -> dict[str, tuple[object, Text]]:
-    """By line and barrier: class and height of the advised barrier, or the verdict on the barrier
-    of the case, and the sentence on it."""
-    made: dict[str, tuple[object, Text]] = {}
+class Demand(NamedTuple):
+    """Demand of a line or barrier, as levels: class and height of the advised barrier (-1 if
+    none is needed, infinite if none suffices), or the verdict on the barrier of the case."""
+
+    levels: tuple[float, ...]
+    text: Text  # sentence on it
+
+    def exceeds(self, other: Demand) -> bool:
+        """Return True if any level is higher."""
+        return any(own > level for own, level in zip(self.levels, other.levels, strict=True))
+
+
+def demands(sheet: YearlyDesign) -> dict[str, Demand]:
+    """Demand of each line and barrier, by name."""
+    by_name = {}
     for load in sheet.loads.to_dict("records"):
-        rows = sheet.choices[sheet.choices["line"] == load["line"]].to_dict("records")
-        advised = [(row["ead_class"], row["height"]) for row in rows if row["advised"]]
-        needed = advised or load["frequency_high"] > 1 / sheet.period
-        made[load["line"]] = needed, next(_advice(load["line"], load, rows, sheet.period))
-    checks = sheet.checks.to_dict("records")
-    made |= {
-        row["line"]: (verdict(row), text) for row, text in zip(checks, verdicts(sheet), strict=True)
-    }
-    return made
+        line = load["line"]
+        rows = sheet.choices[sheet.choices["line"] == line].to_dict("records")
+        none = np.inf if load["frequency_high"] > 1 / sheet.period else -1
+        advised = next(((row["ead_class"], row["height"]) for row in rows if row["advised"]),
+                       (none, none))  # fmt: skip
+        by_name[line] = Demand(advised, next(_advice(line, load, rows, sheet.period)))
+    for row, text in zip(sheet.checks.to_dict("records"), verdicts(sheet), strict=True):
+        by_name[row["line"]] = Demand(((2 - 2 * row["holds"]) if row["certain"] else 1,), text)
+    return by_name
 
 
 def _advice(line: str, load: Row, rows: list[dict[Any, Any]], years: float) -> Iterator[Text]:

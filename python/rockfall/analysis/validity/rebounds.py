@@ -118,6 +118,10 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     names = [table.name for table in tables]
     sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
     judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
+    tested = {row.model for row in judged}
+    grounds: list[Text | str] = [name for name in names if name in tested]
+    if untested := [name for name in names if name not in tested]:
+        grounds.append(say("model.untested", names=untested))
     means, deviations = (
         error_range(row for row in judged if row.quantity.endswith(statistic))
         for statistic in ("_mean", "_std")
@@ -125,7 +129,7 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     text = say(
         "model.tables",
         drawn=_part_of_all(tables, values),
-        grounds=", ".join(names),
+        grounds=grounds,
         mean_low=means[0],
         mean_high=means[1],
         std_low=deviations[0],
