@@ -217,6 +217,9 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
     assert not np.array_equal(*(one["stop_y"] for one in found))
     said = [one.text for one in model_remarks(found[0], case)]
     assert any("followed impact tables (meadow)" in text for text in said), said
+    case = case_in(tmp_path, impact={"form": "table"}, surface={"ground": "rock"}, **place())
+    said = [one.text for one in model_remarks(rockfall.run(case, **terrain()), case)]
+    assert any("followed impact tables (untested: rock)" in text for text in said), said
 
 
 def on_rocks(folder, ratio, **groups):

@@ -119,9 +119,11 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
     judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
     tested = {row.model for row in judged}
-    grounds: list[Text | str] = [name for name in names if name in tested]
-    if untested := [name for name in names if name not in tested]:
-        grounds.append(say("model.untested", names=untested))
+    known, unknown = (
+        ", ".join(name for name in names if (name in tested) == is_tested)
+        for is_tested in (True, False)
+    )
+    grounds = [known] * bool(known) + [say("model.untested", names=unknown)] * bool(unknown)
     means, deviations = (
         error_range(row for row in judged if row.quantity.endswith(statistic))
         for statistic in ("_mean", "_std")
