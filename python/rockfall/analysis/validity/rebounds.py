@@ -119,11 +119,12 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
     sites = [*evidence("vaujany"), *evidence("tschamut", "held-out", "run_out_*")]
     judged = [row for row in sites if row.model in {*JUDGED_TABLES, *names}]
     tested = {row.model for row in judged}
-    known, unknown = (
+    compared, untested = (
         ", ".join(name for name in names if (name in tested) == is_tested)
         for is_tested in (True, False)
     )
-    grounds = [known] * bool(known) + [say("model.untested", names=unknown)] * bool(unknown)
+    grounds = [compared] * bool(compared)
+    grounds += [say("model.untested", names=untested)] * bool(untested)
     means, deviations = (
         error_range(row for row in judged if row.quantity.endswith(statistic))
         for statistic in ("_mean", "_std")
