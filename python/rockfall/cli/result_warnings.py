@@ -16,12 +16,13 @@ from rockfall.result.dataset import open_result
 
 def warn_of_results(*paths: Path, told: Collection[str] = ()) -> None:
     """Print each input and model warning of results and hazards once, except those in `told`."""
-    hazards = [read_hazard(path) for path in paths if is_hazard(path)]
+    of_hazard = {path for path in paths if is_hazard(path)}
+    hazards = [read_hazard(path) for path in paths if path in of_hazard]
     with ExitStack() as opened:
         results = {
             path.stem: opened.enter_context(open_result(path))
             for path in paths
-            if not is_hazard(path)
+            if path not in of_hazard
         }
         inputs = [
             f"{case_in(attrs).name}: {where}: {text}"
