@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 import rockfall
+from rockfall.cli import main
 from rockfall.cli.messages import print_files, warnings_told
+from rockfall.cli.result_warnings import warn_of_results
+from slope_case import write_slope
 
 PACKAGE = Path(rockfall.__file__).parent
 
@@ -36,3 +39,18 @@ def test_few_files_are_listed_each_and_many_by_kind(capsys):
     maps = [Path("out") / f"{k}.tif" for k in range(20)]
     print_files([*few, *maps])
     assert capsys.readouterr().out == "out: a.nc, 21 .tif\n"
+
+
+def test_results_with_equal_file_names_have_all_their_warnings(tmp_path, monkeypatch, capsys):
+    """Only the first result follows a shipped set, which has a warning."""
+    monkeypatch.chdir(tmp_path)
+    write_slope()
+    own = Path("case.nml").read_text()
+    Path("shipped.nml").write_text(own.replace("sets.nml", "laboratory-spheres"))
+    paths = Path("a/out.nc"), Path("b/out.nc")
+    for case, path in zip(("shipped.nml", "case.nml"), paths, strict=True):
+        path.parent.mkdir()
+        assert main(["run", case, "-o", str(path), "--quiet"]) == 0
+    capsys.readouterr()
+    warn_of_results(*paths)
+    assert "a/out.nc: " in capsys.readouterr().err.replace("\\", "/")

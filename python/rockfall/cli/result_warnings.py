@@ -19,8 +19,11 @@ def warn_of_results(*paths: Path, told: Collection[str] = ()) -> None:
     of_hazard = {path for path in paths if is_hazard(path)}
     hazards = [read_hazard(path) for path in paths if path in of_hazard]
     with ExitStack() as opened:
+        stems = [path.stem for path in paths]
         results = {
-            path.stem: opened.enter_context(open_result(path))
+            path.stem if stems.count(path.stem) == 1 else str(path): opened.enter_context(
+                open_result(path)
+            )
             for path in paths
             if path not in of_hazard
         }
