@@ -1,4 +1,4 @@
-"""Run this case by methods A and B, and compare the results with those in the paper.
+"""Repeat the paper's runs by methods A and B, compare the results, and write the report of B.
 
 `./run demo`, or `python cases/vaujany/demo.py [FOLDER]` if rockfall is installed.
 """
