@@ -113,7 +113,7 @@ def report_hazard(
 
 
 def check_needs(language: str) -> None:
-    """Raise a RockfallError if the dossier needs a missing package, or `language` is unknown."""
+    """Raise a RockfallError if a package for the dossier is missing, or `language` is unknown."""
     check_page_needs(PAGES)
     check_tables(FORMATS, language)
 
@@ -130,7 +130,7 @@ def dossier_files(variants: Sequence[str]) -> list[str]:
 
 
 def terrain_of_inputs(inputs: DossierInputs) -> Terrain | None:
-    """Terrain under the maps: the first variant's, unless it is read in windows."""
+    """Elevations and grid under the maps, from the first variant; None if it is read in windows."""
     rasters = next(iter(inputs.studies.values())).scene.rasters
     return (rasters.z, rasters.grid) if rasters.z.size else None
 

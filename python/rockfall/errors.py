@@ -42,7 +42,7 @@ def check_kernel(code: int, message: bytes, name: str = "") -> None:
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """Raise a RockfallError if a package is missing, with the advice to install `extra`."""
+    """If a package is missing, raise a RockfallError: `what`, and the advice to install `extra`."""
     try:
         for package in packages:
             import_module(package)

@@ -19,7 +19,7 @@ TOGETHER = 0.1
 
 _is_stopped: ContextVar[Callable[[], bool]] = ContextVar("is_stopped", default=lambda: False)
 _number: int = signal.SIGINT  # signal received last
-_hit: threading.Event | None = None  # set after a signal within `interrupts`
+_hit: threading.Event | None = None  # event that a signal within `interrupts` sets; None outside
 
 
 def exit_status() -> int:
@@ -77,7 +77,7 @@ def _end_at_second(reader: socket.socket) -> None:
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Raise KeyboardInterrupt on SIGTERM within the block, as on Ctrl-C, so that partial files are
-    removed; only once, even if signals repeat."""
+    removed. Signals within TOGETHER count as one."""
     global _number
     _number, last = signal.SIGINT, -TOGETHER
     if threading.current_thread() is not threading.main_thread():

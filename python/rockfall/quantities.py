@@ -79,7 +79,7 @@ DESIGN = {  # loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),
 }
-#: Units of data columns, as in results; "1" for fractions. Others are counts or flags.
+#: Units of data columns, as in results; "1" for fractions. Other columns have no unit.
 COLUMN_UNITS = {
     "fraction": "1", "residual": "1",
     "height": "m", "height_needed": "m", "normal_height_needed": "m", "h_d": "m",
@@ -134,7 +134,7 @@ def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
 
 
 def small(value: float) -> Number:
-    """Format a risk as a power of ten: 2.3e-7."""
+    """Format a small number, such as a risk, in scientific notation: 2.3e-7."""
     if not math.isfinite(value):
         return Number("-")
     return Number(f"{value:.1e}".replace("e-0", "e-").replace("e+00", "") if value else "0")

@@ -105,7 +105,7 @@ def stacked(*lines: object) -> str:
 
 
 def between(low: object, high: object) -> str:
-    """Format two limits in brackets; "-" for an unknown limit."""
+    """Format two limits in brackets; if one is unknown ("-"), as "from" or "up to" the other."""
     if low == high == "-":
         return "-"
     if high == "-":
@@ -180,8 +180,8 @@ class Table(NamedTuple):
         return sum(1 + letters for letters in longest) > LETTERS
 
     def data(self, ends: Sequence[str] = ENDS) -> tuple[list[Column], Iterator[list[object]]]:
-        """Columns and rows, with interval limits in separate columns; `ends` follow their
-        labels."""
+        """Columns and rows. A column with estimates becomes one column for the value and one for
+        each limit, whose labels end in `ends`."""
         columns: list[Column] = []
         split = [any(isinstance(row[k], Estimate) for row in self.rows if len(row) > k)
                  for k in range(len(self.columns))]  # fmt: skip
@@ -244,7 +244,7 @@ def _wrapped(head: str, rows: Sequence[Sequence[str]], k: int) -> str:
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Groups of columns that fit side by side; each group starts with the first column."""
+    """Column indices in groups that fit into `room` letters; each group starts with column 0."""
     parts: list[list[int]] = [[0][: len(widths)]]
     for k in range(1, len(widths)):
         if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) - 2 > room:
@@ -260,7 +260,7 @@ def _aligned(cells: Sequence[str], part: Sequence[int], widths: Sequence[int]) -
 
 
 def write_csv(table: Table, path: str | Path) -> None:
-    """Write a table with unrounded numbers, atomically; texts cannot run as formulas in a
+    """Write a table as CSV with unrounded numbers, atomically; texts cannot run as formulas in a
     spreadsheet."""
     import pandas as pd
 

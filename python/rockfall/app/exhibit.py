@@ -152,7 +152,7 @@ def _fixed(form: Form) -> Form:
 
 
 def _terrain(result: xr.Dataset, file: Path | None) -> tuple[np.ndarray, Grid]:
-    """Terrain of a result, without elevations if its file is missing."""
+    """Terrain of a result; if its file is missing, the area of the boulders without elevations."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page reports the missing relief
         terrain = terrain_of(result, beside=None if file is None else file.parent)

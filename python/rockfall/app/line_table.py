@@ -72,7 +72,7 @@ def _without_maps(result: xr.Dataset) -> Contents:
 
 
 def _known(row: dict[str, float], name: str, factor: float = 1.0) -> float | None:
-    """A number in display units, or None instead of NaN, which saves a search of large messages."""
+    """Number of a row times `factor`; None for NaN, which would make JSON encoding much slower."""
     value = factor * float(row.get(name, math.nan))
     return value if math.isfinite(value) else None
 

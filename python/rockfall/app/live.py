@@ -262,7 +262,7 @@ class Live:
             self._made, self._is_hazard_due = (made.case, frames), self.view.hazard
 
     def _run_hazard(self) -> None:
-        """Run the scenarios, unless the document changes meanwhile."""
+        """Run the scenarios and send their hazard; a change of the document stops the run."""
         assert self._made is not None
         self._is_hazard_due = False
         fields = {"revision": self.revision}

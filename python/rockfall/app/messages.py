@@ -97,7 +97,7 @@ def _json(content: Any) -> str:
     # ASCII only: file names, and texts from a page, may have code points that UTF-8 cannot encode.
     try:
         return json.dumps(content, allow_nan=False, separators=(",", ":"), default=_plain)
-    except (TypeError, ValueError):  # NaN, or NumPy keys; takes 20 times as long
+    except (TypeError, ValueError):  # NaN, or NumPy keys; conversion takes 20 times as long
         return json.dumps(_plain(content), allow_nan=False, separators=(",", ":"))
 
 

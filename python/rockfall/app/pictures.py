@@ -129,7 +129,7 @@ def _about_map(name: str) -> dict[str, str]:
 def batch_message(
     result: xr.Dataset, case: Case, shown: str, ground: Ground, language: str, **fields: Any
 ) -> bytes:
-    """Message `batch`: results so far, and the map of this name, if any."""
+    """Message `batch`: results so far, and the map `shown`, if the result has it."""
     with speaking(language):
         warnings = [
             f"{remark.text}." for remark in model_remarks(result, case) if remark.is_warning
@@ -198,7 +198,7 @@ def _points(path: Trajectory, ground: Ground) -> np.ndarray:
 
 
 def masses(result: xr.Dataset, boulders: Sequence[int], case: Case) -> np.ndarray:
-    """Mass of boulders by number [kg]; NaN without a table of boulders."""
+    """Mass [kg] of these boulders, by number; NaN for boulders without a row in the result."""
     numbers = result["boulder"].values
     order = np.argsort(numbers)
     place = np.searchsorted(numbers, boulders, sorter=order).clip(max=max(numbers.size - 1, 0))

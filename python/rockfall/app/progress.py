@@ -17,7 +17,7 @@ from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
 
 FIRST, SECOND = 0.0, 0.1  # time before the first message, and minimum time to the next [s]
-PATIENCE = 3.0  # seconds of the kernel per second spent on statistics and pictures
+PATIENCE = 3.0  # [s] kernel time per second spent on statistics and pictures
 
 #: Sends a message of a kind; it replaces waiting messages that it makes obsolete (see `Outbox`).
 Send = Callable[[str, Message], None]
@@ -64,7 +64,7 @@ class Progress:
         return not self._batch.complete or self._has_missing()
 
     def look(self, view: View) -> None:
-        """Set the number of trajectories, the section, the net, or the lines in view."""
+        """Set the view; send its trajectories, section, net and lines if they changed."""
         before, self._view = self._view, view
         if self._batch is not None and view.trajectories != before.trajectories:
             self._sent = set()

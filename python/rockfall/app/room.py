@@ -253,8 +253,8 @@ class Room:
         self._live().run(running)
 
     def _save(self, message: dict[str, Any], others: Callable[[str], list[str]]) -> str:
-        """Save the document and return its name. Refuse existing files, also those that `others`
-        lists."""
+        """Save the document and return its name. Unless the page allows overwriting, refuse
+        existing files, including those that `others` lists."""
         live, overwrite = self._live(), message.get("overwrite", False)
         name = check_name(message.get("name"))
         if not isinstance(overwrite, bool):

@@ -14,7 +14,7 @@ MAX_VISIBLE = 200  # maximum lines in view
 
 
 def view_of(message: dict[str, Any], maps: Collection[str], offers: Offers) -> View:
-    """View requested by a message `view`, with one of these `maps`. Raises Refused if invalid."""
+    """Return the view in a message `view`; raise Refused unless it is among `maps` and `offers`."""
 
     def text(key: str, allowed: Collection[str] | None = None) -> str:
         value = message.get(key, "")

@@ -69,8 +69,8 @@ class _Version(argparse.Action):
 def _add(
     commands: _Commands, module: str, name: str, does: str, what: str = "", writes: bool = True
 ) -> _Parser:
-    """Add a command from a module in this folder; `what` is the file that it reads. Most commands
-    get options to overwrite outputs and to select a variant of the case."""
+    """Add a command from a module in the folder `commands`; `what` is the file that it reads. Most
+    commands get options to overwrite outputs and to select a variant of the case."""
     parser = commands.add_parser(name, help=does, description=does[0].upper() + does[1:] + ".")
     if what:
         parser.add_argument(what.lower(), metavar=what, type=Path)
@@ -100,9 +100,8 @@ def _switch(parser: argparse._ActionsContainer, names: str, does: str) -> None:
 
 
 def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
-    """Function of a command that imports its module only when called: `rockfall --help` needs no
-    NumPy, `check` no plotting. Files are replaced only with `--overwrite`.
-    """
+    """Return a function that imports a command's module only when called: `rockfall --help` needs
+    no NumPy, `check` no plotting. Files are replaced only with `--overwrite`."""
 
     def run(given: argparse.Namespace) -> int:
         function = getattr(import_module(module), f"{name}_command")
@@ -115,9 +114,8 @@ def command_of(module: str, name: str) -> Callable[[argparse.Namespace], int]:
 
 @functools.cache
 def make_parser() -> argparse.ArgumentParser:
-    """Create the parser of the whole command line. The parsed `command` is a function of the
-    arguments.
-    """
+    """Create the parser of the whole command line. It sets `command`, a function that runs the
+    command with the parsed arguments and returns the exit status."""
     parser = _Parser(
         prog="rockfall",
         description="Simulate rockfall: reach, speed, height, energy and frequency.",

@@ -27,7 +27,7 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds a finished study; refuse files of another study."""
+    """Return True if `--resume` finds a finished study; refuse others without `--overwrite`."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False
@@ -42,7 +42,7 @@ def is_done(
 def study_checkpoints(
     arguments: argparse.Namespace, folder: Path, runs: Iterable[str], study: str
 ) -> list[Checkpoint]:
-    """Checkpoints FOLDER.RUN.checkpoint of runs."""
+    """Checkpoints FOLDER.RUN.checkpoint, one for each run; `study` is used in messages."""
     check_interval(arguments)
     outputs = (folder.with_name(f"{folder.name}.{run}") for run in runs)
     return [new_checkpoint(arguments, output, study, keep=True) for output in outputs]
@@ -68,7 +68,7 @@ def new_checkpoint(
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
-    """After Ctrl-C, report the progress saved in checkpoints, and return the exit status."""
+    """Report saved checkpoints after Ctrl-C and return the status; KeyboardInterrupt if none."""
     kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt

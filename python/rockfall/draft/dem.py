@@ -43,7 +43,7 @@ from rockfall.terrain.repairs import lowered, smoothed, without_holes, without_p
 from rockfall.version import __version__
 
 DEEP = 30.0  # depth of a cut [m] that triggers a remark; ditches above dams are a few metres deep
-PIT = 3.0  # depth of a filled pit [m] that triggers a remark: hollows and ditches are as deep
+PIT = 3.0  # depth of a filled pit [m] that triggers a remark: it may be a real hollow or ditch
 BEYOND = 50.0  # --fill [m] that triggers a remark: the ground in larger holes is unknown
 BLURRED = 5.0  # --smooth [cells] that triggers a remark: survey noise needs two
 
@@ -172,8 +172,8 @@ def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarr
 
 
 def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
-    """Return True if x and y may be in degrees: at most 360 and 90, and far less varied than the
-    elevations."""
+    """Return True if x and y may be in degrees: at most 360 and 90, and with an extent far smaller
+    than the range of elevations."""
     apart, rise = (high - low)[:2].max(), high[2] - low[2]
     is_round = (abs(low[:2]) <= (360, 90)).all() and (abs(high[:2]) <= (360, 90)).all()
     return bool(is_round and apart < rise / STEEPEST)
@@ -216,7 +216,7 @@ def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | N
 
 
 def edited(dem: Dem, steps: Iterable[tuple[str, Any]], remarks: list[str]) -> Dem:
-    """Apply EDITS (name, argument) to a DEM in order; notes on unusual values go to `remarks`."""
+    """Apply edits (a name in EDITS, its argument) to a DEM in order; remarks go to `remarks`."""
     for name, given in steps:
         dem = dem._replace(z=EDITS[name](dem, given, remarks))
     return dem

@@ -47,7 +47,7 @@ class New:
 
     @staticmethod
     def has_key(group: str, name: str) -> bool:
-        """Return True if the key exists in a case."""
+        """Return True if a group of the case has this key."""
         return name in keys_of(group)
 
 
@@ -75,7 +75,7 @@ def _name(file: Path, place: Path) -> str:
 
 
 def _layer(layer: Layer, group: str, key: str) -> Iterator[Entry]:
-    """Key for the layer name; needed if a file has several layers."""
+    """Yield the key for the layer name if the file has several layers."""
     if not layer.alone:
         yield _entry(group, key, layer.name)
 

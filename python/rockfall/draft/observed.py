@@ -40,8 +40,8 @@ def observed_of(
     angles: Mapping[str, float | None],
     ask: AskAngle | None,
 ) -> Observed:
-    """Observations in layers of known kinds; copies go to a folder. `ask` returns an angle that
-    was not given, if there are observations."""
+    """Observations in `layers` (kind, layer); copies go to the folder `place`. `ask` returns an
+    angle that was not given, if there are observations."""
     files, copies = {}, []
     for kind, layer in layers:
         path = layer.path

@@ -387,7 +387,7 @@ def _stops(data: xr.Dataset) -> Features:
 
 
 def _source_table(data: xr.Dataset) -> SourceTable:
-    """Distinct start points, and the number of boulders from each."""
+    """Distinct start points with their features, numbers of boulders and maximum plan distances."""
     places = np.column_stack([_stored(data[f"start_{axis}"])[0] for axis in "xy"])
     places, first, source, boulders = np.unique(
         places, axis=0, return_index=True, return_inverse=True, return_counts=True

@@ -79,9 +79,8 @@ def _title(row: Mapping[str, Any]) -> str:
 
 
 def _span(row: dict[str, Any]) -> str:
-    """Time span of a feature with times. It stays hidden until played, because it would cover its
-    trajectory.
-    """
+    """Time span of a feature whose `row` has times, which are removed from it. The feature stays
+    hidden until played, because it would cover its trajectory."""
     if not isinstance(row.get("begin"), datetime):
         return ""
     begin, end = (f"{row.pop(key).isoformat(timespec='microseconds')}Z" for key in ("begin", "end"))

@@ -27,8 +27,8 @@ def write_palette(raster: Path, words: Mapping[int, str], colours: Mapping[int, 
 
 
 def write_classes(raster: Path, classes: Classes, per_unit: float = 1.0) -> Path:
-    """Write the style of a class map whose values, divided by `per_unit`, are in the unit of the
-    classes (0.01 for fractions)."""
+    """Write the style of a class map. Its values, divided by `per_unit` (0.01 for fractions), are
+    in the unit of the classes."""
     renderer = ElementTree.Element("rasterrenderer", type="singlebandpseudocolor")
     attrs = {"colorRampType": "DISCRETE", "classificationMode": "1", "clip": "0"}
     shader = ElementTree.SubElement(renderer, "rastershader")

@@ -30,7 +30,8 @@ def lines_zm(paths: list[np.ndarray]) -> np.ndarray:
 def trajectory_features(
     data: xr.Dataset, sampled: Sampled
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Trajectories as LineString ZM, with number of contacts and travel time [s]."""
+    """Trajectories as LineString ZM, with number of vertices (contacts, end) and travel time
+    [s]."""
     boulder, recorded = np.unique(data["trajectory_boulder"].values, return_counts=True)
     paths = sampled.strings(sampled.motion.boulder)
     _, first = np.unique(sampled.motion.vertex, return_index=True)
@@ -45,8 +46,7 @@ def trajectory_features(
 def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Motion between contacts as LineString ZM, unless its duration is zero: number of the first
     contact (from 1), time stamps from `EPOCH`, time since release and duration [s], and speeds
-    [m/s] after the first and before the next contact. A slide includes waiting times.
-    """
+    [m/s] after the first and before the next contact. The duration of a slide includes waiting."""
     strings = sampled.strings(sampled.motion.vertex)
     begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
     _, first = np.unique(sampled.motion.vertex, return_index=True)

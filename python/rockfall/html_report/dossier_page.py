@@ -262,7 +262,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
-    """Yield figures by section; each follows two tables of its section."""
+    """Yield sections with figures; the page puts each figure after two tables of its section."""
     curves = curves_figure(dossier.hazards)
     shown = [picture(curves, say("dossier.curves"), say("dossier.curves_caption"), on_paper=True)]
     if has_segments(dossier.first):

@@ -134,7 +134,7 @@ def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list
 
 
 def _most_passed(rows: Rows) -> list[int]:
-    """Lines by decreasing number of passing boulders, because a page may not have space for all."""
+    """Line indices by decreasing number of passing boulders; a page may lack space for all."""
     passed = [numbers["speed"]["n"] for numbers in rows.values()]
     return sorted(range(len(passed)), key=lambda k: -passed[k])
 
@@ -170,7 +170,7 @@ def overview(
     look: Look | None,
     room: Room,
 ) -> Iterator[tuple[str, Figure]]:
-    """Title and map of page 1: zones, passages or stopping places; none without all of these."""
+    """Title and map of page 1: hazard zones, else passages, else stops; nothing without them."""
     if hazard is not None:
         yield say("front.zones_of_hazard"), zones_figure(hazard, terrain, room)
     elif name := passed_map(result):

@@ -102,7 +102,8 @@ def _few(rows: Rows) -> Iterator[str]:
 
 
 def _ended(result: xr.Dataset) -> Iterator[str]:
-    """Caution on boulders that left the terrain or were stopped by a limit."""
+    """Cautions: a single boulder, and boulders that left the terrain or reached the impact
+    limit."""
     boulders, limit = simulated(result), ended(result)["impact_limit"]
     if boulders == 1:
         yield say("validity.one_boulder")

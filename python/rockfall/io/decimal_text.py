@@ -45,8 +45,7 @@ def whole_column(numbers: np.ndarray, missing: np.ndarray | bool = False) -> np.
 
 def real_column(numbers: np.ndarray) -> np.ndarray:
     """Column (n, width) of reals, with the fewest digits that identify them in single precision
-    (doubles: at least four decimals); blank for NaN.
-    """
+    (doubles from 1,000: four decimals); blank for NaN."""
     missing, exact = np.isnan(numbers), np.abs(numbers).astype("f8")
     as_digits = (exact == 0) | (exact >= SMALL) & (exact < LARGE)
     exact = np.where(as_digits, exact, 0)
@@ -72,7 +71,7 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
 
 
 def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shortest decimals of reals >= 0: integers, and the number of decimals of each."""
+    """Shortest decimals of single-precision reals >= 0: integers, and numbers of decimals."""
     exact = single.astype("f8")
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
     places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)

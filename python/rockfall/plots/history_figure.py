@@ -83,8 +83,8 @@ def _mark_minor(axes: Axes) -> None:
 def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
-    """Plot a statistic with its 95 % band. Return the upper axis limit, from twice the highest
-    value and the end of the last band, because bands from few boulders are unbounded."""
+    """Plot a statistic with its 95 % band. Return the upper axis limit: twice the highest value or,
+    if higher, the end of the last band; bands from few boulders are unbounded."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

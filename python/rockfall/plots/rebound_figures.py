@@ -35,7 +35,7 @@ KNOWN: dict[str, list[tuple[tuple[float, ...], tuple[float, ...]]]] = {
 
 
 def beside_paper(result: xr.Dataset) -> bool:
-    """Return True if the rebounds follow impact sets, as in the paper, and are comparable."""
+    """Return True if all rebounds follow impact sets, so that the paper's values apply."""
     return not (classical_grounds(result) or table_grounds(result))
 
 
@@ -83,7 +83,7 @@ def draw_restitution(sets: Sequence[Sets]) -> Figure:
             for row, axes in enumerate(panels[:, k]):
                 shown = ANGLES[ANGLES <= (LAST_RT, 90.0)[row]]
                 values = [draw[row] for draw in draws[: shown.size]]
-                # Ratios with an admissible draw.
+                # Angles with an admissible draw.
                 is_known = np.array([v.size > 0 for v in values])
                 shown, values = shown[is_known], [v for v in values if v.size]
                 if not values:

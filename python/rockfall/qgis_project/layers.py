@@ -52,7 +52,7 @@ def raster_layer(path: Path, title: str, **options: bool) -> Layer:
 
 
 def vector_styles(path: Path) -> dict[str, str]:
-    """Style text of each layer in a GeoPackage that has a style."""
+    """Style text by layer name, for the layers of a GeoPackage that have a style."""
     with closing(sqlite3.connect(path)) as database:
         return dict(database.execute(f"SELECT f_table_name, styleQML FROM {TABLE}"))
 

@@ -45,7 +45,7 @@ NORTH = (
 
 
 class Texts(NamedTuple):
-    """Texts of a layout: headings, lines, legend lines, words for scale and date."""
+    """Texts of a layout: headings, lines of imprint and foot, words for scale and date."""
 
     title: str
     subtitle: str

@@ -71,7 +71,7 @@ def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[flo
 
 
 def longest_way(cells: np.ndarray) -> np.ndarray:
-    """Shortest path (n, row and column) over adjacent cells between the two most distant cells."""
+    """Shortest path (n, 2: row, column) over adjacent cells between the two most distant cells."""
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 

@@ -78,14 +78,14 @@ def rising_estimates(row: Row, names: Sequence[str], quantity: str) -> Iterator[
 
 
 def headline(rows: Rows) -> Table:
-    """Table of key numbers at the lines, for decisions."""
+    """Table of the key numbers (`HEADLINE`) at each line."""
     shown = [(line, *key_numbers(numbers)) for line, numbers in rows.items()]
     heads = say("label.line_or_barrier"), *map(say, HEADLINE)
     return Table.of(say("summary.headline_caption"), heads, shown)
 
 
 def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
-    """Key numbers at a line."""
+    """Cells with the key numbers (`HEADLINE`) of a line."""
     for quantity, name in HEADLINE.values():
         yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
 

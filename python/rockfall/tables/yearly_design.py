@@ -113,8 +113,8 @@ def advice(sheet: YearlyDesign) -> Iterator[Text]:
 
 
 class Demand(NamedTuple):
-    """Demand of a line or barrier, as levels: class and height of the advised barrier (-1 if
-    none is needed, infinite if none suffices), or the verdict on the barrier of the case."""
+    """Demand of a line or barrier, as levels: class and height of the advised barrier (-1: none is
+    needed, inf: none suffices), or 0, 1, 2: the case's barrier holds, is undecided, fails."""
 
     levels: tuple[float, ...]
     text: Text  # sentence on it

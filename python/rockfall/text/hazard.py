@@ -89,7 +89,7 @@ def warning_groups(hazard: xr.Dataset) -> list[WarningGroup]:
 
 
 def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
-    """Warnings that apply to all scenarios."""
+    """Warnings on the whole hazard: too few boulders for safe cells, and zones shown lower."""
     yearly, longest = float(hazard["frequency"].sum()), float(hazard["return_period"].max())
     clusters = (hazard["boulders"] / hazard["boulders_per_cluster"]).values.tolist()
     parts = zip(clusters, hazard["frequency"].values, strict=True)

@@ -85,8 +85,8 @@ class Site:
         settings: Mapping[str, Any],
         variant: str = "",
     ) -> Document:
-        """Copy of a document with layers and groups replaced by those from the page, based on
-        `variant`. Raise Refused for invalid values."""
+        """Copy of a document, shown as `variant`, with layers and groups replaced by those from the
+        page. Raise Refused for invalid values."""
         if not isinstance(variant, str) or variant not in ("", *self.variants.documents):
             raise Refused(say("app.server_wrong_type", name="variant"))
         new_layers, new_settings = dict(document.layers), dict(document.settings)
@@ -197,8 +197,8 @@ def _zones_of(zones: list[Feature], surface: dict[str, Any], site: Site) -> list
 def _rest(
     zones: list[Feature], sizes: dict[str, Any], surface: dict[str, Any], grid: Grid
 ) -> list[Feature]:
-    """Zones outside the drawn zones; none if a drawn zone is invalid, which the reader refuses
-    later."""
+    """Zones with the uniform ground outside the drawn zones; none if a drawn zone is invalid, which
+    the reader refuses later."""
     import shapely
 
     radii = sizes.get("uniform_mean_radius"), sizes.get("uniform_rg")
@@ -221,7 +221,7 @@ def _rest(
 
 
 def with_output(case: Case, maps: Iterable[str], trajectories: int) -> Case:
-    """Case of a live run with only the displayed outputs; the results do not change."""
+    """Case of a live run that computes only the displayed outputs; the boulders do not change."""
     output = {
         "maps": [*dict.fromkeys(maps)] or None, "trajectories": trajectories or None,
         "rebounds": None, "energy_balance": None,

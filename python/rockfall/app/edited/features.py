@@ -152,7 +152,7 @@ class Layer:
 
     @classmethod
     def of(cls, features: Iterable[Feature], form: Form) -> Layer:
-        """Layer with the features of a form."""
+        """Layer of these features, with the attribute kinds of their form."""
         kinds = {name: field.kind for name, field in form.items()} | {REST: "logical"}
         return cls(tuple(features), tuple(kinds.items()))
 

@@ -23,7 +23,7 @@ DRAWN = {
     "release": {"x", "y", "points", "points_layer", "polygons", "polygons_layer", "name_field"},
     "surface": {"zones_layer", "zone_field"},
 }
-GROUND_KEYS = {("surface", "ground")}  # keys whose names could open another file
+GROUND_KEYS = {("surface", "ground")}  # keys whose values could name another file
 PLACES = OF_LAYER - {"name"}  # keys of lines that are not attributes of features
 REST = "rest"  # marks the zone polygons that fill the terrain around the drawn zones
 
@@ -65,7 +65,7 @@ def settings_forms(grounds: tuple[str, ...] | None) -> dict[str, Form]:
 
 
 def layer_forms(case: Case, zones: bool, grounds: tuple[str, ...] | None) -> dict[str, Form]:
-    """Form fields for the features of each layer; `zones` is True if zones are drawn."""
+    """Form fields for the features of each layer; `zones` is True if the page can draw zones."""
     keys = {(key.group, key.name): key for key in key_table()}
     text = Key("", "name", "text", 1, "absent", "", "", "")
     names = ("density", "drop_height")

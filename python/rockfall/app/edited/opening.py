@@ -70,7 +70,7 @@ def open_site(path: Path) -> tuple[Site, Document]:
 
 
 def _open_dem(path: Path) -> tuple[Site, Document]:
-    """Document of a DEM without a case: no sources and no ground."""
+    """Site and document of a DEM without a case; the document has no sources and no ground."""
     grid, _ = dem_header(path)
     name = path.with_name(f"{path.stem}.nml")
     settings = {group: dict(values) for group, values in FIRST.items()}
@@ -153,7 +153,7 @@ def _read(
 
 
 def _fits(features: list[Feature]) -> bool:
-    """Return True if the page can edit a layer."""
+    """Return True if a layer is small enough to be edited on the page."""
     return (
         len(features) <= MAX_FEATURES
         and sum(feature.vertices() for feature in features) <= MAX_VERTICES
@@ -206,8 +206,8 @@ def _sources(inputs: Inputs, form: Form) -> Iterator[Feature]:
 
 
 def _shared(columns: dict[str, Any], parts: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """Columns with a value for each polygon part; `owner` is its polygon. Frequencies are divided
-    in proportion to the area of the parts."""
+    """Columns with a value for each polygon part; `owner` has the polygon index of each part.
+    Frequencies are divided in proportion to the area of the parts."""
     import shapely
 
     frequency = attribute(columns, "frequency")

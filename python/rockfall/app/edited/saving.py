@@ -81,8 +81,8 @@ def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
 def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
-    """Case with the &variant groups of the site. Layers that variants select by name are inline. If
-    the variants would not work or change their meaning, they are left out, with a remark."""
+    """Case with the site's &variant groups, layers to write inline (variants select their features
+    by name), and a remark. Variants are omitted if one would fail or change its meaning."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""

@@ -115,7 +115,7 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
-    """Read a raster, or points from files, and print their properties."""
+    """Elevations from a raster or from points; print the properties of the points."""
     given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
     if not (is_cloud(path) or path.suffix.lower() in (".csv", ".txt")) or is_ascii_grid(path):

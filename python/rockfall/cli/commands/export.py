@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Export of a result or hazard; pages and figures are only imported for a QGIS project."""
+"""Export of a result or hazard; the code for projects and tables is only imported on request."""
 
 import argparse
 from importlib import import_module

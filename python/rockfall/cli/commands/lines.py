@@ -77,8 +77,8 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def _print_lines(path: str | Path, table: str | Path | None = None) -> None:
-    """Print both tables of a result. If `table`, a CSV file, is given, write line_statistics to it
-    and return_levels next to it as NAME_levels.csv, in the units of the result."""
+    """Print line statistics and return levels (without `table`: for at most MOST_LINES lines).
+    `table` is a CSV file for the statistics; NAME_levels.csv next to it gets the levels."""
     result, places = _open(path, table, "", "_levels.csv")
     shown = None if table else range(min(MOST_LINES, len(line_names(result))))
     add_steps(2 * len(line_names(result) if shown is None else shown))
@@ -132,7 +132,7 @@ def _open(
 
 
 def _write(path: str | Path, result: xr.Dataset, made: Mapping[Path, Any]) -> None:
-    """Write tables, or functions that write to a path, all or none, and print the paths."""
+    """Write tables, or call functions that write to a path: all or none; print the paths."""
     if not made:
         return
     with atomic_folder(next(iter(made)).parent, [Path(path), *files_behind(result)]) as part:

@@ -280,7 +280,7 @@ def _check_kind(path: str, system: pyproj.CRS) -> None:
 
 
 def check_area(grid: Grid, path: str, remarks: list[str]) -> None:
-    """Add a remark if a raster is outside the area of its CRS; refuse swapped x and y."""
+    """Add a remark if a raster's centre is outside the area of its CRS; refuse swapped x and y."""
     code = None if grid.crs is None else in_plan(grid.crs).to_epsg()
     if code is None:
         return

@@ -28,7 +28,7 @@ _KEYS = (
     "nodata_value",
 )  # fmt: skip
 _CHUNK = 4_000_000  # bytes of text in memory
-_HUGE = 1e30  # larger than elevations or sizes; nodata such as -3.4e38 has 6 to 17 digits
+_HUGE = 1e30  # beyond any elevation; nodata such as -3.4e38 is written with 6 to 17 digits
 _OVERFLOW = re.compile(r"[-+]?1\.79769\d*e\+?308", re.IGNORECASE)
 _MAX_TOKEN = 4096  # [bytes] longer than any number
 

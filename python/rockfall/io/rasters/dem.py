@@ -44,7 +44,7 @@ def dem_header(path: str | Path) -> tuple[Grid, np.dtype]:
 
 
 def packing_note(path: str | Path) -> list[str]:
-    """Remark on a scale or offset from a companion file, which users may not know of."""
+    """Remarks on the scale and offset of a raster, which a companion file may set unnoticed."""
     remarks: list[str] = []
     with open_raster(path) as raster:
         add_packing_note(raster, remarks)

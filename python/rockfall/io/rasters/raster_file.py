@@ -127,7 +127,7 @@ class RasterFile:
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Yield blocks north-up: (rows in memory, values, valid mask), valid until the next."""
+        """Yield blocks north-up: (rows in memory, values, valid mask), overwritten by the next."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):

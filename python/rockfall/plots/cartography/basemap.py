@@ -98,7 +98,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
 
 
 def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Visible bands (n, ny, nx), scaled to 0 to 255 from the 2 % to the 98 % quantile."""
+    """Bands (n, ny, nx), scaled from their 2 % and 98 % quantiles to 0 and 255; 255 if unseen."""
     low, high = np.percentile(bands[:, seen], [2, 98]) if seen.any() else (0.0, 1.0)
     scaled = (bands.astype("f8") - low) / ((high - low) or 1.0)
     return np.where(seen, np.clip(255 * scaled, 0, 255), 255)

@@ -19,8 +19,8 @@ DOTS = 1500  # maximum cells along the longer side of a map; images have fewer d
 def cropped(
     values: np.ndarray, grid: Grid, extent: Extent, merge: np.ufunc, dots: int = 0
 ) -> tuple[np.ndarray, Grid]:
-    """Part of a raster within an extent, with at most `dots` cells per side. `merge` combines
-    several cells (np.add gives their mean)."""
+    """Part of a raster within an extent, with at most `dots` cells per side (0: `DOTS`). `merge`
+    combines several cells (np.add gives their mean)."""
     west, east, south, north = extent
     columns = _span(west - grid.west, east - grid.west, grid.cell, grid.nx)
     rows = _span(grid.north - north, grid.north - south, grid.cell, grid.ny)

@@ -59,8 +59,8 @@ PAGE = Room()
 
 @dataclass
 class Sheet:
-    """A drawn map: `scale` in metres per inch, `bottom` and `wide` (width) of its frame [inch],
-    `free` is the height between scale bar and legend [inch]."""
+    """A drawn map: `scale` in metres per inch; `left`, `bottom` and `wide` (width) of its frame
+    [inch]."""
 
     figure: Figure
     axes: Axes

@@ -36,8 +36,8 @@ def roads_of_segments(hazard: xr.Dataset) -> list[str]:
 @styled
 def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     """Figure of the segments of a road: hazard class, annual frequencies with 95 % bands, and 95 %
-    quantiles of energy and upper-edge height of boulders that touch them. Bands are hatched
-    without an upper limit, because there are too few boulders."""
+    quantiles of energy and upper-edge height of boulders that touch them. Hatched bands have no
+    upper limit, because there are too few boulders."""
     rows = segment_table(hazard)
     rows = rows[rows["road"] == road].sort_values("chainage_from")
     thresholds = hazard["threshold"].values.tolist()

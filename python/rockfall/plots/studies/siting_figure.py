@@ -23,8 +23,8 @@ LIMIT: dict[str, Any] = {"color": VERMILION, "lw": 0.9, "linestyle": (0, (5, 2))
 
 @styled
 def siting_figure(siting: Siting) -> Figure:
-    """Energy, height and boulders at each alignment with 95 % intervals, and limits as lines. The
-    best alignment is marked, and those that do not differ significantly from it."""
+    """Energy, height, and fractions of boulders that still arrive, for each alignment with 95 %
+    intervals and limits. The best alignment, and those that may be as good, are marked."""
     figure = new_figure(WIDE, 6.2)
     energy, high, round_it = figure.subplots(3, 1, sharex=True, height_ratios=[2, 2, 1])
     _draw(energy, siting.table, "energy_q95", 1e-3, BLUE, "95 % quantile, total")
