@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "python" / "rockfall" / "data" / "impact_tables"
 ROCKS = "rocky-slope"
 GROUNDS = {"ploughed": "meadow", "hard": "rock"}  # shipped grounds that provide all other values
-RADIUS = 0.4  # R_b of the blocks: restitution at 5 m/s is that at 2.5 sqrt(g R_b) [m]
+RADIUS = 0.4  # R_b of the blocks [m]; 5 m/s is then 2.5 sqrt(g R_b)
 SPEED = 0.6, 10.0, 42.0  # speeds of throws: 0.3 to 21 sqrt(g R_b) [m/s]
 KEPT = 3_000  # number of contacts in each part that become records
 

@@ -35,7 +35,7 @@ KEY = re.compile(r"^ *(\w+) = ([^!\n]*?) *$", re.MULTILINE)
 
 
 def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """For each block of output: the page, its text, and the output of the preceding commands."""
+    """Yield page, text and actual output of each block of output on the tutorial's pages."""
     shutil.copy(LAYERS, folder)
     with contextlib.chdir(folder):
         for page in sorted(PAGES.glob("[0-9]*.md")):

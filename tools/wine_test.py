@@ -4,7 +4,7 @@ tests.
 
 usage: wine_test.py             after `./run wheel-windows`; packages for Windows come from PyPI
        wine_test.py ARGS        pytest alone
-       wine_test.py --python [FILE...]   given or not yet run files of Python tests; hours
+       wine_test.py --python [FILE...]   these files of Python tests, or those not yet run; hours
 
 `--python` stores the outcome of each file in build-windows/python-tests.json, and the output next
 to it. After a stop it continues with the next file, or starts again if the table was removed.

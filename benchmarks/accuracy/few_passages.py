@@ -105,8 +105,8 @@ def drawn(found: Population, passages: float, random: np.random.Generator) -> tu
 
 
 def judged(found: Population, passages: float, repetitions: int, seed: int) -> np.ndarray:
-    """For each repetition and statistic: whether it has a lower and an upper limit, and whether the
-    truth is below or above."""
+    """Flags (repetitions, NUMBERS, 4): the statistic has a lower limit, has an upper limit; the
+    truth is below, is above its interval."""
     random = np.random.default_rng(seed)
     values = found.values[np.isfinite(found.values)]
     truth = {"mean": values.mean(), "std": values.std()}

@@ -75,7 +75,7 @@ def covered(kind: str, of: int, each: int, repetitions: int) -> np.ndarray:
 
 
 def slope(path: str | None) -> tuple[np.ndarray, Grid]:
-    """Elevations, NaN if unknown, and their coordinates."""
+    """Elevations [m], NaN if unknown, and their grid."""
     if path is None:
         x, y = np.meshgrid(np.arange(240) * CELL, np.arange(240) * CELL)
         z = 600 - 0.6 * y + 30 * np.sin(x / 90) + 5 * np.sin(x / 17 + y / 23)

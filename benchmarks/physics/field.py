@@ -111,7 +111,7 @@ def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[s
 
 
 def rows_of(name: str, runs: Sequence[dict]) -> list[dict[str, Any]]:
-    """Rows for a model."""
+    """Rows with the statistics of a model over repeated runs."""
     return [{"law": name, **row} for row in over_runs(runs)]
 
 

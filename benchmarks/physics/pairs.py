@@ -36,7 +36,7 @@ Found = tuple[float, dict[str, float]]  # relative error of the mean, and printe
 
 
 def on_talus(tried: Law, slopes: int) -> Found:
-    """Errors at the lines of Vaujany [%]."""
+    """Relative error of the mean speed at Vaujany, and errors at both lines [%]."""
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])
     paper = rockfall.read_case(CASES / "case.nml")
     case = paper.replace(**tried.of("compact"))
@@ -54,7 +54,7 @@ def on_talus(tried: Law, slopes: int) -> Found:
 
 
 def on_meadow(tried: Law, data: Path) -> Found:
-    """Statistics of the run-outs at Tschamut."""
+    """Relative error of the mean run-out at Tschamut, and statistics of the run-outs."""
     runs, place = tschamut.observed(data, "calibration"), tschamut.terrain(data)
     seen = np.mean([np.hypot(*(run.rest - run.start)) for run in runs])
     tables = [

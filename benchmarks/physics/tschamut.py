@@ -106,7 +106,7 @@ def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
 
 
 def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int, seed: int):
-    """Stopping places (boulders, 2) [m], and which boulders came to rest."""
+    """Stopping places (boulders, 2) [m]."""
     volume = 4 / 3 * np.pi * run.radius**3
     shape = SHAPE_OF_BLOCK[run.block]
     groups: dict[str, dict[str, Any]] = {

@@ -34,7 +34,7 @@ def seconds(do, *arguments, **named) -> tuple[float, object]:
 
 
 def processes(scene) -> None:
-    """Print wall times of runs on an existing cluster."""
+    """Print the speed of two Dask workers relative to one, on clusters that are running."""
     from distributed import Client, LocalCluster
 
     took = []

@@ -132,7 +132,7 @@ def cpu(scene: Scene, option: Option, repeat: int, folder: Path) -> tuple[float,
 
 
 def held(scene: Scene) -> dict[str, float]:
-    """Bytes of each array of a run."""
+    """Bytes of a run per cell of the terrain, boulder, map cell and reached map cell."""
     tally: Tally = start(scene, 1)
     terrain, arrays = scene.rasters, [*tally.run.arrays()]
     cells, of_cells = terrain.z.size or 1, (terrain.z, terrain.zone, terrain.values)

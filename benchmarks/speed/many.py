@@ -55,7 +55,7 @@ def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
 
 
 def same(one: Path, other: Path) -> bool:
-    """Return True if two results are bit-identical, except for times."""
+    """Return True if two results are bit-identical, apart from the attributes in OWN."""
     a, b = rockfall.read_result(one), rockfall.read_result(other)
     found = {*a.variables} == {*b.variables}
     for name in a.variables:

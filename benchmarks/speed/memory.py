@@ -45,7 +45,7 @@ def profile(side: int) -> np.ndarray:
 
 
 def sources(side: int) -> np.ndarray:
-    """One source cell per valley and row, high on the slope."""
+    """Mask of the source cells in a row (uint8): one per valley, high on its slope."""
     return (np.arange(side) % int(2000.0 / CELL) == 80).astype("u1")
 
 

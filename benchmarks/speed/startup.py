@@ -69,7 +69,7 @@ def start(tree: Path, folder: Path, words: list[str]) -> tuple[float, float, str
 
 
 def words_of(command: str) -> list[str]:
-    """Python arguments for a command; "" adds none."""
+    """Python arguments for a command; for "", those of a Python that does nothing."""
     return [*ROCKFALL, *command.format(vaujany=VAUJANY).split()] if command else ["-c", "pass"]
 
 

@@ -81,7 +81,7 @@ def elevations(random: np.random.Generator) -> np.ndarray:
 
 
 def ascii_header(random: np.random.Generator, folder: Path) -> Made:
-    """Headers in various formats, or with one fault."""
+    """ESRI ASCII grid with a header in one of the valid forms, or with one fault."""
     z, path = elevations(random), folder / "dem.asc"
     ny, nx = z.shape
     west, south = (float(np.round(random.uniform(-1e6, 6e6), 3)) for _ in range(2))
@@ -169,7 +169,7 @@ def _spoil_header(
 
 
 def netcdf_attributes(random: np.random.Generator, folder: Path) -> Made:
-    """Nodata marks, ranges, packing and units in any valid combination, or with one fault."""
+    """netCDF grid with valid nodata marks, ranges, packing and units, or with one fault."""
     path = folder / "dem.nc"
     stored = np.dtype(pick(random, "i1 u1 i2 u2 i4 u4 f4 f8".split()))
     z = elevations(random)
@@ -313,7 +313,7 @@ def _typed(value: Any, stored: np.dtype) -> Any:
 
 
 def geotiff_structure(random: np.random.Generator, folder: Path) -> Made:
-    """Types, tiles, nodata marks, packing, companion files, or offsets that point elsewhere."""
+    """GeoTIFF of any type, tiling, nodata mark, packing and companions, or with one fault."""
     z, path = elevations(random), folder / "dem.tif"
     stored = np.dtype(pick(random, ("u1", "i2", "u2", "i4", "u4", "f4", "f8")))
     raw = z.astype(stored) if stored.kind == "f" else (np.abs(z) % 250).astype(stored)
@@ -402,7 +402,7 @@ def _about_bands(file: DatasetWriter, scale: float, offset: float, unit: str | N
 
 
 def _elsewhere(random: np.random.Generator, folder: Path) -> tuple[Path, str]:
-    """Files that GDAL would open, but this program refuses."""
+    """File that GDAL would open but this program must refuse, and its description."""
     path = folder / pick(random, ("dem.tif", "dem.asc", "dem.vrt", "dem.nc", "dem.bil"))
     texts = {
         "service": "<GDAL_WMS><Service name='TMS'><ServerUrl>http://127.0.0.1:9/</ServerUrl>"
@@ -427,7 +427,7 @@ DRIVERS = {"gpkg": "GPKG", "geojson": "GeoJSON", "shp": "ESRI Shapefile", "fgb":
 
 
 def vector_layer(random: np.random.Generator, folder: Path) -> Made:
-    """Rectangles with ids in any format, or with one fault."""
+    """Layer of rectangles with ids, in any format, or with one fault."""
     ending = pick(random, list(DRIVERS))
     path = folder / f"zones.{ending}"
     corners, ids = [], random.integers(-50, 5000, int(random.integers(1, 5))).astype("i4")
@@ -581,7 +581,7 @@ def _same(found: Any, want: Any) -> bool:
 
 
 def tried(kind: str, seed: int, numbers: range) -> Iterator[tuple[int, Made, str]]:
-    """Process files of a kind, one after the other, in a separate folder."""
+    """Process files of a kind in turn, each in a new folder; yield number, file and verdict."""
     shared = Path("/dev/shm")  # Wine shows this folder to Windows programs too
     place = shared if os.name == "posix" and shared.is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as name:

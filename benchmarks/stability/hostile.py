@@ -242,7 +242,7 @@ def run_python(words: list[str], work: Path) -> Ran:
 
 
 def _be_rockfall(words: list[str], work: Path) -> None:
-    """Run in the child process: never returns."""
+    """Run `rockfall` in the child process; never return."""
     status = 99
     try:
         os.chdir(work)

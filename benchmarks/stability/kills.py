@@ -66,7 +66,7 @@ PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.su
 
 
 def build_shim(folder: Path) -> dict[str, str]:
-    """Environment in which programs read CRASH_AT and other variables of crash.c."""
+    """Build crash.c; return an environment in which programs read CRASH_AT and the like."""
     shim = folder / "crash.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, SHIM, "-ldl"], check=True)
     return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}

@@ -174,7 +174,7 @@ def audit(
 
 
 def audit_scene(program: Path, scene: Scene, boulders: int, folder: Path) -> tuple[float, int]:
-    """Deviation of the flights in a scene, and number of contacts."""
+    """Maximum deviation of the flights in a scene [m], and number of contacts."""
     folder.mkdir()
     case, arrays = scene.case(folder, boulders), scene.arrays()
     prepare(case, folder / "case", **arrays)

@@ -23,7 +23,7 @@ from rockfall_lab._lab import lab_f2py as _lab
 COEFFICIENTS = tuple(f"a{k}" for k in range(1, 10))
 SWITCHES = "rigid_base", "by_mass", "clumps", "adaptive"
 WHOLE = "retries", "seed", "layers", "points", "impacts", "on_layer", "contacts"
-ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # not in the first tables
+ADDED = ("packing", "clumps"), ("throw", "shape"), ("throw", "adaptive")  # not in old tables
 RANGED = "speed", "angle", "spin"  # random values of an impact: min, median, max
 ENDS = "min", "median", "max"
 THROWN = {"slope": ("min", "max"), "speed": ENDS, "angle": ENDS, "spin": ENDS}  # drawn for a throw
@@ -214,7 +214,7 @@ class LabCase:
         return values
 
     def _shot(self, ratio: float) -> dict[str, Any]:
-        median = {key: self.impact[key][1] for key in RANGED}  # used for random values
+        median = {key: self.impact[key][1] for key in RANGED}  # replaced by random values
         place = {"aim_x": 0.5, "aim_y": 0.5, "heading_x": 1.0, "heading_y": 0.0}
         gravity = self.packing["gravity"]
         return self.impact | median | place | {"radius": self.radius(ratio), "gravity": gravity}

@@ -68,8 +68,8 @@ OF_THE_LABORATORY = "block", "layer", "ratio"  # columns that only one of the la
 def contact_columns(
     rows: np.ndarray, counts: np.ndarray, n_contacts: np.ndarray, number: np.ndarray, body: str
 ) -> dict[str, np.ndarray]:
-    """Columns of contacts, throw by throw, from rows (fields, contacts, throws) and `number`
-    (throws,); `body` is the name of the first count."""
+    """Columns of contacts, throw by throw, from the kernel's `rows` (fields, contacts, throws),
+    counts and throw `number` (throws,); `body` is the name of the first count."""
     throw, order = np.nonzero(np.arange(rows.shape[1])[None, :] < n_contacts[:, None])
     counted = body, *names("contact_counts")[1:]
     return {

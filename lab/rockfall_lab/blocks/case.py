@@ -66,7 +66,7 @@ def ground_values(model: str, ground: YieldingGround) -> dict[str, Any]:
 
 
 def restitution_of(pressure: float, density: float) -> float:
-    """Restitution at 5 m/s, as defined in the laboratory, of ground with STIFFNESS."""
+    """Restitution at 5 m/s of ground with STIFFNESS: yield pressure [Pa], block density [kg/m3]."""
     return float(f"{(0.06 * pressure / density) ** 0.25 / STIFFNESS**0.5:.4g}")
 
 
@@ -191,7 +191,7 @@ class BlockCase:
         return Spectrum(ground["relief"], ground["shortest"], ground["longest"], ground["hurst"])
 
     def surfaces(self) -> list[Surface]:
-        """Surfaces of the blocks, with sufficiently small facets."""
+        """Surfaces of the blocks, refined to facets of the size `edge` in &block."""
         if self.block["points"]:
             blocks = [hull(*_points(self.folder / self.block["points"]))]
         else:

@@ -103,7 +103,7 @@ def _as_fitted(sets: Sets) -> dict[int, ImpactSet]:
 
 
 def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
-    """Statistics at the lines, by one of the methods."""
+    """Statistics at the lines of a result, with names that begin with its method."""
     numbers: dict[str, float] = {}
     dense = crossed(result)
     for line in dense["line"].values:
@@ -172,7 +172,7 @@ def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
 
 
 def _turns(result: xr.Dataset) -> np.ndarray:
-    """Turns in plan at the contacts of the recorded trajectories [degree]."""
+    """Absolute turns in plan at the contacts of recorded trajectories [degree]."""
     boulder, leg = result["trajectory_boulder"].values, result["trajectory_leg"].values
     met = are_met(boulder, leg)
     x, y = (result[f"trajectory_velocity_{axis}"].values[met] for axis in "xy")

@@ -11,7 +11,7 @@ NEAREST = 20  # number of impacts to draw from
 
 
 def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
-    """Draw rebounds from the impacts nearest in angle and spin, scaled to the speed.
+    """Return a rebound that draws from the impacts nearest in angle and spin, scaled to the speed.
 
     The least-squares map of all impacts transforms an impact from its own incidence to that of the
     boulder. Without this, angles and spins would be smeared, and boulders would lose about 0.02

@@ -80,7 +80,7 @@ class Layers:
         return len(self.bodies)
 
     def one(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Centres (n, 2) and radii (n,) of the bodies of layer k [m], and its properties."""
+        """Centres (n, 3) and radii (n,) of the bodies of layer k [m], and its properties."""
         n = self.bodies[k]
         return self.x[:, :n, k].T, self.radius[:n, k], self.facts[:, k]
 
@@ -213,7 +213,7 @@ def _about(name: str) -> dict[str, Any]:
 def _chunks(
     case: LabCase, data: xr.Dataset, threads: int, interrupted: Callable[[], bool]
 ) -> Iterator[int]:
-    """Simulate the remaining impacts, one layer per thread at a time. Yield their numbers."""
+    """Simulate the remaining impacts, one layer per thread at a time. Yield how many are done."""
     team = max(1, _lab.team(threads))
     status = data["status"].values
     for k, ratio in enumerate(case.lab["ratios"]):
@@ -242,7 +242,7 @@ def _fire(
     case: LabCase, data: xr.Dataset, layers: Layers, k: int, first: int, shots: np.ndarray,
     threads: int,
 ) -> None:  # fmt: skip
-    """Simulate impacts (layer, point, impact), (shots, 3), at a ratio, and store them."""
+    """Simulate the impacts `shots` (n, 3: layer, point, impact) at ratio k, into `data`."""
     ratio = case.lab["ratios"][k]
     place, point, number = (shots + 1).T.astype("i8")
     outcome, counts, code, message = _lab.impact(
