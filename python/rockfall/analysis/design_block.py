@@ -3,8 +3,8 @@
 
 Dated blocks give the annual frequency of blocks above a threshold; a generalised Pareto
 distribution (GPD) of volumes is fitted to all deposited blocks. Intervals come from the joint
-profile likelihood of volumes and number of blocks, which is more accurate than resampling for few
-blocks.
+profile likelihood of the volumes and the number of dated blocks: with few blocks, it is more
+accurate than resampling.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Rate(NamedTuple):
 
 
 class PowerLaw(NamedTuple):
-    """Annual number of blocks larger than V [m3]: activity * V**-exponent. `low` and `high` limit
-    the exponent (95 %); `p_value` is from a test against the GPD."""
+    """Annual number of blocks larger than V [m3]: activity * V**-exponent. `low` and `high` are the
+    95 % limits of the exponent; `p_value` is from a test against the GPD."""
 
     exponent: float
     low: float
@@ -71,9 +71,9 @@ class PowerLaw(NamedTuple):
 class DesignBlock:
     """Design block [m3] for a return period [year], its 95 % interval, and the fits behind it.
 
-    `levels` has a row for each return period. `volume` is NaN if `refused` gives a reason;
-    `extrapolated` is True if it exceeds all surveyed blocks; `power_law` is the volume from the
-    power law. `scenario` has the keys of `&scenario`; None if the power law gives no scenario.
+    `levels` has a row for each return period, with the columns `volume` [m3] and its limits (NaN
+    if `refused` gives a reason), `power_law`, the volume from the power law, and `extrapolated`:
+    larger than all surveyed blocks. `scenario` has the values of the `&scenario` keys, or is None.
     """
 
     survey: Survey
@@ -310,15 +310,15 @@ class _Likelihood:
         self.dated = rate.dated / rate.dispersion
         self.years = survey.years / rate.dispersion
         theta = np.expm1(_PLACES * math.log(n))
-        # 0 would be the exponential distribution
+        # theta = 0, the exponential distribution, would divide 0 by 0
         self.theta = np.where(np.abs(theta) < 1e-9, 1e-9, theta) / excess[-1]
         self.total = np.array([np.log1p(theta * excess).sum() for theta in self.theta])
         self.least = n * (best_of(fit.shape / fit.scale, excess)[2] + 1)
         self.least += self.dated * (1 - math.log(rate.value))
 
     def loss(self, excess: float, period: float) -> float:
-        """Twice the drop of the profile log-likelihood from its maximum, if `excess` has this
-        return period.
+        """Twice the drop of the profile log-likelihood from its maximum, if the block of this
+        return period exceeds the threshold by `excess` [m3].
 
         For each theta = shape / scale the cost is convex in z = log(1 + theta excess) / shape, the
         logarithm of the number of blocks above the threshold in a period; Newton steps from above
@@ -340,8 +340,8 @@ class _Likelihood:
         return 2 * float(cost.min() + self.dated * math.log(period) - self.least)
 
     def limits(self, excess: float, period: float) -> tuple[float, float]:
-        """Limits of the 95 % interval of the excess: the lower limit is 0 if the interval reaches
-        the threshold, the upper limit is infinite if the interval is unbounded."""
+        """95 % limits of the excess [m3] over the threshold: the lower limit is 0 if the interval
+        reaches the threshold, the upper limit is infinite if the interval is unbounded."""
         allowed = Z**2 * (1 + BARTLETT / self.n)
 
         def surplus(place: float) -> float:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 FALSE = 0.05  # significance level of the threshold selection
-MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, near the largest shape found
+MAX_PLACE = 2.0  # upper end of the search variable of `fit_gpd`, about the largest possible shape
 NEAR = 1e-9  # cost accepted as zero; a millionth of the cost at the 95 % limits of 2000 values
 NEAR_ZERO = 1e-6  # |theta| x largest value, below which the GPD counts as exponential
 SHAPES = -0.49, 2.0  # range of shapes in `_p_value`; the covariance of the fit exists above -0.5
@@ -41,8 +41,8 @@ def fit_gpd(
     excess: np.ndarray, threshold: float, weight: float = 1.0, max_place: float = MAX_PLACE
 ) -> Fit:
     """Maximum-likelihood GPD of the sorted values `excess` above `threshold`: a search for the
-    theta that minimises the cost of `best_of`. `weight` is the independent fraction of the values,
-    for the p-value."""
+    theta that minimises the cost of `best_of`, up to `max_place`. `weight` is the fraction of the
+    values that counts as independent in the p-value."""
     place = _stationary(excess, max_place)
     if place is None:
         from scipy.optimize import minimize_scalar

@@ -46,7 +46,7 @@ class Wanted(NamedTuple):
 
 
 class Most(NamedTuple):
-    """Maximum barrier height, and prices of barriers."""
+    """Maximum height and EAD class of barriers, and their prices."""
 
     height: float = MAX_HEIGHT  # maximum height [m]
     ead_class: int = len(EAD_ENERGY) - 1
@@ -59,8 +59,8 @@ class Advice:
     (`left`), with 95 % limits; `change` is the paired difference. The values are annual numbers if
     the case has scenarios (`yearly`), else fractions of the released boulders.
 
-    `ways` gives the fractions that pass over the barrier, break through it, or pass around its
-    ends. `is_enough` is None without an acceptable frequency.
+    `ways` gives the fractions of the boulders left that pass over the barrier, break through it, or
+    pass around its ends; `tried` counts alignments. `is_enough` is None without an `acceptable`.
     """
 
     barrier: Wanted
@@ -83,8 +83,8 @@ class Advice:
 
 
 class _Came(NamedTuple):
-    """Boulders of a run that reach the line, with their outcome at the barrier (0 if they did not
-    meet it before), heights [m] and energies [J] there."""
+    """Mask (boulders,) of a run's boulders that reach the line, with their outcome at the barrier
+    (0 if they did not meet it before), heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray
@@ -143,9 +143,9 @@ def advise(
     progress: bool = False,
 ) -> Advice | None:
     """First barrier (as proposed, higher, or of a higher class) for which the upper limit of
-    boulders at the line is at most `acceptable` per year; if none suffices, the barrier that the
-    fewest boulders pass; None without barriers. `bare` has the results without a barrier and their
-    frequencies [1/year], for the same scenarios or for the case."""
+    boulders at the line is at most `acceptable` per year (None: any); if none suffices, the barrier
+    that the fewest boulders pass; None without barriers. `bare` has the results without a barrier
+    and their frequencies [1/year], for the same scenarios or for the case."""
     if not barriers:
         return None
     yearly = {name: often for name, (_, often) in bare.items()}
@@ -243,7 +243,7 @@ def _with_barrier(
 
 
 def _sum(case: Case, runs: Sequence[_Came]) -> Three:
-    """Number of arriving boulders per year, or their fraction."""
+    """Number of arriving boulders per year, or their fraction without scenarios, with limits."""
     if not case.scenario:
         return fraction_interval(runs[0].comes, runs[0].clusters.source)
     parts = (
@@ -255,7 +255,7 @@ def _sum(case: Case, runs: Sequence[_Came]) -> Three:
 
 
 def _change(case: Case, today: Sequence[_Came], after: Sequence[_Came]) -> Three:
-    """Change in the number of arriving boulders due to a barrier."""
+    """Change of `_sum` due to a barrier, from the differences of the same boulders."""
     apart = (
         difference_of_fractions(here.comes, before.comes, here.clusters.source)
         for here, before in zip(after, today, strict=True)

@@ -45,7 +45,8 @@ class Dossier:
     """Contents of a dossier."""
 
     hazards: Mapping[str, xr.Dataset]  # by variant; "" for a case without variants
-    frequencies: pd.DataFrame  # of `rockfall.yearly_variants`, with the `place` of each line
+    #: As in `rockfall.yearly_variants`, with the `place` of each row: line, barrier or object.
+    frequencies: pd.DataFrame
     period: float = YEARS  # return period of the answers [year]
     warnings: tuple[str, ...] = ()  # model warnings of the runs
     second: Second | None = None  # hazard of the first variant by a second model
@@ -201,7 +202,7 @@ def _at_objects(
 
 
 def _object_names(study: HazardInputs, lines: Collection[str]) -> list[str]:
-    """Names of the objects; the layer is added to the name of a line or barrier in any variant."""
+    """Names of the objects, with the layer added to a name that is also in `lines`."""
     layers = zip(study.objects.names, study.objects.layers, strict=True)
     return [*numbered([f"{name} ({on})" if name in lines else name for name, on in layers])]
 

@@ -161,7 +161,8 @@ def _by_constants(own: Scene, varied: Collection[str]) -> tuple[str, Scene] | No
 def _unsized_notes(
     case: Case, option: str, rules: Iterable[GroundRule], unsized: float
 ) -> Iterator[str]:
-    """Remark on grounds without rock sizes; raises a RockfallError if no ground has rock sizes."""
+    """Remark on `rules` that need rock sizes, if a part `unsized` of the terrain has none; raises a
+    RockfallError if the whole terrain has none."""
     needing = [rule.name for rule in rules if rule.rocks]
     if unsized == 1 and needing:
         raise RockfallError(f"{case.name}: {option} {needing[0]}: requires rock sizes in &surface")
@@ -181,7 +182,7 @@ def named_notes(own: Scene) -> Iterator[str]:
 
 
 def _kept_models(own: Scene) -> set[str]:
-    """Models of the grounds that no variant replaces."""
+    """Models of the grounds that are the same in all scenes."""
     varied = _varied(own)
     return {ground.model for ground in own.grounds if ground.name not in varied}
 

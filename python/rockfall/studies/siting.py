@@ -314,8 +314,7 @@ def _verdicts(row: Mapping[str, Any], limits: Limits) -> dict[str, str]:
 
 
 def under_doubt(row: Mapping[str, Any], unconfirmed: str) -> dict[str, str]:
-    """Columns of a verdict: undecided instead of yes if the loads rest on unconfirmed
-    assumptions."""
+    """Columns of a verdict: undecided instead of yes if loads depend on unconfirmed assumptions."""
     fits, fails = row["fits"], row["fails"]
     if unconfirmed and fits != NO:
         fails = "; ".join(filter(None, [fails, f"unconfirmed: {unconfirmed}"]))

@@ -245,7 +245,7 @@ def _of_printed(row: dict[str, Any], crossed: np.ndarray) -> Iterator[tuple[str,
 
 
 def over_runs(runs: Sequence[dict[Key, Number]]) -> Iterator[dict[str, Any]]:
-    """Rows (COLUMNS except model): means over runs, standard errors, verdicts."""
+    """Rows (COLUMNS except the model `law`): means over runs, standard errors, verdicts."""
     for key, number in runs[0].items():
         values = np.array([run[key].simulated if key in run else np.nan for run in runs])
         mean, error = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))

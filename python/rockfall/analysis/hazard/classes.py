@@ -104,7 +104,8 @@ def intensity_words(case: Case) -> list[str]:
 
 def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1.0)) -> float:
     """Upper limit of the annual frequency [1/year] of an event that never occurred. `parts` has the
-    number of boulders and the annual frequency of each scenario."""
+    number of boulders and the annual frequency of each scenario; `factor` is as in `frequencies`.
+    """
     none = np.zeros(1, "i4")
     parts_known = ((none, boulders, 1, yearly) for boulders, yearly in parts)
     return float(frequencies(parts_known, factor).high[0])
@@ -112,7 +113,7 @@ def unseen(parts: Iterable[tuple[int, float]], factor: Sequence[float] = (1.0, 1
 
 def boulders_needed(yearly: float, period: float) -> int:
     """Boulders per scenario needed to show that an event that never occurs in the simulation is
-    rarer than once per `period`: the upper limit of 0 in n is z2/(n + z2)."""
+    rarer than once per `period` [year]: after 0 events in n, the upper limit is z2/(n + z2)."""
     upper = unseen([(1, 1.0)])  # z2/(1 + z2)
     z2 = upper / (1 - upper)
     return max(1, int(np.ceil(z2 * (yearly * period - 1))))

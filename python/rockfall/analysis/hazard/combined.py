@@ -75,7 +75,7 @@ class HazardInputs:
 
 
 class ScenarioRun:
-    """Numbers of a scenario's result from which the hazard is computed."""
+    """Counts and samples of a scenario's result, from which the hazard is computed."""
 
     def __init__(self, inputs: HazardInputs, scenario: Scenario, result: xr.Dataset) -> None:
         self.boulders, self.yearly = simulated(result), scenario.frequency
@@ -123,13 +123,13 @@ class ScenarioRun:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
-        # zones depend on boulders that leave the terrain anywhere, not only near lines
+        # without crossings, warnings cover exits from the terrain anywhere, as needed for zones
         without_objects = result.drop_vars("row_size", errors="ignore")
         self.warnings = model_warnings(without_objects, case_of(result))
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
-        """Read the boulders at lines and barriers; return the indices of these lines. Lying logs
-        are skipped."""
+        """Read the boulders at lines and barriers; return the indices of these lines: none if only
+        part of the boulders is kept. Lying logs are skipped."""
         names, first = line_names(result), len(inputs.objects.lines) + len(inputs.segments.lines)
         logs = {barrier["name"] for barrier in inputs.case.barrier if "diameter" in barrier}
         has_rows = inputs.case.output["kept"] == "all"
@@ -236,8 +236,8 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 
 
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequency, boulders and counts of each scenario, so that other frequencies can be applied
-    later."""
+    """Frequency, boulders, counts and warnings of each scenario, so that other frequencies can be
+    applied later."""
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SOURCES = ("line", "object")  # kinds of places for which sources are known
 LEVEL = 0.95
-#: Energies of arriving boulders [J].
+#: Variables with the energies [J] of arriving boulders.
 ENERGIES = ("energy_mean", *(f"energy_q95{end}" for end in ENDS))
 
 
@@ -62,7 +62,7 @@ def origin_numbers(
     """Origin variables of a hazard: cell centres, annual number of boulders that start in each
     cell, and for each place the annual number and energies [J] of the boulders that arrive from
     each cell. `weights` are the frequencies [1/year] that a boulder of each run represents;
-    `unit` [1/year] counts as one boulder in limits of energies."""
+    `unit` [1/year] is the weight of an independent boulder in the limits of the energies."""
     cells = np.unique(np.concatenate([run.cells for run in runs]))
     rows, columns = np.divmod(cells, grid.nx)
     numbers = {"source_x": grid.x[columns], "source_y": grid.y[rows]}
@@ -142,8 +142,8 @@ def origins_at(hazard: xr.Dataset, kind: str, k: int) -> pd.DataFrame:
 
 def _limits(hazard: xr.Dataset, kind: str, k: int, part: np.ndarray) -> dict[str, np.ndarray]:
     """Limits of the annual number of boulders that reach a place from each part of the source
-    cells; `part` gives the part of each cell. With fixed sources, the sample is the boulders of the
-    part, because their number is known; with sampled sources, it is all boulders."""
+    cells; `part` has the number of each cell's part. With fixed sources, the sample is the boulders
+    of the part, because their number is known; with sampled sources, it is all boulders."""
     case = case_in(hazard.attrs)
     is_sample, factor = case.release["sources"] == "sample", case.hazard["frequency_factor"]
     released, came = (hazard[f"{name}source_boulders"].values for name in ("", f"{kind}_"))

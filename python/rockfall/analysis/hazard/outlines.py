@@ -59,8 +59,8 @@ def polygons_of(area: Geometry, least: float = 0.0) -> Iterator[Geometry]:
 
 
 def _enclosing(area: Geometry, width: float, cell: float) -> Geometry:
-    """Smooth outline around an area; gaps narrower than `width` are filled. It is first offset by
-    the tolerance of the simplification; straight segments may still cut a curved corner."""
+    """Smooth outline around an area; gaps narrower than `width` are filled. The outline is offset
+    by the tolerance before it is simplified; parts of the area that it still cuts are added."""
     out, tolerance = width / 2, TOLERANCE * cell
     smooth = area.buffer(out, ARC).buffer(tolerance - out, ARC).simplify(tolerance)
     return smooth.union(area, grid_size=GRID * cell)

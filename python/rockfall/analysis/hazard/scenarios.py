@@ -63,8 +63,8 @@ def scenarios_of(scene: Scene, lines: list[dict[str, Any]]) -> list[Scenario]:
 
 
 def scenario_remarks(scene: Scene) -> Iterator[str]:
-    """Remarks on properties that scenarios and source layer both give; raises a RockfallError if
-    the layer gives a property for all sources."""
+    """Remarks on properties given both by scenarios and by the source layer; raises a RockfallError
+    if the layer gives such a property for all sources."""
     case = scene.case
     for what, keys, given in _of_layer(scene):
         for scenario in case.scenario:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Zones(NamedTuple):
-    """Polygons with their classes and numbers of cells."""
+    """Polygons (shapely), with the class `number` and the number of cells of each."""
 
     shapes: np.ndarray
     number: np.ndarray
@@ -32,7 +32,7 @@ class Zones(NamedTuple):
 
 def zones_by_cell(hazard: xr.Dataset) -> Zones:
     """Zones of the hazard classes along cell edges. GDAL's sieve merges patches smaller than the
-    case's `minimum_area` with their largest neighbour."""
+    case's `minimum_area` [m2] with their largest neighbour."""
     numbers, grid = _north_up(hazard["hazard_class"])
     return _by_cell(numbers, grid, case_in(hazard.attrs).hazard["minimum_area"])
 
@@ -46,7 +46,7 @@ def _by_cell(numbers: np.ndarray, grid: Grid, minimum_area: float) -> Zones:
 
 def zones_of(hazard: xr.Dataset) -> Zones:
     """Zones of the hazard classes for texts, files and figures: generalised outlines without parts
-    narrower than the case's `minimum_width`, or cell edges if this width is zero."""
+    narrower than the case's `minimum_width` [m], or cell edges if this width is zero."""
     numbers, grid = _north_up(hazard["hazard_class"])
     keys = case_in(hazard.attrs).hazard
     return _generalised(numbers.tobytes(), grid, keys["minimum_area"], keys["minimum_width"])
@@ -86,8 +86,8 @@ def lowered_area(zones: Zones, hazard: xr.Dataset) -> np.ndarray:
 
 
 def uncertain_of(hazard: xr.Dataset) -> Zones:
-    """Patches of cells with uncertain class; `number` is lowest class * number of classes +
-    highest."""
+    """Patches of cells with uncertain class; `number` is the lowest possible class multiplied by
+    the number of classes, plus the highest possible class."""
     low, grid = _north_up(hazard["hazard_class_lower"])
     high, _ = _north_up(hazard["hazard_class_upper"])
     return _patches(np.where(low == high, 0, low * len(CLASSES) + high), grid)

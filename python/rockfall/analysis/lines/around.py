@@ -19,7 +19,7 @@ MAX_AROUND = 0.01  # maximum fraction of a line's boulders that may pass around 
 
 
 def goes_around(result: xr.Dataset, line: int, barriers: Sequence[int]) -> np.ndarray:
-    """Mask (boulder,) of boulders that reach a line without crossing any of the barriers before;
+    """Mask (boulder,) of boulders that reach a line without first crossing any of the barriers;
     `line` and `barriers` are indices."""
     there = line_values(result, "time", line)
     around = np.isfinite(there)

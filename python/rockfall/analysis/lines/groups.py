@@ -44,7 +44,7 @@ def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> lis
 
 
 def check_by(by: str, classes: Sequence[float] | None) -> None:
-    """Raise a RockfallError for an unknown `by`, or for `classes` of anything but volumes."""
+    """Raise a RockfallError for an unknown `by`, or for `classes` unless by = 'volume'."""
     if by not in BY:
         raise RockfallError(f"by = '{by}': must be one of: {', '.join(BY)}")
     if classes is not None and by != "volume":

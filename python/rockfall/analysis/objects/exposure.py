@@ -199,13 +199,13 @@ class _Deaths:
         return _OfPersons()
 
     def _of_traffic(self, k: int, aadt: float) -> _OfPersons:
-        """Persons expected on the road length that a boulder occupies: a commuter, and all
-        traffic."""
+        """Harm to road users per metre of road that a boulder hits: individual risk of a person who
+        passes `trips` times a day, and collective risk of all traffic."""
         for name in ("speed", "persons_per_vehicle"):
             if np.isnan(self.numbers[name][k]):
                 self.layer.refuse(k, "aadt", f"{aadt:g}", f"needs the attribute {name}")
         curve, length = self._lethality(k), self._number(k, "vehicle_length", VEHICLE_LENGTH)
-        # vehicles per day and per metre
+        # mean number of vehicles on a metre of road, for one vehicle per day
         per_metre = 1 / (HOURS * METRES * float(self.numbers["speed"][k]))
         inside = float(self.numbers["persons_per_vehicle"][k])
         return _OfPersons(

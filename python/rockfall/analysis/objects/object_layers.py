@@ -85,14 +85,14 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
 
 
 def only_layer(path: str | Path) -> str:
-    """Layer name in a file with a single layer; otherwise the file name, which is refused later."""
+    """Layer name in a file with a single layer; otherwise the file name, refused on reading."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem
 
 
 def distinct_names(names: Sequence[Sequence[str]], labels: Sequence[str]) -> list[list[str]]:
-    """Names of the objects in each layer; names in several layers include the layer label, and
-    repeated names a number."""
+    """Names of the objects in each layer. Names that occur in several layers include the layer
+    label; names that are still repeated include a number."""
     numbers: dict[str, set[int]] = {}
     for k, own in enumerate(names):
         for name in own:

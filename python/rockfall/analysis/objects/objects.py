@@ -111,7 +111,8 @@ def _doubts(objects: Objects, layer: Layer) -> Iterator[str]:
 def named_layers(
     files: Sequence[File], grid: Grid, remarks: list[str]
 ) -> list[tuple[Read, list[str]]]:
-    """Layers with shapes and object names; names in several layers include the layer name."""
+    """Layers with shapes and object names; a name that occurs in several layers includes the layer
+    name."""
     read = [_read(file, grid, remarks) for file in files]
     names = distinct_names([layer.names for layer in read], [file.label for file in files])
     return list(zip(read, names, strict=True))
@@ -195,7 +196,7 @@ def beyond_remarks(objects: Objects, scene: Scene) -> Iterator[Text]:
 
 
 def source_remarks(objects: Objects, scene: Scene) -> Iterator[str]:
-    """Remark on objects that contain boulder sources, or with sources within half their width."""
+    """Remark on objects that contain boulder sources, or have sources within half their width."""
     width = np.full(len(objects), scene.case.hazard["object_width"])
     width[objects.owner] = [line["object_width"] for line in objects.lines]
     grounds = [shape.buffer(w / 2) for shape, w in zip(objects.shapes, width.tolist(), strict=True)]
@@ -243,8 +244,8 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Energy [J] and centre height [m] of each boulder at each line object, (2,
-    boulders), by object number; NaN if the boulder misses it."""
+    """Number of each object with evaluation lines, and the largest energy [J] and centre height
+    [m] of each boulder at these lines (2, boulders); NaN if the boulder misses the object."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)
@@ -262,8 +263,8 @@ def object_counts(
     maps: np.ndarray,
 ) -> np.ndarray:
     """Number of boulders that hit each object, and number above each energy threshold [J]:
-    (intensities, objects). `energies` are the energies at each line object, by object number;
-    `maps` are the same counts by cell (intensities, y, x)."""
+    (intensities, objects). `energies` are the energies [J] of the hits on objects with lines, by
+    object number; `maps` are the counts by cell (intensities, y, x), for all other objects."""
     counts = np.zeros((1 + thresholds.size, len(objects)), "i4")
     rows, columns = grid.cells(*objects.places.T)
     counts[:, objects.point] = maps[:, rows, columns]

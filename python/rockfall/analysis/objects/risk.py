@@ -71,7 +71,7 @@ class RunRisk:
         points: Points,
         clusters: Clusters,
     ) -> None:
-        """`energies` are the energies at each line object, by object number."""
+        """`energies` are the boulder energies [J] at objects with lines, with the object number."""
         self.objects = {
             name: np.full((3, len(harms)), np.nan) for name, harms in exposure.harms.items()
         }

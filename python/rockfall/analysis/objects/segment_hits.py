@@ -67,8 +67,8 @@ class Weighted(NamedTuple):
 
 
 def segment_numbers(runs: Sequence[Weighted]) -> dict[str, np.ndarray]:
-    """Statistics of the boulders that hit each segment, by name: means, and 95 % quantiles with
-    limits. NaN without boulders."""
+    """Statistics of the boulders that hit each segment, by name: number, and means and 95 %
+    quantiles with limits of `QUANTITIES`. NaN without boulders."""
     rows = [_numbers(runs, k) for k in range(len(runs[0].hits))]
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 

@@ -364,7 +364,7 @@ def _observed_distances(
     result: xr.Dataset, seen: Observed, source: Sources
 ) -> tuple[np.ndarray | None, list[str]]:
     """Plan distances of observed boulders [m], as given or from stopping places with known
-    releases, and notes."""
+    releases (None if unknown), and notes."""
     if seen.stops is None:
         return seen.distances, []
     if seen.distances is not None:

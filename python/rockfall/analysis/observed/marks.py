@@ -183,7 +183,8 @@ def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[fl
 def log_density(
     near: np.ndarray, below: np.ndarray, crossed: np.ndarray, mark: Mark, top: float
 ) -> np.ndarray:
-    """Logarithm of the predictive density [1/m] of a mark, from sums over boulders."""
+    """Logarithm of the predictive density [1/m] of a mark. `near` and `below` are the sums of
+    kernels and distribution functions over the `crossed` boulders."""
     log_density = np.log((near + ANYWHERE / top) / (crossed + ANYWHERE))
     if mark.hits > 1:
         part = (below + ANYWHERE * min(mark.height / top, 1.0)) / (crossed + ANYWHERE)

@@ -51,7 +51,7 @@ class Observed:
     tests: pd.DataFrame  # line, method, quantity, p: published Kolmogorov-Smirnov tests
     stops: np.ndarray | None  # (n, 2): x, y [m] of blocks at rest
     distances: np.ndarray | None  # plan distances [m] from release to rest, sorted
-    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel farther
+    passing: pd.DataFrame | None  # distance [m], fraction of boulders that travel at least as far
     lines: dict[str, str]  # line name -> file and row of its first occurrence
     starts: np.ndarray | None = None  # (n, 2): x, y [m] of the release of each block
     contacts: pd.DataFrame | None = None  # impacts with columns CONTACT, NaN if unknown
@@ -68,8 +68,8 @@ class Observed:
 
 
 def read_observed(*given: str | Path | Observed, grid: Grid | None = None) -> Observed:
-    """Read observations from CSV files, whose kind follows from the header. `Observed` arguments
-    are used directly.
+    """Read observations from CSV files, whose kind follows from the header. A single `Observed` is
+    returned unchanged.
 
     With the terrain `grid`, layers can be read too: points, with attributes as columns, and
     polygons that outline the mapped area. A RockfallError gives file, line, column, value and
@@ -232,7 +232,7 @@ class _Kind(NamedTuple):
         return (*self.needed, *self.optional)
 
 
-KINDS = (  # in this order, because a header may have all columns of a kind with fewer columns
+KINDS = (  # in this order: the first kind whose required columns are all in the header is read
     _Kind(
         "summaries", ("line", "quantity", "unit", "mean"), ("method", "std", "max", "n"), _summary
     ),

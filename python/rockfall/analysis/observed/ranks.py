@@ -40,8 +40,8 @@ def rank_results(results: Mapping[str, xr.Dataset], seen: Observed) -> pd.DataFr
     lines, and differences from published means, in SI units. The overall measure is the mean of all
     distances, each divided by its mean over the results.
 
-    `rank_low` and `rank_high` are the possible ranks of a result: two are tied if the 95 % interval
-    of their difference contains 0. Results must be from one site, in one CRS.
+    `rank_low` and `rank_high` are the possible ranks of a result: two results are tied if the 95 %
+    interval of their difference contains 0. Results must be from one site, in one CRS.
     """
     check_same_site(results)
     by_measure: dict[str, dict[str, np.ndarray]] = {}

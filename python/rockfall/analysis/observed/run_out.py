@@ -5,8 +5,8 @@ and the Kolmogorov-Smirnov test of a sample against a weighted sample.
 Intervals come from resampled boulders (Efron 1979), both observed and simulated, within each
 source. An interval requires the number of boulders in `rockfall.limits` for a mean or a standard
 deviation. The interval of the Wasserstein distance is mirrored (pivotal), because chance increases
-the distance between two samples. `by_chance` is its 95 % quantile for samples of equal size from
-the result itself: a smaller distance may be due to chance.
+the distance between two samples. `by_chance` is the 95 % quantile of this distance for samples of
+the observed size from the result itself: a smaller distance may be due to chance.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Sample(NamedTuple):
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
-    """Number of times each boulder occurs in a resample that keeps the number from each source."""
+    """Number of times each boulder occurs in a resample with the same number from each source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         from_source = np.flatnonzero(sample.source == source)
@@ -133,8 +133,8 @@ def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
 
 
 def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Stopping distances, and lateral offsets if places are known, of observed boulders and of
-    simulated boulders from the same sources [m]. None if distances are unknown."""
+    """Stopping distances and, if places are known, lateral offsets [m] of observed boulders and of
+    simulated boulders from the same sources. None if distances are unknown."""
     observed = observed_boulders(result, seen)
     if observed is None:
         return None
@@ -154,9 +154,9 @@ def samples(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample, Sample] | None:
-    """Pooled samples of several results from a site, each with its observations; lateral offsets
-    are perpendicular to the mean of all observed vectors. For a single result equal to
-    `samples`."""
+    """Pooled samples of several results from a site, each with its observations; None if distances
+    are unknown for any of them. Lateral offsets are perpendicular to the mean of all observed
+    vectors. A single result gives its `samples`."""
     if len(pairs) == 1:
         return samples(*pairs[0])
     parts = [part for part in (_ways(*pair) for pair in pairs) if part is not None]
@@ -185,7 +185,7 @@ def pooled_samples(pairs: Sequence[tuple[xr.Dataset, Observed]]) -> tuple[Sample
 
 
 def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
-    """Vectors from release to rest, observed and simulated; None if places are unknown."""
+    """Vectors from release to rest [m], observed and simulated; None if places are unknown."""
     origins = starts(result)
     if seen.stops is None or (seen.starts is None and len(origins.places) > 1):
         return None

@@ -73,7 +73,7 @@ def speed_of(v: np.ndarray) -> np.ndarray:
 
 
 def _fly(v: np.ndarray, slope: float) -> np.ndarray:
-    """Velocity at the next bounce; a boulder thrown uphill falls back."""
+    """Velocities V_t, V_n, W (n, 3) before the next bounce; a boulder thrown uphill falls back."""
     v_in = np.stack([v[:, 0] + 2 * np.tan(np.radians(slope)) * v[:, 1], -v[:, 1], v[:, 2]], axis=1)
     back = v_in[:, 0] < 0
     v_in[back] *= [-1, 1, -1]  # the frame of reference turns with the boulder

@@ -322,7 +322,7 @@ def quantile(
     values: np.ndarray, level: float, source: Sources | Weighted
 ) -> tuple[float, float, float]:
     """Quantile and its 95 % interval as in line statistics, or for weighted boulders; NaN without
-    values, or for an unknown level."""
+    values, or if `level` is NaN."""
     if not values.size or np.isnan(level):
         return np.nan, np.nan, np.nan
     if isinstance(source, Weighted):

@@ -96,8 +96,8 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
-    """Difference between the fractions of chosen boulders. If all changes are in one direction,
-    this is the fraction that changed, with an interval between 0 and 1."""
+    """Difference between the fractions of the boulders chosen in each run (masks). If all changes
+    are in one direction, this is the fraction that changed, with an interval between 0 and 1."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)

@@ -78,7 +78,7 @@ def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
         is_gone[is_gone] = _misses_line(values, case, is_gone)
     fall, distance = falls_and_distances(values)
     stayed = (status == STATUS["stopped"]) & (np.hypot(fall, distance) < STAYED)
-    is_said = False  # a single remark covers all lines
+    is_said = False  # True if a remark on all boulders makes remarks on lines superfluous
     for key, is_such, most in (
         ("model.cut_short", is_gone, MAX_CUT),
         ("model.impact_limit", status == STATUS["impact_limit"], MAX_CUT),

@@ -54,8 +54,8 @@ def fractions_outside(values: Variables) -> dict[str, float]:
 
 
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
-    """Extrapolations in variables of a result or of boulders. Counts may be totals or per boulder.
-    `case_set` is the impact sets of the case."""
+    """Extrapolations, from variables of a result or of boulders, by name. Counts may be totals or
+    per boulder. `case_set` is the name of the case's impact sets."""
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():
         if fraction:

@@ -39,7 +39,7 @@ JUDGED_TABLES = "talus", "meadow"  # grounds with impact tables that were compar
 
 
 def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on classical rebound models and coefficients; none for impact sets only."""
+    """Remarks on classical rebound models and their coefficients; none without such grounds."""
     if not (grounds := classical_grounds(values)):
         return
     own = "model.own_coefficients" if has_own_grounds(case) else "model.quoted_coefficients"

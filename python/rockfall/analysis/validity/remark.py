@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Variables = Held | Mapping[str, ArrayLike]
 
 GRADES = ("stop", "caution", "note")  # grades in display order
-#: Messages about results that are wrong until the cause is removed, also on places.
+#: Messages about results that are wrong until the cause is removed, including places off terrain.
 STOPS = {"model.cut_short", "model.impact_limit", "model.lost", "model.max_fragments",
          "input.line_beyond", "input.objects_beyond", "input.segments_beyond"}  # fmt: skip
 

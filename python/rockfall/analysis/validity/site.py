@@ -32,7 +32,7 @@ LOWEST = -90.0  # [degree] lower bound of any angle
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     """Remarks on the energy-line and shadow angles of the 1 % farthest boulders, compared with the
-    lowest observed angle: a warning if their interval, by sources, does not contain the observed
+    lowest observed angle: a warning if the interval of their angle does not contain the observed
     angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
     and with the lowest possible angle for the lower limit. Boulders without an angle do not
     count."""

@@ -53,7 +53,8 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
 
 
 def in_order(texts: Iterable[Text]) -> list[Text]:
-    """Warnings with those first that make results wrong, also after the name of a place or run."""
+    """Warnings about wrong results (`STOPS`), with or without the name of a place or run, before
+    all others."""
     kinds = {text: text.values.get("after", text) for text in texts}
     return sorted(kinds, key=lambda text: getattr(kinds[text], "key", "") not in STOPS)
 
@@ -71,7 +72,7 @@ def with_model_warnings(result: Result) -> Result:
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with its model warnings, which are also issued at the caller's caller."""
+    """Result with its model warnings, also issued and attributed to the caller's caller."""
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result

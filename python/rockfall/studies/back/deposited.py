@@ -45,7 +45,7 @@ class Deposited(Witnesses):
     kernels: list[Kernel]
     widths: list[np.ndarray]  # kernel widths at the blocks [m]
     name: str = "blocks at rest"
-    #: sums over half of the other blocks
+    #: Sums of kernels and weights over half of the other blocks, by set.
     own: list[tuple[np.ndarray, np.ndarray]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -127,7 +127,7 @@ class Deposited(Witnesses):
 
 
 def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
-    """Start points of the boulders in a result, if the source of some blocks is known."""
+    """Release groups of a result, needed only if the source of some blocks is known."""
     return starts(result) if any(impact_set.source for impact_set in sets) else None
 
 

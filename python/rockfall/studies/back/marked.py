@@ -26,8 +26,9 @@ FEW = 20  # maximum boulders at a mark for a remark
 
 @dataclass
 class Marked(Witnesses):
-    """Marks with their lines in the case, sums of kernels, squares and distribution functions, and
-    boulders. Log-densities of simulated hits follow the log-densities of marks."""
+    """Marks with their lines in the case. Data kept from a run: for each mark, sums of kernels,
+    their squares and distribution functions, and the number of boulders that pass; then AGAIN
+    log-densities of all marks, and as many of simulated hits in their place."""
 
     SUMS, AGAIN = 4, 8
 

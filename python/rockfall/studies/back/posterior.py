@@ -237,7 +237,7 @@ class Ridge(NamedTuple):
 
     ground: str
     correlation: float  # correlation of log strength and log relief
-    degrees: float  # change of relief along the ridge that compensates for doubling the strength
+    degrees: float  # change of relief [degree] along the ridge that offsets twice the strength
 
 
 def ridges(analysis: Back) -> Iterator[Ridge]:

@@ -31,7 +31,7 @@ class Sampler:
         self.log_likelihood = np.empty(0)  # ordered as the runs
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
-        self.densities = [_log_prior(first)]  # density of each mixture at all points
+        self.densities = [_log_prior(first)]  # log density of each mixture at all points
         self.mixtures: list[_Mixture] = []
 
     def learn(self, log_likelihood: np.ndarray) -> None:

@@ -197,8 +197,8 @@ class _Rounds:
         self.random = np.random.default_rng((read.case.case["seed"], STREAM))
         self.rows: list[dict[str, float]] = []  # values drawn for each member
         self.runs: list[list[np.ndarray]] = [[] for _ in read.data]  # kept data of each data set
-        # From complete rounds: log-likelihoods by data set, weights, and weights from the prior
-        # alone.
+        # From complete rounds: log-likelihoods by data set, weights, and log weights without a
+        # likelihood.
         self.by_data = np.empty((len(read.data), 0))
         self.weight = self.ahead = np.empty(0)
 

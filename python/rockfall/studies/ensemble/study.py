@@ -186,7 +186,7 @@ def _numbers(result: Held) -> tuple[np.ndarray, list[np.ndarray]]:
 def _dataset(
     lines: list[str], own: np.ndarray, names: list[str], y: np.ndarray, indices: Indices
 ) -> dict[str, Any]:
-    """Dataset of results and parts of their variance, by run, variant, input, line and result."""
+    """Variables: results and parts of their variance, by run, variant, input, line and result."""
     shape, per_line = (len(lines), len(RESULTS)), ("line", "result")
 
     def table(values: np.ndarray, long_name: str) -> tuple:

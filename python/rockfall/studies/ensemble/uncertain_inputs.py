@@ -87,7 +87,7 @@ class Uncertain:
         self.set_checksums: dict[str, str] = {}
         self.sets = self._operators()
         self.radii = 1 if scene.rasters.values is not None else len(scene.rasters.sizes)
-        #: Grounds with strength and relief, from 0.
+        #: Indices of the grounds with strength and relief.
         self.pairs = [k for k, rule in enumerate(scene.grounds) if rule.plane is not None]
         self.rows: list[dict[str, float]] = []
         if "draws" in self.given:
