@@ -16,7 +16,7 @@ from rockfall.grounds.impact_tables import table_arrays
 from rockfall.io.rasters.grid import Box
 from rockfall.scene.parts import Rasters
 
-ARRAYS: dict[str, list[str]] = {}  # name -> type ("" for alternatives), units, ...
+ARRAYS: dict[str, list[str]] = {}  # name -> type ("" for several), dimensions, units, meaning
 while _text := _core.table_row("scene", len(ARRAYS) + 1).decode().strip():
     _name, *ARRAYS[_name] = _text.split("|")
 NO_TERRAIN = np.zeros((1, 1), "f4")  # placeholder for a scene read in windows

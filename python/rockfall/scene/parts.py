@@ -70,7 +70,7 @@ class SourceBoulders(NamedTuple):
     volume: np.ndarray  # [m3]
     inertia: np.ndarray  # I/(m R**2) [-]
     density: np.ndarray | None = None  # [kg/m3]; None: as in the case
-    shape: np.ndarray | None = None  # int8: block shape, from 1; None: as in the case
+    shape: np.ndarray | None = None  # int8: number of the block shape, from 1; None: as in the case
 
 
 class Features(NamedTuple):
@@ -78,9 +78,9 @@ class Features(NamedTuple):
 
     names: list[str]
     number: np.ndarray  # int32: feature number of each source, from 1
-    law: np.ndarray | None = None  # int32: distribution, from 1; 0: as in the case
+    law: np.ndarray | None = None  # int32: number of the distribution, from 1; 0: as in the case
     value: np.ndarray | None = None  # (features, 9): `source_attributes.VALUES`, or NaN
-    shape: np.ndarray | None = None  # int8: block shape, from 1; 0: as in the case
+    shape: np.ndarray | None = None  # int8: number of the block shape, from 1; 0: as in the case
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Sources:
     frequency: np.ndarray | None = None  # weight of each source in boulders_total
     features: Features | None = None  # features of the source layer
     source_boulders: SourceBoulders | None = None  # set if sources define their boulders
-    #: Negative values found in source cells.
+    #: Raster values of source cells, negated, so that the minimum is the largest value.
     source_values: ExtremeCount = field(default_factory=ExtremeCount)
 
     def select(self, chosen: np.ndarray) -> Self:

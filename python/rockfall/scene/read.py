@@ -49,8 +49,7 @@ def read_scene(
     frame_store: FrameFiles | None = None,
     **rasters: Any,
 ) -> Scene:
-    """Read and check all inputs of a case.
-
+    """Read and check all inputs of a case; invalid inputs raise a RockfallError.
     `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
     dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the
     DEM (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources,

@@ -38,7 +38,7 @@ class Windows:
         self.box = Box(0, 0, 0, 0)
 
     def fit(self, grid: Grid, sources: Sources, first: int) -> Box:
-        """Move the window to source `first` and as many later ones as fit; return its box."""
+        """Move the window to source `first` and as many later sources as fit; return its box."""
         column = ((sources.x[first:] - grid.west) / grid.cell).astype(int)
         row = ((grid.north - sources.y[first:]) / grid.cell).astype(int)
         north, west, south, east = self.margins

@@ -108,7 +108,7 @@ class Batch:
 
     @property
     def seconds(self) -> float:
-        """Kernel time so far [s].
+        """Elapsed time in the kernel so far [s].
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:
@@ -146,7 +146,7 @@ class Batch:
 
     @cached_property
     def warnings(self) -> list[str]:
-        """Model limits that concern the completed boulders, as in the report.
+        """Model warnings for the completed boulders, as in the report.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:

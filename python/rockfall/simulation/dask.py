@@ -44,7 +44,7 @@ def run_on_cluster(
     case = scene.case.replace(case={"threads": 1})  # workers have their own threads
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
-        memory = 2 * scene.windows.bytes if scene.windows else None  # gives windows of equal size
+        memory = 2 * scene.windows.bytes if scene.windows else None  # workers halve it for a window
         n = parts or PARTS * max(1, sum(client.nthreads().values()))
         n = max(2, min(n, scene.boulders))
         if scene.boulders < 2:

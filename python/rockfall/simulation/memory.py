@@ -14,7 +14,7 @@ from rockfall.system import memory_limits
 
 #: Memory [bytes] for a crossing at an evaluation line.
 BYTES_AT_LINE = sum(np.dtype(kind).itemsize for kind in TYPES["crossing"].values())
-#: Bytes for a boulder in a result file, where compressed integers take less than a byte.
+#: Bytes for a crossing in a result file, where its integers compress to less than a byte in total.
 BYTES_IN_FILE = 1 + sum(
     np.dtype(kind).itemsize for kind in TYPES["crossing"].values() if np.dtype(kind).kind == "f"
 )

@@ -155,9 +155,9 @@ def _densities(scene: Scene) -> np.ndarray | float:
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:
-    """Memory of a run [bytes] by use: rasters, map tallies, class counts, result rows, program;
-    outputs that are created after the rasters are freed (`made`), and rows in the result file
-    (`file`)."""
+    """Memory of a run [bytes] by use: rasters, map tallies, their class counts, trees, result rows,
+    crossings, samples, program; outputs that are created after the rasters are freed (`made`), and
+    rows in the result file (`file`)."""
     names = set(scene.case.output.get("maps", []))
     tally = start(scene, threads=1)
     plan, held = (

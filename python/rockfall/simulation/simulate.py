@@ -76,7 +76,7 @@ class StudyInterrupted(Interrupted):
 
 def run_scene(scene: Scene, **how: Any) -> xr.Dataset:
     """Run a scene that has been read; see `simulate` for the arguments."""
-    import xarray  # noqa: F401  before the run: there may be no memory for it
+    import xarray  # noqa: F401  before the run: later there may be no memory for it
 
     return simulate(scene, **how).dataset()
 
@@ -98,7 +98,7 @@ def simulate(
     line crossings are stored there in an unnamed file, which limits memory. Unless `keep`, the
     rasters of the scene are freed before the result is created.
     """
-    import netCDF4  # noqa: F401  what writes the result, before the run: there may be no memory
+    import netCDF4  # noqa: F401  writes the result; after the run there may be no memory for it
 
     if threads is None:
         threads = scene.case.case["threads"]
@@ -218,8 +218,8 @@ def trace(tally: Tally) -> None:
 
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
-    """Numbers, from `first` to `last`, of boulders with recorded trajectories, if `wanted` of them
-    are evenly spread over the run.
+    """Numbers of the boulders from `first` to `last` whose trajectories are recorded, if the run
+    records `wanted` evenly spread trajectories.
     """
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()

@@ -85,7 +85,7 @@ class Tally:
     wall: float = 0.0
     cpu: float = 0.0
     threads: int = 0
-    crs: dict[str, Any] = field(default_factory=dict)  # attributes if the grid has no CRS
+    crs: dict[str, Any] = field(default_factory=dict)  # attributes of the CRS if the grid has none
     marks: np.ndarray | None = None  # bool: completed boulders; None: the first `done` of them
     spilled: SpilledCrossings | None = None  # crossings in a file instead of the run
     goes_on: bool = False  # True if the run continues after a result, which is then a copy

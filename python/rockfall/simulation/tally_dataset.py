@@ -254,8 +254,8 @@ def _ground_attributes(tally: Tally) -> dict[str, str]:
 
 
 def run_attributes(tally: Tally) -> dict[str, Any]:
-    """Attributes of a result or part that describe its run. `source` is that of a part; a result
-    also names the rebound models there."""
+    """Attributes of a result or part that describe its run. A result overwrites `source` with a
+    text that includes the rebound models."""
     scene = tally.scene
     return {
         "Conventions": CONVENTIONS,

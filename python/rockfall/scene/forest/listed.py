@@ -93,7 +93,7 @@ def _from_table(path: Path, inputs: Inputs) -> Listed:
 
 
 def _from_layer(path: Path, inputs: Inputs) -> Listed:
-    """Read trees from a point layer with the attributes dbh and species."""
+    """Read trees from a point layer; the keys in FIELDS name its attributes."""
     forest = inputs.case.forest
     x, y, columns, feature = read_points(
         path, inputs.grid, inputs.remarks, forest.get("trees_layer"), "trees_layer"
@@ -130,7 +130,7 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factors of species drawn from the percentage of conifers and the tree number."""
+    """Toughness factor of each stem, drawn as conifer or broadleaf by the fraction in its cell."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

@@ -114,7 +114,8 @@ def _densities(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[slice, n
 def _diameters(
     inputs: Inputs, cells: Cells, u: np.ndarray, stands: Stands | None, stand: np.ndarray | None
 ) -> np.ndarray:
-    """Quantiles `u` of gamma distributions [cm] with shape (mean/std)**2 and scale std**2/mean."""
+    """Diameters [cm]: quantiles `u` of gamma distributions (shape (mean/std)**2, scale std**2/mean)
+    of the stems' stands or cells."""
     from scipy.special import gammaincinv
 
     mean, std = (

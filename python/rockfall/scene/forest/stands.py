@@ -34,7 +34,7 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand layer
 WHOLE = 1.0  # tolerance for the sum of a stand's species [%]
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # less: in 1/m2, m, or fractions
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # less may be in 1/m2, m, fractions
 
 
 class Mixture(NamedTuple):

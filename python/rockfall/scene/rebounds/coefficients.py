@@ -24,7 +24,7 @@ class Coefficients(NamedTuple):
     incidence: np.ndarray  # (8, 5): angles between the classes of `lateral` [degree]
     lateral: np.ndarray  # (13, 9, 5): quantiles of the lateral deviation [degree]
     speed_range: np.ndarray  # (2, 5): incident speeds of the fitted impacts [m/s]
-    angle_range: np.ndarray  # incidence angles of the fitted impacts, from the surface [degree]
+    angle_range: np.ndarray  # (2, 5): their incidence angles, from the surface [degree]
 
 
 class SetFile(NamedTuple):

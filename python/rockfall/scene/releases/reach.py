@@ -20,7 +20,7 @@ class Survey:
         side = _core.block_of(nodes)
         blocks = [-(-n // side) for n in nodes] if "maps" in case.output else [1, 1]
         self._known = minima is not None
-        #: minimum elevations of blocks of cells [m]
+        #: Minimum elevation [m] of each block of cells.
         self.minima = np.full(blocks, np.inf, order="F") if minima is None else minima
 
     def take(self, kernel: KernelScene, first: int, stop: int) -> None:

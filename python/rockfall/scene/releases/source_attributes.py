@@ -90,8 +90,8 @@ class Table:
 
 
 def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
-    """Attributes of features, given the feature number of each source, and the frequency of each
-    feature (NaN if missing)."""
+    """Return features with their attributes, and the frequency of each feature (NaN if missing).
+    `feature` is the feature number of each source."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"

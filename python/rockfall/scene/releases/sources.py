@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from the terrain: steep cells, boulders per area, sizes and shapes."""
+"""Sources of a case: points, polygons, raster cells or steep cells, with their boulders."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -24,7 +24,7 @@ SHIFT = 100.0  # [m] maximum source_shift
 LOWERED = 0.8  # minimum fraction of the requested crest height
 THRESHOLD = 10_000.0  # [kJ] above all intensity thresholds and all nets
 PERIOD = 1.0  # [year] minimum return period of hazard classes; frequencies are below 1
-#: Maxima [1/year]: a boulder every few weeks, per source and year, per metre of cliff and year.
+#: Maximum frequencies [1/year] by `frequency_per`: in total, per source, per km2, per m of cliff.
 FREQUENCY = {"year": 20.0, "source": 1.0, "km2": 10_000.0, "m": 1.0}
 
 
@@ -124,8 +124,8 @@ def _scenarios(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _unequal(scene: Scene) -> Iterator[InputWarning]:
-    """Warning on a frequency far above others with the same `frequency_per`: perhaps a return
-    period."""
+    """Warnings on cliff lengths in another unit, and on a frequency far above others with the same
+    `frequency_per`: perhaps a return period."""
     by_reference: dict[str, list[tuple[float, str]]] = {}
     for scenario in scene.case.scenario:
         stated = stated_frequency(scenario, scene.case.boulder), scenario["name"]

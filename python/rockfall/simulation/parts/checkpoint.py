@@ -19,7 +19,7 @@ from rockfall.simulation.parts.part_file import CLOCKS, boulders_in, make_part, 
 from rockfall.simulation.tally import Tally, origin_of
 from rockfall.system import replace, sync
 
-REST = _core.constant("save_rest")  # minimum pause between saves / duration of the last
+REST = _core.constant("save_rest")  # minimum pause between saves / duration of the last save
 
 
 def checkpoint_of(output: Path) -> Path:

@@ -37,7 +37,8 @@ def _open(path: Path) -> int:
 
 
 def _hold(descriptor: int, path: Path, say: Callable[[str], None]) -> bool:
-    """Lock a file; False if it was replaced meanwhile. Refuse an output that is locked."""
+    """Lock a file; False if it was replaced meanwhile. Refuse an output that is locked. Warn, and
+    return True, if the file system has no locks."""
     try:
         lock(descriptor)
     except BlockingIOError:

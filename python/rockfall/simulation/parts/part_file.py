@@ -63,7 +63,8 @@ PACKING = int(_core.constant("max_packing"))  # maximum compression ratio of zli
 
 
 def make_part(tally: Tally) -> Contents:
-    """Part with the completed boulders of a tally; its arrays are views until the next part."""
+    """Part with the completed boulders of a tally; its arrays are views, valid until the next part
+    is made."""
     tally.settle()
     try:
         tally.run.pack_part()
