@@ -206,7 +206,7 @@ class Case:
         return _made(self._changed(changes), self.folder, self.name)
 
     def _changed(self, changes: dict[str, Any]) -> KernelValues:
-        """Copy of the case with changes (None removes a key); only changed keys are parsed."""
+        """Values after changes (None removes a key or group); only changed keys are parsed."""
         plain, removed = _plain(changes), []
         for group, values in changes.items():
             keys = {} if group in REPEATABLE else {key.lower() for key in values}
@@ -267,7 +267,7 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts that derive from these groups of a case; a stage of reading records them as inputs."""
+    """Facts that derive from these groups of a case; a reading stage records that it reads them."""
     for group in groups:
         getattr(case, group)
     return case._facts

@@ -107,7 +107,7 @@ def files_behind(result: Held) -> Iterator[Path]:
 
 
 def _layer_files(path: Path) -> Iterator[Path]:
-    """Files of a polygon layer, including companion files."""
+    """Files of a vector layer, with its possible companion files."""
     yield path
     yield from (path.with_name(f"{path.name}{end}") for end in APPENDED)
     if path.suffix.lower() == ".shp":

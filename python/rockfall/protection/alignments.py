@@ -25,7 +25,7 @@ SAMPLES = 200  # points on a line at which elevation and distance are computed
 
 class Alignment(NamedTuple):
     """Candidate line [m]: vertices, mean distance from the protected line (or shift), minimum
-    distance (`space`), elevation, length."""
+    distance (`space`), mean elevation, length."""
 
     name: str
     x: list[float]

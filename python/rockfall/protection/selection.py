@@ -126,7 +126,7 @@ def read_costs(path: str | Path) -> Costs:
 
 
 def cost_remarks(costs: Costs | None) -> Iterator[Text]:
-    """Remark on implausibly high barrier prices."""
+    """Remark on prices for implausibly high barriers."""
     highest = max((height for _, height in costs or {}), default=0.0)
     if highest > NET:
         yield say("design.high_prices", height=highest)

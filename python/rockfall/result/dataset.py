@@ -59,7 +59,8 @@ def georeference(grid: Grid) -> dict[str, Any]:
 
 
 def provenance(scene: Any) -> dict[str, str]:
-    """Checksums of the inputs of a scene."""
+    """Attributes for a scene: checksums and warnings of its inputs, stretches of lines off the
+    terrain, dams, and stands."""
     return {
         "impact_set_checksum": scene.checksums.get("sets", ""),
         "input_checksums": json.dumps(scene.checksums, sort_keys=True),
@@ -132,7 +133,7 @@ def read_result(path: str | Path) -> xr.Dataset:
     return result
 
 
-#: Attribute of results in memory only; it is derived again when a file is read.
+#: Attribute of results in memory; not written, because the other data of a result determine it.
 MODEL_WARNINGS = "model_warnings"
 
 

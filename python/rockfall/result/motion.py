@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 EXACT = 1e-6  # tolerance for equal positions [m] and times [s]
 PARALLEL = 1e-9  # sine of the maximum angle between parallel directions
-TOLERANCE = 0.05  # [m]
+TOLERANCE = 0.05  # default tolerance of `sampled` [m]
 _Kept = TypeVar("_Kept")
 _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
 

@@ -60,7 +60,7 @@ def _beyond(within: float) -> float:
 
 
 def _mean(z: np.ndarray, apart: np.ndarray, which: np.ndarray, power: float) -> np.ndarray:
-    """Inverse-distance weighted mean of points sorted by distance; infinite ones are ignored."""
+    """Inverse-distance weighted mean of points sorted by distance, ignoring infinite distances."""
     if not apart.shape[-1]:
         return np.full(apart.shape[:-1], np.nan)
     nearest = apart[..., :1]

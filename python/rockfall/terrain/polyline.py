@@ -7,8 +7,8 @@ TIE = 1e-9  # relative difference of equal distances
 
 
 def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [m] of each point from a polyline, and distance along it to the nearest point; NaN
-    if the nearest point is an end."""
+    """Distance [m] of each point from a polyline, and distance [m] along it to the nearest point;
+    NaN for a polyline without length."""
     along, apart, before = np.full(points.shape, np.nan), np.full(points.shape, np.inf), 0.0
     for start, side in zip(vertices[:-1], np.diff(vertices), strict=True):
         if side == 0:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Class limits by displayed unit; they replace LIMITS.
 Limits = Mapping[str, tuple[float, ...]]
 
-COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # units of maps that do not count boulders
+COUNTED = {"tree_impacts": "hits", "sources": "sources"}  # what count maps count, if not boulders
 DECADES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 LIMITS = {  # keys: displayed units; the Swiss intensity classes end at 30 and 300 kJ
     "kJ": (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0),
