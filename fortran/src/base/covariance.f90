@@ -12,13 +12,13 @@ module rockfall_covariance
    private
    public :: covariance_root, product_of, printed_tolerance
 
-   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! tolerance of correlations [-]
-   !> Eigenvalues of correlations above this are far above rounding errors: Cholesky's method cannot fail [-].
+   real(wp), parameter :: symmetry_tolerance = 1.0e-12_wp  !! maximum asymmetry, as a difference of correlations [-]
+   !> Minimum eigenvalue of correlations [-] above which rounding errors cannot make Cholesky's method fail.
    real(wp), parameter :: clearly_definite = 1.0e-12_wp
-   !> Eigenvalues down to minus this are accepted as rounding of printed numbers [-]: six digits change a correlation by
-   !> up to 1e-5, and thus an eigenvalue of a 9 x 9 matrix by up to 9e-5.
+   !> Negative eigenvalues down to minus this come from the rounding of printed numbers [-]: six digits change a
+   !> correlation by up to 1e-5, and thus an eigenvalue of a 9 x 9 matrix by up to 9e-5.
    real(wp), parameter :: printed_tolerance = 1.0e-4_wp
-   real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! tolerance of L L^T against C, in correlations [-]
+   real(wp), parameter :: product_tolerance = 1.0e-12_wp   !! maximum error of L L^T, as correlations [-]
    real(wp), parameter :: negligible = 1.0e-30_wp  !! off-diagonal entries up to this are not rotated away [-]
    integer, parameter :: max_sweeps = 30           !! usually 6 to 10
 

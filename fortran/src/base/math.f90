@@ -97,7 +97,7 @@ contains
 
    !> Cube root of a positive number.
    elemental real(wp) function cube_root(x)
-      real(wp), intent(in) :: x  !! > 0 [-]
+      real(wp), intent(in) :: x  !! > 0, any unit
       integer :: n
 
       cube_root = exponential(logarithm(x)/3)

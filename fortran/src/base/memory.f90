@@ -25,7 +25,7 @@ module rockfall_memory
 
 contains
 
-   !> Block of n zeros, at least one; null if memory is short.
+   !> Block of max(n, 1) zeros; null if memory is short.
    type(c_ptr) function zeroed_block(n, bytes) result(block)
       integer(i8), intent(in) :: n
       integer, intent(in) :: bytes  !! size of each [bytes]

@@ -16,7 +16,7 @@ module rockfall_random
    public :: normal_restitution_word, tangential_restitution_word, obstacle_spread_word
    public :: tree_class_word, tree_within_word, cone_word, around_word
 
-   !> Purposes: each has its own stream. Number 3 is retired; purposes from 65 belong to the laboratory.
+   !> Purposes of random numbers, each with its own stream. Number 3 is retired; from 65, they belong to the laboratory.
    integer(i8), parameter :: for_release = 1, for_impact = 2
    integer(i8), parameter :: for_ground = 5   !! properties of the ground at an impact
    integer(i8), parameter :: for_forest = 11  !! counter: cell and stem; stem 0 gives the number of stems
@@ -131,7 +131,7 @@ contains
       c3 = last_counter(purpose, draw)
    end subroutine set_counter
 
-   !> Last word of the counter.
+   !> Last word of the counter: purpose, and number of the draw.
    elemental integer(i8) function last_counter(purpose, draw)
       integer(i8), intent(in) :: purpose, draw  !! as for random_words
 

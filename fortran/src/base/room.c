@@ -34,7 +34,7 @@ int64_t rockfall_stack(void)
     pthread_attr_t attributes;
     size_t bytes = 0;
 
-#if defined(__linux__) /* for the main thread, glibc parses all mappings of the process, which takes milliseconds */
+#if defined(__linux__) /* main thread: pthread_getattr_np would parse all mappings of the process, in milliseconds */
     struct rlimit limit;
 
     if (syscall(SYS_gettid) == getpid() && getrlimit(RLIMIT_STACK, &limit) == 0)

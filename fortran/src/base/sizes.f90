@@ -19,7 +19,7 @@ module rockfall_sizes
    ! quantiles of a class.
    integer, parameter :: n_impact_sets = 5, n_set_numbers = 9, n_incidence_limits = 8, n_lateral_classes = 9, &
                          n_lateral_quantiles = 13
-   ! Map tallies: numbers of counts (including thresholds), sums and maxima in a plan, and of stacks of layers.
+   ! Map tallies: numbers of counts (including thresholds), sums and maxima in `map_plan_t`; number of stacks.
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
    integer, parameter :: n_block_shapes = 3  !! block shapes of the laboratory

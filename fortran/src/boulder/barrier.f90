@@ -25,7 +25,7 @@ module rockfall_barrier
    !> above the rounding of coordinates, yet only a micrometre on a slope of one kilometre.
    real(wp), parameter :: barrier_offset = 1.0e-9_wp
 
-   !> Strength of spruce and larch relative to silver fir [-], the smallest value in Dorren and Berger (2006).
+   !> Strength of logs relative to silver fir [-]: that of spruce and larch, the lowest in Dorren and Berger (2006).
    real(wp), parameter :: log_factor = 0.9_wp
    !> Strength of a log of decay class 1 (fresh) to 4 (soft) relative to a fresh log [-]. Assumed, as no measured values
    !> are known: a linear decrease to zero in class 5 (no firm wood).
@@ -58,7 +58,7 @@ contains
    end function barrier_outcome
 
    !> Energy [J] that a lying log absorbs. Assumption: as much as a standing stem of the same diameter (Dorren and
-   !> Berger 2006).
+   !> Berger 2006), reduced by decay.
    pure real(wp) function log_capacity(diameter, decay_class)
       real(wp), intent(in) :: diameter    !! > 0 [cm]
       integer, intent(in) :: decay_class  !! 1..4

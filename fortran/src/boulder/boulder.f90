@@ -26,7 +26,7 @@ module rockfall_boulder
       real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
       real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
-      real(wp) :: exponent = 1.0_wp          !! pareto: exponent of the number of larger boulders, > 0 [-]
+      real(wp) :: exponent = 1.0_wp          !! pareto: the number of larger boulders falls as V**-exponent, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
       integer, allocatable :: list_shape(:)  !! block shape of each volume, if known
       !> density [kg/m3]; 2800 is implied by the energies and volumes in the paper
@@ -215,7 +215,7 @@ contains
    pure function usual_volumes(distribution) result(limits)
       type(volume_distribution_t), intent(in) :: distribution
       real(wp) :: limits(2)
-      real(wp), parameter :: few = 3.7_wp  !! one in 10,000 is beyond this number of standard deviations [-]
+      real(wp), parameter :: few = 3.7_wp  !! standard deviations; one in 10,000 lies beyond, on each side [-]
 
       select case (distribution%kind)
       case (normal_volume)

@@ -59,7 +59,7 @@ module rockfall_direction
 
 contains
 
-   !> Lateral deviations from angles in degrees (the unit of set files).
+   !> Build lateral deviations from angles in degrees, the unit of set files.
    pure type(lateral_t) function lateral(incidence, angle) result(this)
       real(wp), intent(in) :: incidence(lateral_classes - 1)             !! class limits, 0 to 90 [degree]
       real(wp), intent(in) :: angle(lateral_quantiles, lateral_classes)  !! quantiles of each class [degree]

@@ -36,7 +36,7 @@ module rockfall_forest
    !> Parameters common to all stems.
    type :: tree_model_t
       real(wp) :: stem_height = huge(1.0_wp)      !! boulders higher than this pass over the stem [m]
-      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]  !! limits of x in absorbed_fraction between types [-]
+      real(wp) :: limit(2) = [0.58_wp, 0.75_wp]  !! limits between the types of a hit, for x of absorbed_fraction [-]
       !> Frequency of each class of the turn by type of hit (class, type), in any unit. The default, the widths of the
       !> classes, makes all angles up to 76 degrees equally likely.
       real(wp) :: weight(3, 3) = spread(class_ends(1:3) - class_ends(0:2), 2, 3)
@@ -268,9 +268,9 @@ contains
 
    !> Effect of a hit: absorbed energy, and turn of the boulder away from the stem.
    !>
-   !> The path of the boulder's centre passes the stem axis at a distance of x = offset/(DBH/2) stem radii. If the path
-   !> misses the stem and only the boulder's side touches it (x > 1), the hit is a scratch. A frontal hit that the
-   !> boulder survives breaks the stem.
+   !> The distance of the path of the boulder's centre from the stem axis, x = |offset|/(DBH/2), determines the type of
+   !> the hit. If only the boulder's side touches the stem, x > 1 counts as 1. A frontal hit that the boulder survives
+   !> breaks the stem.
    pure type(tree_impact_t) function tree_impact(model, stem, offset, energy, word) result(impact)
       type(tree_model_t), intent(in) :: model
       type(stem_t), intent(in) :: stem

@@ -60,7 +60,7 @@ module rockfall_case
       logical :: by_table = .false.         !! rebounds follow impact tables by default
       logical :: between_ratios = .false.
       type(volume_distribution_t) :: volumes
-      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! fraction of each block shape; all 0: given by sources [-]
+      real(wp) :: shape_share(size(block_shapes)) = 0.0_wp  !! fraction of each block shape; all 0: by boulder [-]
       real(wp) :: radius_sigma = 0.0_wp          !! standard deviation of ln R_m between boulders [-]
       real(wp) :: strength_sigma = -1.0_wp       !! std of ln(strength) on all tables; < 0: as each ground gives [-]
       logical :: by_source = .false.             !! sources specify their boulders; volumes in the case are factors
@@ -89,7 +89,7 @@ module rockfall_case
 
 contains
 
-   !> Read a case from text; the error is the first violation of the table or of a rule.
+   !> Read a case from text; errors as in `read_keys` and `case_of_keys`.
    pure subroutine read_case(text, file, this, error)
       character(len=*), intent(in) :: text
       character(len=*), intent(in) :: file  !! file name, for messages

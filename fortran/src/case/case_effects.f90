@@ -14,7 +14,7 @@ module rockfall_case_effects
 
 contains
 
-   !> Refuse the first key of a complete case that no program would use.
+   !> Refuse keys of a complete case that no program would use; the error lists the first of each group.
    pure subroutine check_effects(list, error)
       type(namelist_t), intent(in) :: list
       type(error_t), allocatable, intent(out) :: error
@@ -55,7 +55,7 @@ contains
       end do
    end subroutine mark_defaults
 
-   !> Allow rock sizes for both methods, because `rockfall models` compares the methods.
+   !> Check the keys of &surface; rock sizes are allowed for both methods, because `rockfall models` compares them.
    pure subroutine check_surface(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group
@@ -124,7 +124,7 @@ contains
                      "maps", error)
    end subroutine check_output
 
-   !> Allow thresholds and objects with maps that use them, the other keys only with hazard classes.
+   !> Check the keys of &hazard: thresholds and object width are also valid with maps that use them, without scenarios.
    pure subroutine check_hazard(list, group, error)
       type(namelist_t), intent(in) :: list
       type(group_t), intent(in) :: group

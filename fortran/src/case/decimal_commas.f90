@@ -9,7 +9,7 @@ module rockfall_decimal_commas
    public :: comma_number, misread_number, point_rule
 
    character(len=*), parameter :: digits = "0123456789"
-   integer, parameter :: joined = 1, wrapped = 2, apart = 3  !! a comma only; a comma and a line end; others
+   integer, parameter :: joined = 1, wrapped = 2, apart = 3  !! a comma; a comma and a line end; other separators
 
 contains
 

@@ -18,7 +18,7 @@ module rockfall_impact_sets
    character(len=*), parameter :: keys(*) = [character(len=11) :: "ratio", "mean", "covariance", "noise", "draw", &
                                             "speed_range", "angle_range", "incidence", "lateral"]
    integer, parameter :: entries = n_set_numbers
-   integer, parameter :: lengths(7) = [1, entries, entries*(entries + 1)/2, 6, 1, 2, 2]  !! of the first keys; lower
+   integer, parameter :: lengths(7) = [1, entries, entries*(entries + 1)/2, 6, 1, 2, 2]  !! numbers of values; lower
                                      !! triangles of matrices, row by row
    integer, parameter :: required = 3               !! number of required keys
    integer, parameter :: max_draws = 1000

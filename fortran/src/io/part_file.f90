@@ -155,7 +155,7 @@ contains
       type(netcdf_file_t), intent(inout) :: file
       type(ground_t), intent(in) :: grounds(:)
       character(len=:), allocatable :: names, models
-      real(wp) :: radii(size(grounds))  !! radii [m]; NaN without a table, or for tables by R_b/R_m
+      real(wp) :: radii(size(grounds))  !! radii [m]; NaN without a table, or if largest_block gives NaN
       integer :: k
 
       names = grounds(1)%name

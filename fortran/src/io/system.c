@@ -55,7 +55,7 @@ void rockfall_start(void)
 {
     int file;
 
-    setenv("HDF5_USE_FILE_LOCKING", "FALSE", 0); /* fails without file locks, which rockfall does not need */
+    setenv("HDF5_USE_FILE_LOCKING", "FALSE", 0); /* rockfall needs no locks of HDF5, which fail on some disks */
     while ((file = open("/dev/null", O_RDWR)) >= 0 && file <= STDERR_FILENO)
         ;
     if (file > STDERR_FILENO)

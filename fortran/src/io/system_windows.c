@@ -17,7 +17,7 @@ static char last_words[4096];    /* message printed at a crash */
 static char lock[4096];          /* lock file of this process; "" for none */
 static int lock_file = -1;
 
-/* Record the first Ctrl-C, Ctrl-Break or closed window in a separate thread; a second event ends the process. */
+/* Runs in its own thread: record the first Ctrl-C, Ctrl-Break or closed window. A second event ends the process. */
 static BOOL WINAPI take_event(DWORD event)
 {
     LONG code = event == CTRL_C_EVENT ? 130 : 143;
@@ -87,7 +87,7 @@ int rockfall_same(const char *a, const char *b)
            of_a.nFileIndexHigh == of_b.nFileIndexHigh && of_a.nFileIndexLow == of_b.nFileIndexLow;
 }
 
-/* Windows accepts "file/." like "folder/.", so testing such a path proves nothing. */
+/* Return whether a path is a folder, by its attributes: Windows also finds "path/." if the path is a file. */
 int rockfall_is_folder(const char *path)
 {
     DWORD found = GetFileAttributesA(path);

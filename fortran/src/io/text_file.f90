@@ -45,7 +45,7 @@ contains
          if (size > 0) read (unit, iostat=status, iomsg=message) text
          if (status /= 0) call fail(error, file//": cannot be read: "//trim(message))
       end if
-      if (.not. allocated(error)) then  ! pipes and devices do not report their size
+      if (.not. allocated(error)) then  ! the file may have grown, or may not report its size
          read (unit, iostat=status, iomsg=message) extra
          if (status == 0) then
             call fail(error, file//": is not a regular file, or grew while being read")

@@ -35,7 +35,7 @@ module rockfall_flights
       real(wp), dimension(lanes) :: top = 0          !! maximum height over the cell [m]
    end type cell_t
 
-   !> Flights in the air. Free lanes keep their old values.
+   !> Flights in the air, the first `n` elements. Other elements keep their old values.
    type :: flights_t
       integer :: n = 0
       integer :: n_started = 0                                        !! flights that have already been started
@@ -101,7 +101,7 @@ contains
       padded = (n + width - 1)/width*width
    end function padded
 
-   !> Add a flight to the lanes.
+   !> Add a flight.
    subroutine take_off(f, lane, start)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: lane
@@ -487,7 +487,7 @@ contains
       end do
    end subroutine remove_departed
 
-   !> Store the end of a flight; the last flight takes its lane.
+   !> Store the end of a flight; the last flight takes its place.
    subroutine remove_flight(k, contact, dem, gravity, w, f, l, scratch, cells)
       integer, intent(in) :: k
       real(wp), intent(in) :: contact  !! as in landings_t
@@ -504,7 +504,7 @@ contains
       f%n = f%n - 1
    end subroutine remove_flight
 
-   !> Move a flight between two patches to another lane.
+   !> Move a flight, except its patch, to the place of another flight.
    subroutine move_flight(f, from, to, cells)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: from, to
@@ -531,7 +531,7 @@ contains
       f%top(to) = f%top(from)
    end subroutine move_flight
 
-   !> Move the patch of a flight, and its height above the patch, to another lane.
+   !> Move the patch of a flight, and its height above the patch, to another place.
    subroutine move_patch(f, from, to)
       type(flights_t), intent(inout) :: f
       integer, intent(in) :: from, to
@@ -681,7 +681,7 @@ contains
       flight%v = [l%v1(k), l%v2(k), l%v3(k)]
    end function flight_of
 
-   !> End of a flight that has ended.
+   !> Landing k as a single landing_t.
    pure type(landing_t) function landing_of(l, k) result(landing)
       type(landings_t), intent(in) :: l
       integer, intent(in) :: k
@@ -697,7 +697,7 @@ contains
       landing%jump_height = l%jump_height(k)
    end function landing_of
 
-   !> Replace the landing in a lane by the end of a roll.
+   !> Replace landing k by another point, such as the end of a roll.
    pure subroutine replace_landing(l, k, landing)
       type(landings_t), intent(inout) :: l
       integer, intent(in) :: k

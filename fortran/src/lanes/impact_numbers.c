@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: BSD-3-Clause */
 /* Random numbers of several impacts at a time: Philox4x32-10 and normal quantiles, bitwise identical to
    rockfall_random. Compiled three times, like rockfall_lanes; meson.build defines the name of the procedure. Written
-   with intrinsics, because compilers multiply 64-bit lanes by three products where one is enough, and load the
-   coefficients one by one. */
+   with intrinsics, because compilers use three multiplications for a product of 64-bit lanes where one suffices, and
+   load the coefficients one by one. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>

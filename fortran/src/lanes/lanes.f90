@@ -285,8 +285,8 @@ contains
       pool%w(lane) = w
    end subroutine set_heading
 
-   !> Find the flights that meet an obstacle before the ground, and compute the hits. Flights that may hit an obstacle,
-   !> or that cross a line, are computed again one by one.
+   !> Find the flights that meet an obstacle before the ground, and compute the hits. Flights that may hit an obstacle
+   !> or cross a line are computed again one by one.
    subroutine meet_obstacles(scene, active, pool, l, flights, scratch, spans, c)
       type(scene_t), intent(in) :: scene
       type(boulder_result_t), intent(inout) :: active(lanes)
@@ -499,18 +499,18 @@ contains
             end if
             call find_impact_set(scene, c%ratio(k), uniform(c%word(k, ratio_word)), set, c%outside(k))
             c%set(k) = sets%offset(c%ground(k)) + set
-            ! flat or next to nodata: handled by scalar code
+            ! at the edge of the raster: a flat neighbourhood, which scalar code handles
             if (.not. c%complete(k) > 0) c%z(k, :) = 0
          end associate
       end do
    end subroutine classify_contacts
 
-   !> Find the slopes where the flights end, and transform the velocities to the local frames. `frames` is a
-   !> compile-time constant at each call.
+   !> Find the slopes where the flights end and, if `frames`, transform the velocities to the local frames. `frames` is
+   !> a compile-time constant at each call.
    subroutine compute_incidence(l, gravity, per_cell, frames, c)
       type(landings_t), intent(in) :: l
       real(wp), intent(in) :: gravity, per_cell  !! [m/s2], [1/m]
-      logical, value :: frames                   !! local frames are needed by tables
+      logical, value :: frames                   !! local frames are needed, for impact sets
       type(contacts_t), intent(inout) :: c
       real(wp) :: v3, plan1, plan2, unit1, unit2, length
       integer :: k
@@ -892,7 +892,7 @@ contains
       call visit_cells(scene, 0.0_wp, path, sqrt(squared_length(path%v)), start_time, b%slides(k), span, scratch)
    end subroutine visit_slide
 
-   !> Compute a rebound not covered by the loops, and the next flight.
+   !> Compute a rebound that the vectorised loops do not cover, and the next flight.
    subroutine rebound_single(scene, number, l, k, pool, result, flights, scratch)
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: number

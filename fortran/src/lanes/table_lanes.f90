@@ -74,7 +74,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: inside = 0, off = 0  !! path ends on its first patch; leaves the ground: 1 or 0
       real(wp), dimension(lanes) :: i = 0, j = 0, z00 = 0, a = 0, b = 0, c = 0  !! patch at the end, as in patch_t
       real(wp), dimension(lanes) :: covered = 0                   !! length within the known terrain, up to the end [m]
-      real(wp), dimension(lanes) :: found = 0                     !! 1 if the loops find the end, else 0
+      real(wp), dimension(lanes) :: found = 0                     !! 1 if the vectorised loops find the end, else 0
       real(wp), dimension(lanes) :: x = 0, y = 0, z = 0           !! end [m]
       real(wp), dimension(lanes) :: end1 = 0, end2 = 0            !! gradient at the end [-]
       real(wp), dimension(lanes) :: length = 0, slides = 0, waits = 0  !! from time_slide [m], [s]
@@ -264,7 +264,7 @@ contains
       end do
    end subroutine draw_records
 
-   !> Find the part of the table for each boulder, and the records that followed in the laboratory.
+   !> Find the part of the table for each boulder, and the record of a contact that follows the recorded sequence.
    subroutine find_parts(table, contact, lane, touch, b)
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: contact(:)          !! contacts from this table
@@ -465,7 +465,7 @@ contains
       end do
    end subroutine start_slides
 
-   !> Find the patches on which the other paths end.
+   !> Find the last patches of the paths that leave their first patch.
    subroutine leave_patches(dem, l, b)
       type(terrain_t), intent(in) :: dem
       type(landings_t), intent(in) :: l

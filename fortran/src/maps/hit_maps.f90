@@ -64,7 +64,7 @@ contains
       type(paths_t), intent(in) :: paths
       real(wp), intent(in) :: distance                 !! [m]
       real(wp), allocatable :: twice(:)                !! maxima of twice the energy per mass [m2/s2]
-      integer, allocatable :: columns(:, :), first(:)  !! columns of each row; number of cells before it in `twice`
+      integer, allocatable :: columns(:, :), first(:)  !! columns of each row; offset of a row's columns in `twice`
       integer :: near(2, 2), rows(2), row, column, k, n
 
       call start_visits(hits)

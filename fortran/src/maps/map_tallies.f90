@@ -165,8 +165,8 @@ contains
       maps%first_partial = tallies%first_partial
    end function views_of
 
-   !> Maps to which each thread adds in a call for n boulders: private maps if they are small, because threads with
-   !> common maps wait for each other; otherwise common maps. Bin counts and `last_source` are always common.
+   !> Maps to which each thread adds in a call for n boulders. Threads with common maps wait for each other, so maps are
+   !> private if they are small and need neither bin counts nor sources.
    function views_of_threads(tallies, threads, n) result(maps)
       type(map_tallies_t), intent(inout), target :: tallies
       integer, intent(in) :: threads
@@ -200,7 +200,7 @@ contains
 
    ! ---- sums ---------------------------------------------------------------------------------
 
-   !> Add the private stacks of threads to the first.
+   !> Add the private stacks of the other threads to the stacks of the first thread.
    pure subroutine take_own_tallies(tallies)
       type(map_tallies_t), intent(inout) :: tallies
       integer :: k, j

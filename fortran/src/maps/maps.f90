@@ -23,7 +23,7 @@ module rockfall_maps
    integer, parameter :: band_rows = 16  !! rows per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
    integer, parameter :: spare_visits = 64   !! free visits at the start of a path; enough for most paths
-   real(wp), parameter :: untimed = huge(1.0_wp)  !! time of a visit without a known time [s]; 1/time is 0
+   real(wp), parameter :: untimed = huge(1.0_wp)  !! time [s] of a visit whose time is unknown; maps store it as 0
    !> Factor of the row in the hash of a cell, so that adjacent cells get different entries.
    integer, parameter :: row_factor = 33
 
@@ -34,7 +34,7 @@ module rockfall_maps
       !> Sums of squares (nx, ny, 2): high digits, low digits.
       integer(i8), pointer, contiguous :: square(:, :, :) => null()
       real(sp), pointer, contiguous :: max(:, :) => null()     !! [J], [m/s], [m]
-      integer :: bin_offset = -1  !! row of `bin_counts` before the first of this quantity; -1: not counted
+      integer :: bin_offset = -1  !! index of the row of `bin_counts` before this quantity's rows; -1: no bins
    end type layer_t
 
    !> Maps; those not requested are not associated. All are (nx, ny); row 1 is the northernmost.

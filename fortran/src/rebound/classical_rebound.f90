@@ -66,7 +66,7 @@ contains
       this%words = real(beyond - first, wp)
    end function scatter
 
-   !> First word whose normal number is not below a limit (or is above it); one past the last word if there is none.
+   !> First word whose normal deviate is above a limit, or equal to it if `inclusive`; one past the last word if none.
    pure integer(i8) function first_word(table, limit, inclusive) result(high)
       type(normal_table_t), intent(in) :: table
       real(wp), intent(in) :: limit  !! [-]

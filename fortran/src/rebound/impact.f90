@@ -20,7 +20,7 @@ module rockfall_impact
 
    integer, parameter :: impact_ratios = n_impact_sets  !! sets for R_b/R_m = 1, 2, 3, 4, 5
    integer, parameter :: entries = n_set_numbers  !! number of elements of the matrix A
-   integer, parameter :: max_draws = 32    !! draws of A before the last draw is limited; assumption (theory, chapter 5)
+   integer, parameter :: max_draws = 32    !! draws of A; then the last is limited; our assumption (theory, chapter 5)
    !> V_n of a limited rebound that would not leave the surface, over the incoming speed [-]; our assumption.
    real(wp), parameter :: min_normal = 0.01_wp
    !> Relative pivot size below which a pivot is zero up to rounding [-].
@@ -284,7 +284,7 @@ contains
    !> Compute V_out [m/s] from three normal numbers.
    elemental subroutine draw_velocity(distribution, z1, z2, z3, t, n, w)
       type(velocity_distribution_t), intent(in) :: distribution
-      real(wp), intent(in) :: z1, z2, z3  !! independent standard normals [-]
+      real(wp), intent(in) :: z1, z2, z3  !! independent standard normal deviates [-]
       real(wp), intent(out) :: t, n, w    !! V_t, V_n, W after the rebound [m/s]
       real(wp) :: x1, x2
 
@@ -298,7 +298,7 @@ contains
    !> Compute V_out [m/s] as an array.
    pure function drawn_velocity(distribution, z) result(v)
       type(velocity_distribution_t), intent(in) :: distribution
-      real(wp), intent(in) :: z(3)  !! independent standard normals [-]
+      real(wp), intent(in) :: z(3)  !! independent standard normal deviates [-]
       real(wp) :: v(3)              !! V_t, V_n, W after the rebound [m/s]
 
       call draw_velocity(distribution, z(1), z(2), z(3), v(1), v(2), v(3))

@@ -161,8 +161,8 @@ contains
       end do
    end subroutine index_records
 
-   !> Find the maximum speed at the incidence and spin of each bin, from its fastest record. Bins of rolling blocks have
-   !> none.
+   !> Find the maximum speed key of the records with the incidence and spin of each bin. Bins of rolling blocks have no
+   !> maximum.
    pure subroutine find_fastest(table, bins)
       type(impact_table_t), intent(inout) :: table
       integer, intent(in) :: bins
@@ -207,8 +207,8 @@ contains
       has_ratios = columns > 1 .and. .not. strength > 0
    end function has_ratios
 
-   !> Maximum R_b [m] covered by a table column, at the median ground strength. NaN on hard ground, where size does
-   !> not matter, and for columns by R_b/R_m.
+   !> Maximum R_b [m] covered by a table column, at the median ground strength and the usual boulder weight. NaN if R_b
+   !> is unlimited: on hard ground, and if the strength is proportional to R_b.
    pure real(wp) function largest_block(largest_size, strength, strength_radius)
       real(wp), intent(in) :: largest_size               !! largest size of a column [-]
       real(wp), intent(in) :: strength, strength_radius  !! as in yielding_ground_t [Pa], [m]
@@ -298,7 +298,7 @@ contains
       type(impact_table_t), intent(in) :: table
       integer, intent(in) :: part       !! as returned by find_part
       type(approach_t), intent(in) :: in
-      integer, intent(out) :: bin       !! bin of the contact; 0 if the boulder follows the recorded sequence
+      integer, intent(out) :: bin       !! bin of the contact; 0 if the record is copied (is_copied)
       integer, intent(out) :: record    !! record; 0 if it must be drawn from the bin by nearest_record
 
       record = followed_record(table, in)

@@ -119,7 +119,7 @@ contains
    end subroutine table_contact
 
    !> Update the state of the previous contact. The boulder is still in that contact if it has hardly risen since. On a
-   !> different ground the sequence of records ends, and another part of a table applies.
+   !> different ground or R_b/R_m, the sequence of records ends, and another part of a table applies.
    pure subroutine update_touch(table, ground, ratio, boulder, soil, gravity, jump_height, touch)
       type(impact_table_t), intent(in) :: table  !! impact table of the ground
       integer, intent(in) :: ground
@@ -145,8 +145,8 @@ contains
       touch%lift = touch%lift*(rolling*stays)
    end subroutine update_touch
 
-   !> Update whether a boulder is still in contact: leaving the ground, or hitting other ground, ends the recorded
-   !> sequence.
+   !> Update whether a boulder is still in contact. The recorded sequence ends where the ground falls away, or where the
+   !> boulder leaves the ground although the block stayed on it.
    pure subroutine end_touch(off, rolls, touch)
       logical, intent(in) :: off    !! from find_slide
       logical, intent(in) :: rolls  !! as returned by compute_departure
@@ -160,7 +160,7 @@ contains
    !> Return 1 if the next contact follows the recorded sequence, else 0.
    elemental real(wp) function keeps_sequence(off, rolled, rolls)
       real(wp), intent(in) :: off            !! as returned by find_slide: 1 or 0
-      real(wp), intent(in) :: rolled, rolls  !! the block stays on the ground; the boulder does: 1 or 0
+      real(wp), intent(in) :: rolled, rolls  !! 1 if the block stayed on the ground, and if the boulder does; else 0
 
       keeps_sequence = merge(0.0_wp, 1.0_wp, rolled > rolls)
       keeps_sequence = merge(0.0_wp, keeps_sequence, off > 0)

@@ -220,7 +220,7 @@ contains
       integer, intent(in) :: threads  !! 0: all cores
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: window(4)
-      integer(i8), intent(in), optional :: max_columns  !! as in run_t
+      integer(i8), intent(in), optional :: max_columns  !! as in map_tallies_t
       integer :: cells(4)
 
       if (allocated(scene%arrays)) then

@@ -192,7 +192,7 @@ contains
       end if
    end subroutine unpack_part
 
-   !> Store the numbers of rows and the samples of a part.
+   !> Store the boulder numbers of the rows, and the samples, of a part.
    subroutine unpack_samples(run, part, error)
       type(run_t), intent(inout) :: run
       type(part_t), intent(in) :: part
@@ -251,7 +251,7 @@ contains
           .or. any(part%layout%group_part /= run%layout%group_part)) fault = "sample_group_part"
    end function sample_fault
 
-   !> Return whether the known numbers of each column form a heap, as sorted numbers do.
+   !> Return whether the largest values of each tail are finite and not negative, and form a heap, as sorted values do.
    pure logical function are_heaps(samples)
       type(samples_t), intent(in) :: samples
       integer :: k, line

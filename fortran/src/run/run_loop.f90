@@ -92,7 +92,7 @@ contains
       if (allocated(error)) error%message = case%file//": "//error%message
    end subroutine name_case
 
-   !> Scan the terrain: check the sources, bound the map values, and find the window of the maps.
+   !> Scan the terrain: check the sources, and that no map can overflow; find the window of the maps.
    subroutine scan_terrain(case, scene, window, error)
       type(case_t), intent(in) :: case
       type(scene_t), intent(in) :: scene

@@ -47,7 +47,7 @@ module rockfall_run_state
    type :: run_t
       integer(i8) :: total = 0, before = 0, boulders = 0  !! boulders of the run, before the range, in the range
       integer(i8) :: done = 0                             !! completed boulders of the range, from its start
-      integer(i8) :: per_source = 0                       !! boulders of each source; 0 if they differ
+      integer(i8) :: per_source = 0                       !! boulders of each source as in the case; 0 if not given
       integer :: threads = 1
       real(wp) :: wall = 0.0_wp, cpu = 0.0_wp             !! [s]
       ! Rows of all boulders of the range, or only of those in `number`; then samples cover all boulders.
@@ -329,7 +329,7 @@ contains
 
    ! ---- boulders -----------------------------------------------------------------------------
 
-   !> Run n boulders of the run, every `step`-th from the first, on a scene, which may be a window of the run's terrain.
+   !> Run `chunk` boulders, every `step`-th from the first, on a scene, which may be a window of the run's terrain.
    !> Boulders that leave the window are not counted, and must be rerun. With a step above 1, which maps of sources do
    !> not allow, `done` does not change.
    subroutine advance(run, scene, first, step, chunk, seconds, n, error)
@@ -337,7 +337,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer(i8), intent(in) :: first, step, chunk
       real(wp), intent(in) :: seconds   !! time after which no more boulders start [s]
-      integer(i8), intent(out) :: n     !! number of completed boulders, at least one
+      integer(i8), intent(out) :: n     !! number of boulders run, at least one, including those that left
       type(error_t), allocatable, intent(out) :: error
       type(boulder_result_t), allocatable :: results(:)
       type(crossings_t), allocatable :: crossings(:)

@@ -22,7 +22,7 @@ module rockfall_same_run
 
 contains
 
-   !> Describe the first difference between two parts, "" if none: the other must belong to the same run and come first.
+   !> Describe the first difference between two parts; "" if the other part has the first boulders of the same run.
    pure function difference(ours, theirs) result(what)
       type(identity_t), intent(in) :: ours, theirs
       character(len=:), allocatable :: what
@@ -61,7 +61,7 @@ contains
       end do
       name = ours
       if (ours(at:min(at, len(ours))) == "}") name = theirs
-      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! a list ends
+      if (ours(at:min(at, len(ours))) == "}" .or. theirs(at:min(at, len(theirs))) == "}") at = at + 4  ! next name
       begin = max(index(name(:min(at, len(name))), '{"', back=.true.) + 2, &
                   index(name(:min(at, len(name))), ', "', back=.true.) + 3)
       name = name(begin:)

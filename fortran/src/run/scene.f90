@@ -28,14 +28,14 @@ module rockfall_scene
    private
    public :: build_scene_of_case, object_reach
 
-   !> Maximum distance of vertices of lines from the middle of the terrain: the larger of these, in m and in half sides
-   !> of the terrain.
+   !> Maximum distance of the vertices of lines from the middle of the terrain: the larger of `far_away` [m], and
+   !> `far_sizes` half sides of the terrain.
    real(wp), parameter :: far_away = 1.0e5_wp, far_sizes = 20
 
    !> Ground type as passed to the kernel.
    type :: ground_text_t
       character(len=:), allocatable :: name
-      character(len=:), allocatable :: text, file  !! as in read_ground, or row of a ground table; file; "": none
+      character(len=:), allocatable :: text, file  !! as in read_ground, or row of a ground table; its file; "": none
       integer :: table = 0                         !! number of its impact table. 0 and no text: the case's impact sets
    end type ground_text_t
 
@@ -235,8 +235,8 @@ contains
                             case%lines%height > 0)
    end subroutine set_lines
 
-   !> Refuse lines that extend from the terrain to impossible places, because of a decimal comma or a vertex in another
-   !> CRS. Lines completely outside the terrain only cause a warning.
+   !> Refuse lines with some vertices near the terrain and others far away: a decimal comma, or a vertex in another CRS.
+   !> Lines completely outside the terrain only cause a warning.
    pure subroutine check_lines(case, grid, error)
       type(case_t), intent(in) :: case
       type(grid_t), intent(in) :: grid

@@ -92,8 +92,8 @@ module rockfall_scene_arrays
       real(wp), pointer, contiguous :: tree_factor(:) => null()  !! strength factors of the species [-]
       character(len=:), allocatable :: sets_text, sets_name      !! file of impact sets, and its name for messages
       integer :: draw = 0                                        !! index of the draw; 0: the file has only one
-      character(len=:), allocatable :: ground_text, ground_names  !! as in parsed_grounds, with
-      integer, allocatable :: ground_length(:)                   !! lengths of texts; if not only impact sets apply,
+      character(len=:), allocatable :: ground_text, ground_names  !! concatenated texts; names, as in parsed_grounds
+      integer, allocatable :: ground_length(:)                   !! length of each text, unless only impact sets apply
       integer, allocatable :: ground_table(:)                    !! impact table of each ground, from 1; 0: none
       type(table_arrays_t) :: tables                             !! impact tables
       integer(i1), allocatable :: material_ground(:)             !! index of the ground of each material, from 1, or

@@ -30,7 +30,7 @@ module rockfall_crossing_rows
 
 contains
 
-   !> Initialise without rows.
+   !> Create a table without rows.
    pure subroutine start_rows(may_break, may_hit, rows)
       logical, intent(in) :: may_break, may_hit  !! boulders may break; barriers may be hit
       type(crossing_rows_t), intent(out) :: rows

@@ -26,9 +26,9 @@ module rockfall_line_samples
       [kilo, kilo, kilo, unity, unity, unity, kilo, mega, kilo, kilo, kilo, kilo, &
        kilo, kilo, kilo, kilo, kilo, mega, unity, unity, unity, unity, unity, unity], [n_quantities, 2])
 
-   integer, parameter :: max_parts = 50, ranges = 20  !! above this number, sources are combined into ranges
-   integer, parameter :: max_parted = 256             !! maximum parts times places, else fewer ranges; 0.6 MB each
-   integer, parameter :: max_grouped = 2048           !! maximum number of source groups times places; 10 kB each
+   integer, parameter :: max_parts = 50, ranges = 20  !! maximum number of parts; if there are more, `ranges` parts
+   integer, parameter :: max_parted = 256             !! maximum number of parts times places (0.6 MB each)
+   integer, parameter :: max_grouped = 2048           !! maximum number of groups times places (10 kB each)
 
    integer, parameter :: volume = findloc(boulder_fields, "volume", dim=1)
    integer, parameter :: status = findloc(boulder_counts, "status", dim=1), &
@@ -148,8 +148,8 @@ contains
    end subroutine add_quantities
 
    !> Quantities at a line, except the last, from its row; NaN if not available. The centre of a boulder in contact with
-   !> the ground is R_b/cos(slope) vertically above it, and R_b along the normal. In flight, both distances are measured
-   !> from a point at the jump height.
+   !> the ground is R_b/cos(slope) vertically above it, and R_b along the normal. In flight, the jump height is added to
+   !> the first distance, and its component along the normal to the second.
    pure function line_quantities(row, radius) result(q)
       real(wp), intent(in) :: row(:)  !! line_fields
       real(wp), intent(in) :: radius  !! R_b [m]

@@ -55,7 +55,7 @@ module rockfall_samples
 contains
 
    !> Allocate empty samples, if memory suffices (`fit`): quantities by part and coarsely by group, at all places;
-   !> boulders by status; and the largest values of each tail at lines. Each of `boulders` has one value per place.
+   !> boulders by status; and the largest values of each tail at lines. Each boulder has at most one value per place.
    subroutine allocate_samples(samples, quantities, parts, groups, places, statuses, tails, boulders, sampled, fit)
       type(samples_t), intent(inout) :: samples
       integer, intent(in) :: quantities, parts, groups, places, statuses, tails
@@ -105,8 +105,8 @@ contains
       samples%known = spread(0, 1, lines)
    end subroutine allocate_tails
 
-   !> Continue samples with longer tails, for `boulders`, if memory suffices. All other data is moved, to memory for the
-   !> maximum number of blocks.
+   !> Move samples to memory for a run of `boulders` boulders, with more blocks and longer tails, if memory suffices
+   !> (`fit`).
    subroutine continue_samples(from, to, boulders, sampled, fit)
       type(samples_t), intent(inout) :: from
       type(samples_t), intent(inout) :: to
@@ -242,7 +242,7 @@ contains
       bin = below_zero + 1 + merge(bin, -min(bin, below_zero), number >= 0)
    end function sample_bin
 
-   !> Lower edge of a bin, in units, before rounding to integers; past the last bin: its upper edge.
+   !> Lower edge of a bin, in units, before rounding to integers; for n_sample_bins + 1, the upper edge of the last bin.
    pure real(wp) function sample_edge(bin) result(edge)
       integer, intent(in) :: bin
       integer :: place, octave

@@ -50,7 +50,7 @@ contains
       end if
    end function value_fault
 
-   !> Range of a variable: lengths, times, speeds, energies and counts are not negative.
+   !> Range of a variable, unlimited if no rule applies; tallies, rebounds and histograms are not negative.
    pure type(range_t) function range_of(name, grid) result(range)
       character(len=*), intent(in) :: name
       type(grid_t), intent(in), optional :: grid

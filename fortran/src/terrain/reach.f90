@@ -73,7 +73,7 @@ contains
       side = block_side([dem%nx, dem%ny])
       do k = 1, size(x)
          block = [nint(x(k)*dem%per_cell) + 1, dem%ny - nint(y(k)*dem%per_cell)]
-         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! neighbours too: one is lower
+         call push_blocks(flood, minima, (block - 2)/side + 1, block/side + 1)  ! one neighbour is not above the source
       end do
       do while (flood%n > 0)
          block = flood%stack(:, flood%n)

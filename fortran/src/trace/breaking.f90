@@ -27,8 +27,8 @@ contains
       call break_boulder(scene, result%boulder%mass*scene%gravity*scene%breakage%release_fall, result, scratch)
    end subroutine break_at_release
 
-   !> Break a boulder after its rebound, according to the energy of its normal motion before it. A boulder that rests or
-   !> rolls after the rebound does not break.
+   !> Break a boulder after its rebound, according to the energy of its motion normal to the ground before the rebound.
+   !> A boulder that rests or rolls after the rebound does not break.
    pure subroutine break_at_impact(scene, landing, v, omega_r, roll, result, flight, scratch)
       type(scene_t), intent(in) :: scene
       type(landing_t), intent(in) :: landing

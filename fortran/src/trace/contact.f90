@@ -151,7 +151,7 @@ contains
    !> Find the ground of a raster cell, its rock radius and obstacle height, and whether it absorbs the boulder.
    pure subroutine find_ground(scene, u_obstacle, shape, cell, level, ground, radius, obstacle, status)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: u_obstacle    !! random number for the obstacle, if the ground is random [-]
+      real(wp), intent(in) :: u_obstacle    !! uniform in (0, 1), selects the obstacle size of method A [-]
       integer, intent(in) :: shape          !! shape of the boulder, as in boulder_result_t
       integer, intent(in) :: cell(2)        !! column, row from the north
       integer, value :: level               !! basic, ..., with_all
@@ -177,7 +177,7 @@ contains
    !> Choose the impact set for a ratio R_b/R_m.
    pure subroutine find_impact_set(scene, ratio, u_ratio, set, outside)
       type(scene_t), intent(in) :: scene
-      real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; random number, if the ground is random [-]
+      real(wp), intent(in) :: ratio, u_ratio  !! R_b/R_m; uniform in (0, 1), selects between two sets [-]
       integer, intent(out) :: set
       logical, intent(out) :: outside  !! R_b/R_m is outside the calibrated ratios
 
@@ -185,14 +185,14 @@ contains
       if (scene%between_ratios) set = interpolated_set(ratio, u_ratio)
    end subroutine find_impact_set
 
-   !> Check whether a rebound is outside the fitted range of its impact set; classical models have no such range.
+   !> Check whether a rebound is outside the fitted range of its impact set; classical models have no range or ratio.
    pure subroutine check_fit_range(ground, set, v_in, outside, fast, steep, ratio)
       type(ground_t), intent(in) :: ground
       integer, intent(in) :: set
       real(wp), intent(in) :: v_in(3)      !! V_t, V_n, W [m/s]
       logical, intent(inout) :: outside    !! R_b/R_m is outside the calibrated ratios
       real(wp), intent(out) :: fast, steep !! 1 if the speed, and 1 if the angle, is outside; else 0
-      real(wp), intent(inout) :: ratio     !! R_b/R_m [-]
+      real(wp), intent(inout) :: ratio     !! R_b/R_m; -1 for a classical model [-]
 
       fast = 0
       steep = 0
@@ -218,7 +218,7 @@ contains
    !> Decide whether a boulder that is too slow to fly rests or rolls.
    pure subroutine rest_or_roll(scene, ground, landing, speed2, omega_r, result, roll)
       type(scene_t), intent(in) :: scene
-      integer, intent(in) :: ground    !! index of the ground, if the scene has several
+      integer, intent(in) :: ground    !! index of the ground; ignored if the scene has only the case's impact sets
       type(landing_t), intent(in) :: landing
       real(wp), intent(in) :: speed2   !! |v|**2 [m2/s2]
       real(wp), intent(in) :: omega_r  !! W [m/s]

@@ -31,7 +31,7 @@ module rockfall_crossings
    type :: crossings_t
       integer :: n = 0
       type(crossing_t), allocatable :: at(:)  !! the first n are used
-      integer, allocatable :: place(:)        !! index of each line in `at`; 0: none; deallocated when the boulder ends
+      integer, allocatable :: place(:)        !! index of each line in `at`, 0: none; only while the boulder moves
    end type crossings_t
 
    integer, parameter :: first_room = 4  !! initial capacity [crossings]

@@ -28,7 +28,7 @@ module rockfall_fragments
    private
    public :: trace_fragments
 
-   !> Outcomes at a barrier in ascending order: if several fragments reach the barrier, the last in this order counts.
+   !> Outcomes at a barrier in ascending severity: of several fragments at the barrier, the last in this order counts.
    integer(i1), parameter :: rising_outcomes(*) = int([0, stopped_there, passed_over, broken_through], i1)
 
    !> Pieces to be traced.

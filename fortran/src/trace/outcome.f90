@@ -100,7 +100,7 @@ contains
    pure subroutine add_ground_loss(before, after, spin, result)
       real(wp), intent(in) :: before  !! energy before the contact
       real(wp), intent(in) :: after   !! energy after the contact, without `spin`
-      real(wp), intent(in) :: spin    !! energy after the contact of a rotation that `after` does not include
+      real(wp), intent(in) :: spin    !! rotational energy after the contact that `after` does not include
       type(boulder_result_t), intent(inout) :: result
 
       result%energy%ground = result%energy%ground + 0.5_wp*result%boulder%mass*(before - after - spin)

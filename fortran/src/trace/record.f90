@@ -16,7 +16,7 @@ module rockfall_record
       real(wp) :: x = 0, y = 0, z = 0, time = 0  !! local coordinates [m]; time since release [s]
       real(wp) :: v(3) = 0                   !! velocity after the vertex [m/s]
       real(wp) :: v_in(3) = 0, v_out(3) = 0  !! V_t, V_n, W before and after; 0 without a rebound [m/s]
-      real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound
+      real(wp) :: ratio = 0            !! R_b/R_m; 0 without a rebound, -1 after a classical one
       integer :: leg = flight_leg      !! motion to the next vertex
    end type vertex_t
 

@@ -34,7 +34,7 @@ module rockfall_scene_type
       logical :: between_ratios = .false.  !! if a ratio is between two sets, either set is selected at random
       logical :: has_tables = .false.      !! at least one ground has an impact table
       real(wp) :: radius_sigma = 0.0_wp    !! standard deviation of ln R_m between boulders [-]
-      logical :: ground_drawn = .false.    !! ground properties are random: additional words per impact
+      logical :: ground_drawn = .false.    !! ground properties are random: impacts need additional random words
       integer :: turning = past_aspect     !! turning rule, as in turning_t
       type(lateral_t), allocatable :: lateral(:)  !! lateral deviations for each ratio; only for by_lab
       type(ground_t), allocatable :: grounds(:)   !! grounds, unless `sets` applies everywhere. The first n_grounds

@@ -57,7 +57,7 @@ contains
       end if
    end subroutine start_boulder
 
-   !> Start the first flight of the piece in the work space, which is cleared except for the path so far.
+   !> Clear the work space, then start the first flight of the piece in it; the path recorded so far is kept.
    pure subroutine start_piece(scene, level, result, flight, omega_r, scratch)
       type(scene_t), intent(in) :: scene
       integer, value :: level  !! basic, ..., with_all

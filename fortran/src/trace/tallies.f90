@@ -47,7 +47,7 @@ contains
       if (allocated(scene%grounds)) allocate (scratch%by_ground(size(scene%grounds)), source=0_i8)
    end subroutine prepare_scratch
 
-   !> Add a boulder. Thread-safe if each thread has its own totals.
+   !> Add a boulder to maps and totals. Thread-safe if each thread has its own totals.
    subroutine add_boulder(scene, maps, result, scratch, totals)
       type(scene_t), intent(in) :: scene
       type(maps_t), intent(in) :: maps

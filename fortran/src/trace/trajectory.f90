@@ -67,7 +67,7 @@ contains
       call trace_at_level(scene, number, result, scratch, spans, basic)
    end subroutine trace_basic
 
-   !> Choose, once per run, the copy of `trace` without code that the scene does not need. Run-time tests would not
+   !> Choose, once per run, the trace procedure without code that the scene does not need. Run-time tests would not
    !> suffice: with unused code present, the compiler does not keep a flight in registers.
    subroutine choose_tracer(scene, cells_requested, trace)
       type(scene_t), intent(in) :: scene
