@@ -83,7 +83,7 @@ contains
       call find_first_hit(this, level(), 0.0_wp, 0.0_wp, [2.0_wp, 0.0_wp], radius, none, hit_of)
    end function hit_of
 
-   !> Forest of one stem of 40 cm, and boulders of 1 m.
+   !> Forest of one stem of 40 cm DBH.
    pure type(forest_t) function one_stem(x, y) result(this)
       real(wp), intent(in) :: x, y  !! [m]
 
@@ -154,7 +154,7 @@ contains
 
       law%stem_height = 15
       rising = flown(10.0_wp, 0.0_wp)
-      rising(1)%d1 = 2   ! 6 m of path in the first 3 s, up to 6 m; then 6 + 3 s: at s = 3, 12 m further, 15 m
+      rising(1)%d1 = 2   ! rises to 6 m in 3 s (6 m along the path), then at 3 m/s to 15 m in 3 s more (at 12 m)
       rising(2)%d0 = 6
       rising(2)%d1 = 3
       call find_first_hit(forest([12.69_wp], [0.0_wp], origin, [40.0_wp], [1.0_wp], law), rising, 0.0_wp, 0.0_wp, &

@@ -51,7 +51,7 @@ contains
       end do
    end subroutine pass
 
-   !> One thread runs each source; with so many cells, the table must grow.
+   !> One thread runs each source; with so many cells, the list of visits must grow.
    subroutine test_gathered()
       integer(i8) :: s
 
