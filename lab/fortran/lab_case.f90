@@ -245,7 +245,7 @@ contains
       end do
    end subroutine take_plan
 
-   !> Check the limits of a plan, and that its layers, shots and throws are possible.
+   !> Check the limits of a case, and that its layers, shots and throws are possible.
    pure subroutine check_lab_case(case, error)
       type(lab_case_t), intent(in) :: case
       type(error_t), allocatable, intent(out) :: error

@@ -169,7 +169,7 @@ contains
       real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
       real(c_double), intent(out) :: radius(room, n)  !! [m]
       integer(c_int32_t), intent(out) :: bodies(n)    !! number of bodies in each layer
-      real(c_double), intent(out) :: facts(6, n)      !! columns as names(7)
+      real(c_double), intent(out) :: facts(6, n)      !! columns as names("layer")
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -201,8 +201,8 @@ contains
       end do
    end subroutine pack
 
-   !> Fire impacts at layers: shot k is number impact(k) at point(k) of layer number layer(k), which is element place(k)
-   !> of the arrays.
+   !> Fire impacts at layers: shot k is impact number(k) at point(k) of layer(k), whose data are element place(k) of the
+   !> arrays.
    subroutine impact(material, packing, shot, ranges, seed, threads, x, radius, bodies, facts, &
                      place, layer, point, number, outcome, counts, code, message, room, nl, n)
       !f2py threadsafe
@@ -215,8 +215,8 @@ contains
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n)
       integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
-      real(c_double), intent(out) :: outcome(26, n)    !! columns as names(5)
-      integer(c_int32_t), intent(out) :: counts(4, n)  !! columns as names(6)
+      real(c_double), intent(out) :: outcome(26, n)    !! columns as names("outcome")
+      integer(c_int32_t), intent(out) :: counts(4, n)  !! columns as names("outcome_counts")
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -257,7 +257,7 @@ contains
                     nv, nf, nb, nc, np, n)
       !f2py threadsafe
       integer(c_int), intent(in) :: contacts, nv, nf, nb, nc, np, n
-      real(c_double), intent(in) :: ground(5), ranges(12)         !! ordered as names(9), names(10)
+      real(c_double), intent(in) :: ground(5), ranges(12)         !! ordered as names("ground"), names("throw")
       real(c_double), intent(in) :: radius, density               !! R_b [m], [kg/m3]
       real(c_double), intent(in) :: x(3, nv)                      !! in any unit of length
       integer(c_int32_t), intent(in) :: corner(3, nf)             !! vertex indices, from 1 for each block
@@ -266,8 +266,8 @@ contains
       real(c_double), intent(in) :: step                          !! time step relative to the default
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads                       !! number of threads; 0: all
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names("contact")
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names("contact_counts")
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)  !! number of contacts; 1, 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
@@ -318,8 +318,7 @@ contains
       end do
    end subroutine throw
 
-   !> Throw boulders at layers of rocks: throw number(k) uses layer number layer(k), which is element place(k) of the
-   !> arrays.
+   !> Throw boulders at layers of rocks: throw number(k) hits layer(k), whose data are element place(k) of the arrays.
    subroutine throw_at_rocks(material, packing, boulder, ranges, seed, threads, x, radius, bodies, facts, place, &
                              layer, number, contacts, rows, counts, n_contacts, complete, code, message, room, nl, n)
       !f2py threadsafe
@@ -331,8 +330,8 @@ contains
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n), layer(n)
       integer(c_int64_t), intent(in) :: number(n)
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names(11)
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names(12)
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names("contact")
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names("contact_counts")
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 1, or 0 if incomplete
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message

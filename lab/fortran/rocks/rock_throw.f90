@@ -67,7 +67,7 @@ module lab_rock_throw
       type(instant_t) :: first, last    !! first and last instant of the current contact so far
       integer :: entry = from_flight
       logical :: landed = .false.       !! touched the layer since it was placed
-      real(wp) :: slow_since = 0        !! [s]
+      real(wp) :: slow_since = 0        !! time since which it has been slow [s]
       real(wp) :: wait = 0              !! time until which it cannot leave the layer [s]
       integer :: steps = 0              !! number of steps since the landing
       integer(i8) :: landings = 0
@@ -298,7 +298,7 @@ contains
          if (c%s%trouble == sound .and. mod(c%steps, watch_interval) == 0) call lengthen_step(c%s)
       end subroutine adapt_step
 
-      !> Place a clump where the sphere around it touches the layer: its flight ends when the clump itself touches.
+      !> Extend the flight of a clump until it touches the layer; so far, only the sphere around it does.
       pure subroutine await_touch(c)
          type(course_t), intent(inout) :: c
 

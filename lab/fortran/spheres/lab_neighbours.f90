@@ -22,8 +22,8 @@ module lab_neighbours
 
    type :: neighbours_t
       real(wp) :: skin = 0      !! maximum gap of listed pairs [m]
-      integer :: n_large = 0    !! number of bodies, at the end, that are compared with all others
-      integer, allocatable :: owner(:)      !! clump of each body; 0: none. Spheres of a clump are no pairs
+      integer :: n_large = 0    !! number of large bodies, last in the list, that are compared with all others
+      integer, allocatable :: owner(:)      !! clump of each body; 0: none. Spheres of the same clump form no pairs
       integer :: n_pairs = 0
       type(pair_t), allocatable :: pair(:)  !! (n_pairs or more) pairs, sorted by i
       integer, allocatable :: row(:)        !! pairs row(i) to row(i + 1) - 1 belong to i

@@ -21,7 +21,7 @@ module lab_step
    real(wp), parameter :: steps_per_collision = 14 !! for a collision of the two smallest bodies at maximum speed
    real(wp), parameter :: rayleigh_share = 0.2_wp     !! fraction of the Rayleigh time of the smallest body
    real(wp), parameter :: longest_leap = 0.2_wp       !! maximum displacement per step, over the radius of the body [-]
-   real(wp), parameter :: deepest_overlap = 1  !! maximum overlap over smaller radius [-]; Hertz's law fails before
+   real(wp), parameter :: deepest_overlap = 1  !! maximum overlap over smaller radius [-]; Hertz's law fails earlier
    ! A body with several contacts at this limit oscillates up to 2.5 times faster, and its spin 1.7 times; Verlet
    ! requires a phase below 2.
    real(wp), parameter :: greatest_phase = 0.4_wp     !! maximum sqrt(k/m*) dt of a contact
