@@ -289,7 +289,7 @@ export class CaseWindow {
 
   // Display
 
-  /** True if the results belong to an older document. */
+  /** True if results are missing, or belong to an older document or another map. */
   get preliminary(): boolean {
     const batch = this.results.header;
     const otherMap = this.chooser && batch?.overlay ? batch.overlay.name !== this.wanted.map : false;

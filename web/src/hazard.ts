@@ -37,7 +37,7 @@ export class Hazard {
     });
   }
 
-  /** Show the sources of boulders that reach a place, once the hazard is known. */
+  /** Request the sources of boulders that reach a place; no effect unless the hazard is computed. */
   choose(origin: string): void {
     if (this.listener.wanted().hazard && origin !== this.listener.wanted().origin) this.listener.want({ origin });
   }

@@ -57,7 +57,7 @@ export class Legend {
     }
   }
 
-  /** List at most LISTED maps, including the current map, then the others, and finally the interval limits. */
+  /** List at most LISTED maps, including the current map; if unfolded, then the others and the interval limits. */
   private list(): void {
     const { maps, shown, unfolded } = this;
     const plain = maps.filter(({ name }) => !LIMIT.test(name));

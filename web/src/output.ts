@@ -73,7 +73,7 @@ export class Output {
     this.buttons.replaceChildren(this.stop());
   }
 
-  /** After the case has been written, continue with the report or export. */
+  /** The case has been written: a long task (report, export, run) continues, other tasks are done. */
   written(files: readonly string[], remark: string): void {
     this.remark = remark;
     if (isLong(this.task)) this.saved = files;

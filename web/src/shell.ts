@@ -40,7 +40,7 @@ export class Shell {
     parent.replaceChildren(this.root);
   }
 
-  /** Content that replaces the map in print. */
+  /** Set the picture that replaces the map in print. */
   printed(picture: HTMLCanvasElement): void {
     this.sheet.replaceChildren(picture);
   }
