@@ -14,7 +14,7 @@ module lab_contact_record
    public :: from_flight, from_rolling, flies, rolls_on, stops
    public :: cut, hop_time, hop_height, rest_energy, max_time
 
-   !> States at the beginning of a contact.
+   !> How a contact begins, and how it ends.
    integer, parameter :: from_flight = 0, from_rolling = 1
    integer, parameter :: flies = 0, rolls_on = 1, stops = 2
 
@@ -40,13 +40,13 @@ module lab_contact_record
       real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W) after it, without the work of gravity along the slope [m/s]
       real(wp) :: lateral = 0       !! sine of the turn of V_t, > 0 to the left [-]
       real(wp) :: duration = 0      !! [s]
-      real(wp) :: advance = 0       !! distance along the heading before the contact [m]
-      real(wp) :: rise = 0          !! rise of the centre [m]
-      real(wp) :: height = 0        !! height of the centre above the mean surface at the start [m]
-      real(wp) :: energy = 0        !! kinetic energy after over before [-]
+      real(wp) :: advance = 0       !! distance during the contact, along the heading before it [m]
+      real(wp) :: rise = 0          !! rise of the centre during the contact [m]
+      real(wp) :: height = 0        !! height of the centre above the mean surface at the start of the contact [m]
+      real(wp) :: energy = 0        !! kinetic energy after the contact over that before [-]
    end type contact_t
 
-   !> State of motion at the beginning or the end of a contact.
+   !> State of motion at the beginning or the end of a contact [s], [m], [m/s], [rad/s], [J].
    type :: instant_t
       real(wp) :: time = 0, x(3) = 0, v(3) = 0, spin(3) = 0, energy = 0
    end type instant_t

@@ -13,7 +13,7 @@ module lab_throw_range
 
    integer, parameter :: max_contacts = 1000
 
-   !> Ranges of a throw. Slopes are uniform. For speed, angle and spin, half of the draws are below the median.
+   !> Ranges of initial conditions. Slopes are uniform; half of the speeds, angles and spins are below the median.
    type :: throw_range_t
       real(wp) :: slope(2) = [5.0_wp, 45.0_wp]            !! slope of the mean surface: min, max [degrees]
       real(wp) :: speed(3) = [1.0_wp, 8.0_wp, 30.0_wp]    !! min, median, max [m/s]

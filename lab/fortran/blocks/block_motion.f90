@@ -161,8 +161,8 @@ contains
       end do
    end subroutine press_facets
 
-   !> Step in contact [s]: a fraction of the rocking period of the block on its current contact area, and of the time to
-   !> move by a small part of its radius.
+   !> Step in contact [s]: a fraction of the rocking period of the block on its current contact area, or the time to
+   !> move by a small part of its radius if this is shorter.
    pure real(wp) function contact_step(block, law, m) result(dt)
       type(block_t), intent(in) :: block
       type(law_t), intent(in) :: law

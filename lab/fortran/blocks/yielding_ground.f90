@@ -10,7 +10,7 @@ module lab_yielding_ground
    !> Mechanical properties of the ground.
    type :: ground_t
       real(wp) :: yield_pressure = 1.0e6_wp  !! p_y [Pa]
-      real(wp) :: restitution = 0.2_wp       !! restitution of a sphere of equal size, vertically at 5 m/s [-]
+      real(wp) :: restitution = 0.2_wp       !! restitution of a sphere of equal size that falls vertically at 5 m/s [-]
       real(wp) :: friction = 0.5_wp          !! Coulomb coefficient mu, block on ground [-]
       real(wp) :: soil_density = 1800.0_wp   !! density of soil that a block must displace; 0: none [kg/m3]
       logical :: plough = .true.             !! pressure acts along the facet's normal; false: along the ground's

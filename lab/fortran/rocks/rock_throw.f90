@@ -6,8 +6,8 @@
 !> slopes where talus is stable (lab/docs/validation.md). Rocks moved by the boulder feel its push along the slope, but
 !> not their own weight along it.
 !>
-!> Flights are computed exactly. They are longer than the width of the periodic layer and end on untouched ground, so
-!> each flight lands on the layer as it settled. Within a contact, however long, displaced rocks stay displaced.
+!> Flights are computed exactly, and are assumed to end on untouched ground: each flight lands on the layer as it
+!> settled. Within a contact, however long, displaced rocks stay displaced.
 !>
 !> Ground with a relief consists of facets, each a tilted patch of the layer. After every flight, and after every record
 !> that ends rolling, the boulder is on another facet.
@@ -110,13 +110,13 @@ contains
    end subroutine shape_boulder
 
    !> Compute the first contacts of a throw, up to the size of `contacts`. `complete` is false if the time limit was
-   !> reached, or if no step was stable (then there are no contacts). A pure function of its arguments.
+   !> reached; and, without contacts, if the boulder does not fit or no step was stable. A pure function.
    !>
-   !> If the step of a throw is too long, the throw is repeated with half the step. In an adaptive throw the step is
-   !> shortened at once, and lengthened when all contacts permit it. If two bodies overlap by more than a radius, beyond
-   !> the validity of Hertz's law, the throw is repeated with rocks four times as stiff. In collisions, where gravity is
-   !> negligible, the overlap over the radius is proportional to (rho v**2/E)**(2/5), so it decreases to 0.57 of its
-   !> value.
+   !> If the step of a throw is too long, the throw is repeated with half the step. In an adaptive throw, the step is
+   !> shortened at once, and lengthened when all contacts permit it; and if two bodies overlap by more than a radius,
+   !> beyond the validity of Hertz's law, the throw is repeated with rocks four times as stiff. In collisions, where
+   !> gravity is negligible, the overlap over the radius is proportional to (rho v**2/E)**(2/5), so it decreases to 0.57
+   !> of its value.
    pure subroutine follow_on_rocks(layer, packing, material, boulder, throw, key, number, contacts, n, complete)
       type(layer_t), intent(in) :: layer
       type(packing_t), intent(in) :: packing
@@ -567,8 +567,8 @@ contains
       end do
    end function gap_to_layer
 
-   !> Draw a facet hit by a boulder: slopes along two lines are truncated normal, and the probability of a hit is
-   !> proportional to the facet's area projected along the path.
+   !> Draw a facet hit by a boulder: its slopes along two lines have truncated normal distributions, and the probability
+   !> of a hit is proportional to the facet's area projected along the path.
    pure subroutine draw_facet(relief, key, number, landing, v, facet, faces)
       real(wp), intent(in) :: relief            !! standard deviation of the slope along a line [degrees]
       type(random_key_t), intent(in) :: key

@@ -19,7 +19,7 @@ module lab_bodies
       real(wp), allocatable :: f(:, :)        !! (6, n) contact force [N], moment [N m]
       real(wp), allocatable :: radius(:)      !! (n) radii [m]
       real(wp), allocatable :: mass(:)        !! (n) mass; for spheres of a clump, effective in a contact [kg]
-      real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass three times, 1/inertia three times
+      real(wp), allocatable :: inverse(:, :)  !! (6, n) 1/mass [1/kg], then 1/inertia [1/(kg m2)], each three times
       type(clump_t), allocatable :: clump(:)  !! clumps, if any, in the order of their spheres
       integer, allocatable :: owner(:)        !! (n) index of the clump, 0: separate body; allocated with `clump`
    end type bodies_t
@@ -53,7 +53,7 @@ contains
       b%inverse(4:6, k) = 1/(b%mass(k)*inertia_factor*b%radius(k)**2)
    end subroutine set_inverse
 
-   !> Join spheres to new clumps. Spheres are moved to their places in the clumps.
+   !> Join spheres into new clumps, which move them to their places.
    pure subroutine set_clumps(b, clump)
       type(bodies_t), intent(inout) :: b
       type(clump_t), intent(in) :: clump(:)
@@ -210,7 +210,7 @@ contains
       if (in_clump(b, k)) reach = b%clump(b%owner(k))%reach
    end function body_reach
 
-   !> First sphere of the body of sphere k.
+   !> Index of the first sphere of the body to which sphere k belongs.
    pure integer function first_sphere(b, k)
       type(bodies_t), intent(in) :: b
       integer, intent(in) :: k

@@ -13,7 +13,7 @@ module lab_clump
    public :: make_clump, move_clump, place_spheres, sphere_motion, set_motion, turn_in_flight, &
       accelerate_clump, clump_energy, contact_mass
 
-   !> Shapes of boulders: a sphere, and boxes with rounded edges that have the axis ratios of the block laboratory.
+   !> Shapes of boulders: a sphere, and boxes with rounded edges and the axis ratios `block_axes`.
    integer, parameter :: sphere_shape = 1
    character(len=9), parameter :: shape_names(4) = [character(len=9) :: "sphere", block_shapes]
    real(wp), parameter :: edge_radius = 0.65_wp     !! edge radius of a box, over half its shortest axis [-]
@@ -21,7 +21,7 @@ module lab_clump
    real(wp), parameter :: rock_spread = 0.9_wp  !! distance of sphere centres from the rock's centre, over radius [-]
    integer, parameter :: columns = 200              !! number of columns per side, for integrals over a union of spheres
 
-   !> Shape of a clump with the volume of a unit sphere.
+   !> Shape of a clump; R is the radius of the sphere of equal volume.
    type :: clump_shape_t
       real(wp), allocatable :: x(:, :)     !! (3, spheres) relative to the centre of mass, in principal axes [R]
       real(wp), allocatable :: radius(:)   !! (spheres) radii [R]
@@ -172,7 +172,7 @@ contains
       end do
    end subroutine place_spheres
 
-   !> Update acceleration and moment of a clump from the forces on its spheres, and advance its velocities by a time.
+   !> Update acceleration and moment of a clump from the forces on its spheres, and advance its motion by `time`.
    pure subroutine accelerate_clump(clump, gravity, time, f)
       type(clump_t), intent(inout) :: clump
       real(wp), intent(in) :: gravity(3), time  !! [m/s2], [s]
@@ -199,7 +199,7 @@ contains
    pure subroutine sphere_motion(clump, v, a)
       type(clump_t), intent(in) :: clump
       real(wp), intent(out) :: v(:, :)  !! (6, spheres) velocity [m/s], spin [rad/s]
-      real(wp), intent(out) :: a(:, :)  !! (6, spheres) acceleration [m/s2], change of the spin [rad/s2]
+      real(wp), intent(out) :: a(:, :)  !! (6, spheres) acceleration [m/s2], rate of change of the spin [rad/s2]
       real(wp) :: axes(3, 3), arm(3), across(3)
       integer :: k
 

@@ -17,7 +17,7 @@ module lab_contact
       real(wp) :: young = 1.0e9_wp   !! [Pa]
       real(wp) :: poisson = 0.25_wp  !! [-]
       real(wp) :: friction = 0.5_wp  !! Coulomb coefficient [-]
-      real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-], see `press_batch`
+      real(wp) :: damping = 0.0_wp   !! fraction of critical damping [-], see `contact_law`
       real(wp) :: rolling = 0.0_wp   !! maximum rolling moment over (R* normal force), rock on rock [-]
       real(wp) :: boulder_rolling = 0.0_wp !! the same for boulder on rock [-]
    end type material_t
@@ -247,7 +247,7 @@ contains
       end do
    end subroutine move_springs
 
-   !> Component of a vector in the plane of a normal.
+   !> Component of a vector in the plane that is normal to n.
    pure function in_plane(v, n)
       real(wp), intent(in) :: v(3), n(3)  !! any [unit], unit normal [-]
       real(wp) :: in_plane(3)

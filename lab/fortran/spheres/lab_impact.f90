@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Impact of a boulder, a sphere, on a layer. It starts at the first contact, and ends when the boulder has finally left
-!> the layer or has passed its peak. Velocities are (V_t, V_n, W) as in the trajectory kernel: V_t is the horizontal
-!> speed, V_n > 0 away from the surface, and W = R_b omega about the horizontal normal of V_t, > 0 for forward rolling.
-!> The turn of V_t is recorded separately.
+!> Impact of a spherical boulder on a layer, from the first contact until the boulder has finally left the layer, has
+!> passed its peak (the maximum upward energy), has spent its energy, or the time is up. Velocities are (V_t, V_n, W) as
+!> in the trajectory kernel: V_t is the horizontal speed, V_n > 0 away from the surface, and W = R_b omega about the
+!> horizontal normal of V_t, > 0 for forward rolling. The turn of V_t is recorded separately.
 module lab_impact
    use rockfall_kinds, only: wp
    use rockfall_error, only: error_t, fail
@@ -22,7 +22,7 @@ module lab_impact
    integer, parameter :: lifted = 2     !! lost contact upwards, but touched the layer again
    integer, parameter :: rolled_on = 3  !! stayed in contact: rolled or ploughed
    integer, parameter :: exploded = 4   !! unstable, see `trouble`; its numbers are meaningless
-   integer, parameter :: misfit = 5     !! the sphere or its path does not fit in the layer
+   integer, parameter :: misfit = 5     !! the sphere is too large for the periodic layer
    character(len=9), parameter :: status_names(5) = [character(len=9) :: &
       "rebounded", "lifted", "rolled_on", "exploded", "misfit"]
 
@@ -33,7 +33,7 @@ module lab_impact
       real(wp) :: speed = 15            !! [m/s]
       real(wp) :: angle = 45            !! angle of the path to the surface, 90 = perpendicular [degrees]
       real(wp) :: spin = 0              !! W/V [-]
-      real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface, over the width [-]
+      real(wp) :: aim(2) = 0.5_wp       !! where the path meets the mean surface: x, y over the width [-]
       real(wp) :: heading(2) = [1.0_wp, 0.0_wp]  !! heading in plan, a unit vector [-]
       real(wp) :: gravity = 9.81_wp     !! [m/s2]
       real(wp) :: patience = 6         !! maximum duration, over (R_b + R_m)/speed [-]
@@ -58,7 +58,7 @@ module lab_impact
       type(state_t) :: loss             !! at the first upward loss of contact; if none, as peak
       type(state_t) :: clear            !! when its path was clear; if never, as peak
       real(wp) :: duration = 0          !! time from the first contact to the peak [s]
-      real(wp) :: travel = 0            !! distance along the surface, up to the peak [m]
+      real(wp) :: travel = 0            !! distance along the heading, up to the peak [m]
       real(wp) :: depth = 0             !! maximum depth of the sphere's lowest point below the mean surface [m]
       real(wp) :: overlap = 0 !! maximum overlap over the smaller radius, sampled at intervals [-]
       integer :: halvings = 0           !! number of halvings of the step

@@ -8,9 +8,9 @@ module lab_neighbours
    private
    public :: box_t, pair_t, neighbours_t, find_neighbours, outdated, find_pair, fold_into_box
 
-   !> Floor at z = 0, periodic in x and y.
+   !> Box that is periodic in x and y, with or without a floor at z = 0.
    type :: box_t
-      real(wp) :: width = 1     !! width of both sides [m]; 0: not periodic
+      real(wp) :: width = 1     !! length of its sides in x and y [m]; 0: not periodic
       logical :: floor = .true.
    end type box_t
 
@@ -248,7 +248,7 @@ contains
       end do
    end subroutine sort_by_body
 
-   !> First position of each of n groups, and the end of the last.
+   !> First position of each of n groups, and the position after the last group.
    pure function row_starts(n, group) result(row)
       integer, intent(in) :: n, group(:)
       integer :: row(n + 1), k

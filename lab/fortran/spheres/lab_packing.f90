@@ -62,7 +62,7 @@ module lab_packing
       type(clump_shape_t), allocatable :: rock  !! shape of the clumps, if any; their spheres are consecutive
       type(box_t) :: box
       real(wp) :: surface = 0             !! mean height of the surface [m]
-      real(wp) :: top = 0                 !! height of the highest body [m]
+      real(wp) :: top = 0                 !! height of the highest point [m]
       real(wp) :: solid = 0               !! volume of the rocks over (area * mean height of the surface) [-]
       real(wp) :: floor_share = 0         !! force of the floor over weight [-]
       integer :: steps = 0
@@ -210,7 +210,7 @@ contains
       call describe(layer, packing%density, s)
    end subroutine stiffen_layer
 
-   !> Place bodies in loose rows above the floor, without overlap, enough to fill the depth.
+   !> Place enough bodies for the depth above the floor, in rows without overlap, with small random velocities.
    pure subroutine hang(packing, rock, key, number, b)
       type(packing_t), intent(in) :: packing
       type(clump_shape_t), allocatable, intent(in) :: rock  !! absent for spheres

@@ -28,8 +28,8 @@ module lab_step
    real(wp), parameter :: shortest_step = 1.0_wp/64   !! minimum of an adaptive step, over the first step [-]
    ! sqrt(k/m*) is proportional to overlap**(1/4): after lengthening the step, every phase is at most 0.84 of its limit.
    real(wp), parameter :: step_ratio = sqrt(2.0_wp)   !! factor between adaptive steps
-   real(wp), parameter :: shallow = 1.0_wp/8  !! overlap over its limit, below which the step may be lengthened [-]
-   real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum relative increase of the energy input
+   real(wp), parameter :: shallow = 1.0_wp/8  !! maximum overlap for lengthening the step, over its limit [-]
+   real(wp), parameter :: energy_tolerance = 0.02_wp  !! maximum gain of energy, over the energy input [-]
 
    !> Body supported by an absorbing base.
    type :: base_t
@@ -66,7 +66,7 @@ module lab_step
       type(base_t), allocatable :: base(:)         !! bodies supported by an absorbing base
       logical, allocatable :: on_base(:)           !! for each body: it is supported by the base
       real(wp) :: floor_force = 0                  !! upward force of the floor [N]
-      real(wp) :: energy_limit = huge(1.0_wp)      !! total energy that counts as a gain [J]
+      real(wp) :: energy_limit = huge(1.0_wp)      !! total energy above which energy was gained [J]
       integer :: trouble = sound
    end type assembly_t
 
@@ -137,8 +137,8 @@ contains
       end associate
    end subroutine advance
 
-   !> Shorten a step that was just found too long. The motion is still stable, because the phase limit is well below the
-   !> stability limit.
+   !> Shorten a step that was just found too long, unless it is the shortest. The motion is still stable, because the
+   !> phase limit is well below the stability limit.
    pure subroutine shorten_step(s)
       type(assembly_t), intent(inout) :: s
 
@@ -233,7 +233,7 @@ contains
       v(1:3, n) = v(1:3, n) + time*tilt
    end subroutine accelerate
 
-   !> Compute forces and accelerations of the initial state.
+   !> Compute forces and accelerations for the current state.
    pure subroutine set_rates(s)
       type(assembly_t), intent(inout) :: s
 
@@ -298,7 +298,7 @@ contains
       type(pair_t), intent(in) :: pair(n_pairs)
       type(law_t), intent(in) :: law(n_pairs)
       real(wp), intent(in) :: max_overlap(n_pairs), dt  !! [m], [s]
-      real(wp), intent(in) :: x(3, n), v(6, n), a(6, n), radius(n)  !! as in `drift` [m], [m/s] ...
+      real(wp), intent(in) :: x(3, n), v(6, n), a(6, n), radius(n)  !! [m], [m/s] and [rad/s], [m/s2] and [rad/s2], [m]
       type(touch_t), intent(inout) :: touch(n_pairs)
       real(wp), intent(out) :: f(6, n)  !! [N] and [N m]
       logical, intent(out) :: beyond
@@ -434,10 +434,10 @@ contains
       end associate
    end subroutine floor_forces
 
-   !> Compute the forces of an absorbing base. It supports the bodies that were on the floor with the force at that
-   !> time, and absorbs waves from above by dashpots with the impedance rho c per area (Lysmer & Kuhlemeyer 1969). The
-   !> force is implicit in the velocity at the end of the step, and thus stable for any impedance. Call this after all
-   !> other forces.
+   !> Compute the forces of an absorbing base. It supports each body by the force that the floor had when the base
+   !> became absorbing, and absorbs waves from above by dashpots with the impedance rho c per area (Lysmer & Kuhlemeyer
+   !> 1969). The force is implicit in the velocity at the end of the step, and thus stable for any impedance. Call this
+   !> after all other forces.
    pure subroutine base_forces(s)
       type(assembly_t), intent(inout) :: s
       real(wp) :: half, v(3)
@@ -460,8 +460,8 @@ contains
       end associate
    end subroutine base_forces
 
-   !> Make the base absorbing from now on. Bodies on the floor are supported by dashpots, which share the area in
-   !> proportion to the cross sections of the bodies. The energy check continues.
+   !> Make the base absorbing from now on. It supports the bodies on the floor by constant forces and by dashpots, which
+   !> share the area in proportion to the cross sections of the bodies. The margin of the energy check is kept.
    pure subroutine set_absorbing_base(s, impedance)
       type(assembly_t), intent(inout) :: s
       real(wp), intent(in) :: impedance  !! rho c of the ground below [Pa s/m]
@@ -531,7 +531,7 @@ contains
       end do
    end subroutine renew
 
-   !> Set parameters and limits of the pairs of a new list, without contacts.
+   !> Set contact laws and overlap limits for a new list of pairs, none of which is in contact yet.
    pure subroutine make_laws(s)
       type(assembly_t), intent(inout) :: s
       integer :: k, n
@@ -621,7 +621,7 @@ contains
       end associate
    end function total_energy
 
-   !> Maximum overlap over the smaller radius, for all pairs [-]: a measure of the validity of Hertz's law.
+   !> Maximum, over all pairs, of overlap over smaller radius [-]: a measure of the validity of Hertz's law.
    pure real(wp) function deepest_share(s) result(deepest)
       type(assembly_t), intent(in) :: s
       integer :: k

@@ -66,7 +66,7 @@ contains
       call make_relief(reshape([0.0_wp], [1, 1]), 1.0_wp, relief, error)
    end subroutine flat
 
-   !> Moments of a box away from the origin, from closed forms.
+   !> The moments of a box away from the origin equal closed forms.
    subroutine test_box()
       type(solid_t) :: solid
       type(block_t) :: block
@@ -195,14 +195,14 @@ contains
       call check("six cells are refused", allocated(error))
    end subroutine test_relief
 
-   !> One impact on flat ground without gravity, followed for 1.5 times its duration.
+   !> One impact on flat ground without gravity, followed until the block is 0.3 R_b above the ground.
    subroutine strike(block, ground, number, speed, angle_sine, step, m, energy)
       type(block_t), intent(in) :: block
       type(ground_t), intent(in) :: ground
-      integer, intent(in) :: number             !! number of its orientation and spin
+      integer, intent(in) :: number             !! number of the draw of orientation and spin
       real(wp), intent(in) :: speed, angle_sine, step
       type(motion_t), intent(out) :: m
-      real(wp), intent(out) :: energy           !! kinetic energy after / before
+      real(wp), intent(out) :: energy           !! kinetic energy after the impact over that before [-]
       real(wp) :: q(4), v(3), spin(3), u(8)
       integer(i8) :: draw
 
@@ -256,8 +256,8 @@ contains
       end do
    end subroutine test_elastic_drop
 
-   !> No impact on flat ground gains more than 1e-4 of its energy, and the loss along the ground is at most the loss by
-   !> friction.
+   !> No impact on flat ground gains more than 1e-4 of its energy; on hard ground, the tangential impulse is at most mu
+   !> times the normal impulse.
    subroutine test_no_gain(plough)
       logical, intent(in) :: plough
       type(block_t) :: block
@@ -305,7 +305,7 @@ contains
       call check("faster: less", e(3) < 0.8_wp*e(2))
    end subroutine test_restitution
 
-   !> Halving the step changes means by at most 0.002 of the speed.
+   !> Halving the step changes the mean results of impacts by at most 0.002 of the incident speed or energy.
    subroutine test_half_the_step()
       type(block_t) :: block
       type(motion_t) :: m

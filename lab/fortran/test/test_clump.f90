@@ -77,7 +77,7 @@ contains
       volume = inside*(2*size_of/n)**3
    end function union_by_points
 
-   !> Without forces, momentum is conserved, and energy to the order of the step.
+   !> Without forces, angular momentum is conserved exactly, and energy to 1e-6.
    subroutine test_free_motion()
       type(clump_t) :: clump
       real(wp) :: before, momentum(3)

@@ -40,7 +40,7 @@ program test_lab_contact
 
 contains
 
-   !> Two spheres of 1 m and 0.4 m about to touch along a slanted line; the second moves.
+   !> Two spheres of radius 1 m and 0.4 m, about to touch along a slanted line.
    function pair(material, v, dt) result(s)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: v(6, 2), dt
@@ -245,7 +245,7 @@ contains
          material%damping = 0.2_wp
          call along(bounce(material, headed([6.0_wp, -2.0_wp, 0.0_wp], angle), 500), angle, after, rest)
          call check("viscous: e < 0.6", after(2) > 0 .and. after(2) < 1.2_wp)
-         ! the viscous force, overlap**0.25, acts before the tangential spring can follow
+         ! the viscous force grows as overlap**0.25, and acts before the tangential spring can follow
          call check_close("gross slip with e < 1", after(1), 6 - 0.2_wp*(after(2) + 2), 1.0e-3_wp)
       end do
       ! velocity along x, spin about x: the surface slips along (0.6, 0.8), and the spin about z is unchanged
@@ -259,8 +259,8 @@ contains
       call check_close("side spin: about z", six(6), 3.0_wp, 0.0_wp)
    end subroutine test_gross_slip
 
-   !> Velocities before and after an impact of the spheres of `pair` at 2 m/s, with a second velocity across and spins
-   !> about all axes; young in Pa.
+   !> Velocities before and after an impact of the spheres of `pair` at 2 m/s, with an additional velocity across the
+   !> line of centres, and spins about all axes.
    subroutine hit(material, across, before, after)
       type(material_t), intent(in) :: material
       real(wp), intent(in) :: across(3)
@@ -288,7 +288,7 @@ contains
       slip = in_plane(v(1:3, 1) - v(1:3, 2) + cross(v(4:6, 1) + 0.4_wp*v(4:6, 2), slanted), slanted)
    end function slip_of
 
-   !> Check the impulse on the first body, and its effect on spins, which acts on the line between centres.
+   !> Check that momentum is conserved, and that the impulse, which acts on the line of centres, changes the spins.
    subroutine check_impulse(name, before, after, impulse)
       character(len=*), intent(in) :: name
       real(wp), intent(in) :: before(6, 2), after(6, 2)
@@ -348,8 +348,8 @@ contains
       call check_close("stick: straight on", rest, 0.0_wp, 1.0e-10_wp)
    end subroutine test_stick
 
-   !> For stiff bodies, the ratio of slip after and before depends only on Poisson's ratio; here for a sphere on the
-   !> floor.
+   !> For stiff bodies, the ratio of the slip after the impact to that before depends only on Poisson's ratio, and
+   !> equals that of a sphere on the floor.
    subroutine test_stick_of_pair()
       type(material_t) :: material
       real(wp) :: before(6, 2), after(6, 2), judge(3), impulse(3), slip(3)
@@ -697,7 +697,7 @@ contains
       end do
    end subroutine test_frictionless_spin
 
-   !> The Rayleigh wave is slower than the shear wave by (0.862 + 1.14 nu)/(1 + nu) (Viktorov 1967).
+   !> The Rayleigh wave is slower than the shear wave by the factor (0.862 + 1.14 nu)/(1 + nu) (Viktorov 1967).
    subroutine test_times()
       type(material_t) :: material
       real(wp) :: shear_speed

@@ -57,8 +57,8 @@ contains
       direction = [cos(angle), sin(angle)]
    end function direction
 
-   !> At the start the sphere touches one body and overlaps no image of any body; its path met no body before, and it
-   !> moves along its heading to its aim.
+   !> At the start the sphere touches a body, an image of one or the floor, and overlaps none. Its path met none before,
+   !> and leads along its heading to its aim.
    subroutine test_first_contact()
       type(shot_t) :: shot
       real(wp) :: start(3), back(3), aim(3)
@@ -203,7 +203,7 @@ contains
       call check_close("as it was", outcome%peak%v(1), 10*cos(pi/6), 2.0e-3_wp)
    end subroutine test_states_of
 
-   !> No impact gains energy; rebounds move upwards; states are in order.
+   !> No impact gains energy, rebounds move upwards, and the peak is the fastest upward motion.
    subroutine test_ends()
       type(shot_t) :: shot
       type(outcome_t) :: outcome
@@ -275,7 +275,7 @@ contains
       weightless%x(3, :) = of%x(3, :)
    end function weightless
 
-   !> Without gravity and with stiffness in proportion to speed**2, all velocities are proportional.
+   !> Without gravity, and with stiffness proportional to speed**2, all velocities are proportional to the speed.
    subroutine test_linearity()
       type(shot_t) :: shot
       type(outcome_t) :: slow, fast
@@ -362,7 +362,7 @@ contains
       call check("some went aside", sideways)
    end subroutine test_mirrored
 
-   !> A step 20 times too long: a fixed step is reported, an adaptive step is halved until it is stable.
+   !> A step 20 times too long is reported if there are no retries; otherwise it is halved until it is stable.
    subroutine test_explosion()
       type(shot_t) :: shot
       type(outcome_t) :: outcome, sound_one
@@ -381,8 +381,8 @@ contains
          all(abs(states_of(outcome) - states_of(sound_one)) <= 0))
    end subroutine test_explosion
 
-   !> Stiffness 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends with at most its own energy plus that
-   !> of gravity, or as an explosion with its reason.
+   !> Young's modulus 1e7 to 1e10 Pa, 0.5 to 100 m/s, R_b/R_m 0.5 to 4: each impact ends with at most its own energy
+   !> plus that of gravity, or as an explosion with its reason.
    subroutine test_extremes()
       type(layer_t) :: wide
       type(shot_t) :: shot

@@ -77,7 +77,7 @@ contains
       call check_close("the surface is that of the bodies", layer%surface, mean, 5.0e-3_wp)
    end subroutine test_layer
 
-   !> Mean height of the highest body over 20,000 quasi-random points.
+   !> Mean height of the surface over 20,000 quasi-random points.
    pure real(wp) function mean_height(layer) result(mean)
       type(layer_t), intent(in) :: layer
       integer, parameter :: n = 20000
@@ -120,7 +120,7 @@ contains
       end do
    end function overlap
 
-   !> Number of bodies that touch nothing below them.
+   !> Number of bodies that touch neither the floor nor a body below them.
    integer function floating(layer)
       type(layer_t), intent(in) :: layer
       integer :: i, j

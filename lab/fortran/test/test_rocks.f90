@@ -180,7 +180,7 @@ contains
       call check("a mirrored throw has a mirrored contact", worst < 1.0e-4_wp)
    end subroutine test_mirrored
 
-   !> On level ground, only the fall during a contact can add energy, with or without facets.
+   !> On level ground, only the fall during a contact can add energy.
    subroutine test_flat()
       type(contact_t) :: found(4)
       real(wp) :: most, square
@@ -320,7 +320,7 @@ contains
       creep = sum(abs(s%bodies%v(1, :)))/n
    end function creep
 
-   !> Throws on one and on two threads, in another order, and in smaller parts.
+   !> Throws are equal on one and on two threads, in another order, and in smaller parts.
    subroutine test_threads()
       type(thrown_t) :: one(6), two(6), part(2)
       integer(i8) :: number(6)

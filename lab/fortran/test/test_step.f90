@@ -35,8 +35,8 @@ program test_lab_step
 contains
 
    !> Fast, disordered gas of 256 spheres and a large sphere. Every few steps, the list must contain each overlapping
-   !> pair, found by comparing all spheres; momentum is conserved, with friction and damping. Width 0: not periodic,
-   !> with a floor.
+   !> pair, found by comparing all spheres; in a periodic box, momentum is conserved, with friction and damping. Width
+   !> 0: not periodic, with a floor.
    subroutine test_neighbours(width)
       real(wp), intent(in) :: width
       integer, parameter :: n = 257
@@ -111,7 +111,7 @@ contains
       end associate
    end subroutine compare
 
-   !> In a box with few cells, each image is found, across a corner as across its sides.
+   !> In a box with few cells, an image across a corner is found.
    subroutine test_narrow_box()
       type(assembly_t) :: s, far
       type(bodies_t) :: b
@@ -135,7 +135,7 @@ contains
       call check_close("as if there were no sides", maxval(abs(s%bodies%v - b%v)), 0.0_wp, 1.0e-10_wp)
    end subroutine test_narrow_box
 
-   !> Two spheres of radius 0.4 m meet off centre: the first at rest, the second at 1 m/s.
+   !> Two spheres of radius 0.4 m meet off centre: the first at rest, the second at 1.1 m/s with spin d [rad/s].
    type(bodies_t) function meeting(x, d) result(b)
       real(wp), intent(in) :: x(3, 2), d(3)
 
@@ -303,7 +303,7 @@ contains
                     input)
    end function struck
 
-   !> The velocity of one body on a dashpot c decays as exp(-c t/m), for any step and direction.
+   !> The velocity of one body on a dashpot c decays as exp(-c t/m); a far stiffer dashpot does not amplify it.
    subroutine test_dashpot()
       type(assembly_t) :: s
       type(bodies_t) :: b
@@ -345,7 +345,7 @@ contains
       integer, intent(in) :: n
       real(wp), intent(in) :: impedance_factor !! impedance of the base over that of the column; < 0: rigid
       real(wp), intent(out) :: z               !! impedance of the column [N s/m]
-      real(wp), intent(out) :: energy          !! energy when a kick has reached the lower half [J]
+      real(wp), intent(out) :: energy          !! energy at rest [J]
       type(assembly_t) :: s
       type(bodies_t) :: b
       type(material_t) :: material
@@ -391,8 +391,8 @@ contains
       call check("nothing moves on the absorbing base", maxval(abs(s%bodies%v)) < 1.0e-7_wp)
    end subroutine test_base_at_rest
 
-   !> The base reflects the fraction ((Z - c)/(Z + c))**2 of the energy of a long compression wave in a column of
-   !> impedance Z; a rigid floor reflects all.
+   !> A base of impedance c reflects the fraction ((Z - c)/(Z + c))**2 of the energy of a long compression wave in a
+   !> column of impedance Z; a rigid floor reflects all.
    subroutine test_waves()
       integer, parameter :: n = 121
       real(wp), parameter :: share(5) = [1.0_wp, 3.0_wp, 1/3.0_wp, 10.0_wp, -1.0_wp], sigma = 8
@@ -419,7 +419,7 @@ contains
       end do
    end subroutine test_waves
 
-   !> An impact on a layer over an absorbing base never gains energy, and loses more than over a rigid base.
+   !> An absorbing base under a layer without friction never adds energy to an impact, and takes at least a fifth of it.
    subroutine test_base_loses_energy()
       type(layer_t) :: layer
       type(assembly_t) :: s
