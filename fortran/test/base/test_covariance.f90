@@ -169,7 +169,7 @@ contains
       end do
    end subroutine test_units
 
-   !> A clearly definite covariance is used unchanged, and its root is LAPACK's Cholesky factor.
+   !> A clearly definite covariance is used unchanged, and its root gives the same product as LAPACK's Cholesky factor.
    subroutine test_definite()
       real(wp), dimension(n, n) :: c, root, drawn, factor
       type(error_t), allocatable :: error
@@ -276,7 +276,7 @@ contains
       c(j, i) = c(i, j)
    end subroutine correlate
 
-   !> Covariance with independent entries except for three: the smallest eigenvalue is 1 + 2 r, below -0.5.
+   !> Correlation r between the last three entries only: the smallest eigenvalue is 1 + 2 r, negative for r < -0.5.
    pure function three(r) result(c)
       real(wp), intent(in) :: r
       real(wp) :: c(n, n)

@@ -50,7 +50,7 @@ contains
       call check_close("held at the maximum", fractal_dimension(0.99_wp), largest, 1.0e-5_wp)
    end subroutine test_dimension_is_held
 
-   !> Volumes of the first series are q i**(-1/D) V, so the number above a volume decreases with the power -D.
+   !> Volumes of the first series are q i**(-1/D) V: the number of fragments above v is proportional to v**(-D).
    subroutine test_series()
       type(split_t) :: split
       real(wp), parameter :: ratio = 0.3_wp, volume = 5.0_wp
@@ -114,8 +114,8 @@ contains
       call check("no room", few%capped .and. size(few%volume) == 1 .and. .not. few%fines > 0)
    end subroutine test_room
 
-   !> Directions are uniform within the cone: the mean cosine of the angle to the axis is in the middle, and directions
-   !> average to the axis. Speeds are unchanged.
+   !> Directions are uniform within the cone: the mean cosine of the angle to the axis is the middle of its range, and
+   !> directions average to the axis. Speeds are unchanged.
    subroutine test_cone()
       integer, parameter :: n = 20000
       real(wp), parameter :: half = 25*degree

@@ -33,7 +33,7 @@ program test_forest
 
 contains
 
-   !> Energies are 38.7 DBH**2.31.
+   !> The energy [J] that a stem can absorb is 38.7 DBH**2.31, with the DBH in cm.
    subroutine test_energy()
       call check_close("10 cm", max_stem_energy(10.0_wp), 7901.52584587107851_wp, 1.0e-14_wp)
       call check_close("30 cm", max_stem_energy(30.0_wp), 99968.0137871888292_wp, 1.0e-14_wp)
@@ -56,7 +56,7 @@ contains
       call check("nothing at the side", abs(absorbed_fraction(0.746_wp)) + abs(absorbed_fraction(1.0_wp)) <= 0)
    end subroutine test_share
 
-   !> Flight with given heights above the ground.
+   !> Flight of two spans at a constant height above the ground.
    pure function flown(time, height) result(spans)
       real(wp), intent(in) :: time, height  !! [s], [m]
       type(span_t) :: spans(2)
@@ -75,7 +75,7 @@ contains
       spans = flown(10.0_wp, 1.0_wp)
    end function level
 
-   !> Hit of a flight from (0, 0) that lasts 10 s at 2 m/s along an axis.
+   !> First hit of a flight from (0, 0) that lasts 10 s at 2 m/s along x.
    pure type(tree_hit_t) function hit_of(this, radius)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: radius  !! [m]
@@ -230,7 +230,7 @@ contains
       call check("few are taken for hits that are none", suspected < hits + hits/10)
    end subroutine test_all_are_found
 
-   !> First hit, by the grid and by a search of all stems.
+   !> Compare the first hit by the grid with that of a search of all stems.
    subroutine compare(this, x, y, v, radius, time, hit)
       type(forest_t), intent(in) :: this
       real(wp), intent(in) :: x, y, v(2), radius, time  !! [m], [m/s], [m], [s]

@@ -117,7 +117,7 @@ contains
       if (abs(mod(angle, 90.0_wp)) <= 0) cosd_ = anint(cosd_)
    end function cosd_
 
-   !> Scene with a release at a point off the middle of the terrain [m].
+   !> Scene with a release at `place`, relative to the middle of the terrain [m].
    subroutine make_scene(scene, place, error)
       type(scene_t), intent(out) :: scene
       real(wp), intent(in) :: place(2)
@@ -154,8 +154,8 @@ contains
       end do
    end subroutine set_matrix
 
-   !> The normal velocity is reversed after T = 2 V_n/(g cos); meanwhile, along the slope, the velocity increases by g
-   !> sin T and the distance is V_t T + g sin T**2/2.
+   !> Compare contacts with theory: V_n is reversed after T = 2 V_n/(g cos); meanwhile, along the slope, the velocity
+   !> increases by g sin T and the distance is V_t T + g sin T**2/2.
    subroutine compare(record, result, tangent, down)
       type(vertex_t), intent(in) :: record(:)
       type(boulder_result_t), intent(in) :: result

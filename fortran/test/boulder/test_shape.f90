@@ -61,7 +61,7 @@ contains
 
    !> Fractions are intervals of (0, 1), in the order of the shapes; a shape with fraction 0 is never drawn.
    subroutine test_mix()
-      real(wp), parameter :: smallest = 0.5_wp*2.0_wp**(-32)  !! uniform number
+      real(wp), parameter :: smallest = 0.5_wp*2.0_wp**(-32)  !! the smallest uniform number
       type(shape_mix_t) :: mix
       integer :: k
 

@@ -30,7 +30,7 @@ program test_namelist
 
 contains
 
-   !> The first name that repeats an earlier one is found, also if many names have the same hash.
+   !> The first name that repeats an earlier one is found, also among 1000 names.
    subroutine repeated_names()
       character(len=8) :: names(1000)
       integer :: k
@@ -369,7 +369,7 @@ contains
       call refused_real(repeat("9", 70), repeat("9", 57)//"...: must be a real number")
    end subroutine values_refused
 
-   !> Check a word as a real number. 70 nines are valid as a real, so that word is read as an integer too.
+   !> Check that a word is no real (unless it has 70 digits), no integer, no logical and no text.
    subroutine refused_real(word, message)
       character(len=*), intent(in) :: word, message
       type(namelist_t) :: list

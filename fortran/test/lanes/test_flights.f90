@@ -97,7 +97,7 @@ contains
       end do
    end subroutine test_parabolas
 
-   !> Flights one by one, also over the edge.
+   !> Flights have the same ends as single calls of `fly`, also over the edge.
    subroutine test_one_by_one()
       type(flights_t) :: f
       type(landing_t) :: alone

@@ -38,7 +38,7 @@ program test_lanes
 
 contains
 
-   !> Rough slope of 0.8 that falls to the east, with a row of flat and pitted cells.
+   !> Rough slope of 0.8 that falls to the east, with a column of pits and a flat strip.
    subroutine make_scene(scene)
       type(scene_t), intent(out) :: scene
       type(error_t), allocatable :: error
@@ -168,7 +168,7 @@ contains
       call compare(scene, "grounds")
    end subroutine test_grounds
 
-   !> Boulders run in lanes if they do not break and turn by the printed classes.
+   !> Boulders run in lanes if they do not break and do not turn as in the laboratory.
    subroutine test_which_go()
       type(scene_t) :: scene
 

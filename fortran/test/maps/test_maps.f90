@@ -56,7 +56,7 @@ contains
       jump_height_max = 0
    end subroutine clear
 
-   !> Add a flight from a point above the ground to the maps, by a boulder of 3 kg with a spin of 7 m2/s2.
+   !> Add a flight from a point above the ground to the maps, by a boulder of 3 kg with a rotational energy of 10.5 J.
    subroutine map_flight(x, y, v, start, landing)
       real(wp), intent(in) :: x, y, v(3)
       type(flight_t), intent(out) :: start
@@ -200,7 +200,7 @@ contains
       end associate
    end function above_ground
 
-   !> True if a path passes within a hundredth of a cell of the cell of node (i - 1, j): this visit is too short for the
+   !> True if a path comes within 1e-4 cells of the cell of node (i - 1, j): this visit may be too short for the
    !> sampling.
    pure logical function near_corner(start, landing, i, j)
       type(flight_t), intent(in) :: start

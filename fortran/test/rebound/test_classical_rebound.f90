@@ -13,7 +13,7 @@ program test_classical_rebound
    implicit none
 
    real(wp), parameter :: near = 1.0e-14_wp
-   !> Boulder of 1 m diameter whose mass per volume of its cube gives N = 1 in soil of 1000 kg/m3.
+   !> Boulder of 1 m diameter, for which N = m/(rho_soil B d**3) is 1 in soil of 1000 kg/m3.
    type(boulder_t), parameter :: boulder = boulder_t(radius=0.5_wp, mass=1200.0_wp)
    integer(i8), parameter :: middle(rebound_words) = 2_i8**31  !! random words without deviation
    type(normal_table_t) :: table

@@ -208,7 +208,7 @@ contains
       end do
    end subroutine compare_moments
 
-   !> Draw the normal numbers of the first draws of boulders.
+   !> Draw the standard normal numbers of the first draw of each boulder.
    subroutine draw_all()
       integer(i8) :: k, word(4)
 
@@ -281,7 +281,7 @@ contains
    !> Compare moments within 4 standard errors of their difference.
    subroutine compare(name, c, root)
       character(len=*), intent(in) :: name
-      real(wp), intent(in) :: c(9, 9), root(:, :)  !! covariance of e
+      real(wp), intent(in) :: c(9, 9), root(:, :)  !! covariance of A, root of that of e
       integer(i8), parameter :: n = 250000
       real(wp), parameter :: v_in(3) = [6.0_wp, -4.0_wp, 5.0_wp]
       real(wp), parameter :: mean(9) = 0.3_wp*[1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]

@@ -59,7 +59,7 @@ contains
       call check("rolled back", signed_w(3.0_wp, 1.0_wp, 0.0_wp, -0.9_wp, 0.1_wp) < 0)
    end subroutine test_backward
 
-   !> Contact in the middle of the terrain.
+   !> Contact at a point of the terrain.
    type(landing_t) function contact_at(x, y) result(landing)
       real(wp), intent(in) :: x, y
 

@@ -17,7 +17,7 @@ program test_stand
 
 contains
 
-   !> Mean and variance of a Poisson number are equal; standard errors of both over n cells.
+   !> Mean and variance of a Poisson number are equal, within 4 standard errors over n cells.
    subroutine test_poisson(expected)
       real(wp), intent(in) :: expected  !! [-]
       integer, parameter :: n = 40000

@@ -33,7 +33,7 @@ program test_contact
 
 contains
 
-   !> Rocks of 0.2 m in the west, a river in the east; with two grounds, one has no rocks.
+   !> Rocks of 0.2 m in the west, then a river, and no rocks in the east; two grounds, in the north and in the south.
    subroutine test_ground()
       real(wp), parameter :: u = 0.5_wp  ! any value: the rocks have one size
       real(wp) :: radius, obstacle
@@ -103,7 +103,7 @@ contains
       call check("slow", is_slow(scene, 3.99_wp) .and. .not. is_slow(scene, 4.0_wp))
    end subroutine test_limit
 
-   !> A boulder rests on a plane of 0.5 if the rest angle is steeper.
+   !> On a plane of slope 0.5, a boulder rests if the rest angle is steeper, and rolls otherwise.
    subroutine test_rest()
       type(boulder_result_t) :: result
       type(landing_t) :: landing

@@ -45,7 +45,7 @@ program test_obstacles
 
 contains
 
-   !> Level shot eastward at 20 m/s from 2 m above the ground, up to the first obstacle.
+   !> Level shot eastward at 20 m/s from a height above the ground, up to the first obstacle.
    subroutine shoot(above)
       real(wp), intent(in) :: above
       type(span_t) :: spans(2*n)
