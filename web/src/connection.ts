@@ -5,7 +5,7 @@ import { decode, isOf, variantOf, type Binary, type Request, type Text } from '.
 export interface Receiver {
   text(message: Text): void;
   binary(message: Binary): void;
-  /** The connection is lost; no new attempt until `connect`. */
+  /** The connection is lost; no new attempt until `retry`. */
   lost(reason: 'refused' | 'closed'): void;
 }
 
@@ -58,7 +58,7 @@ export class Connection {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  /** Change the language: the server sends all messages again. */
+  /** Change the language, and reload the page in it. */
   speak(language: string): void {
     localStorage.setItem(STORED_LANGUAGE, language);
     location.reload();

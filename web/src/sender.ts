@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Sends changes to the server: at most every 60 ms, and while a shape is dragged not before the previous results.
+// Sends changes to the server: at most every 60 ms, and after the previous results, for which it waits up to 400 ms.
 import type { Connection } from './connection';
 import type { Difference, DocumentStore } from './document';
 import { LAYERS, type Feature, type Group, type Layer, type LayerChange, type Layers } from './protocol';

@@ -9,8 +9,8 @@ export interface Trajectories { points: Float32Array; first: Uint32Array; boulde
 /** Components of a point: x, y, z, time, speed, gravity. */
 export const COLUMNS = 6;
 
-/** Write x, y, z, time and speed at a fraction (0 to 1) of the motion from the point at index a to the point at b: on a
- * parabola, or on a straight line without gravity. */
+/** Write x, y, z, time and speed at a fraction (0 to 1) of the motion from the point at index a to the point at index
+ * b: on a parabola or, if gravity is 0, on a straight line. */
 export function between(points: Float32Array, a: number, b: number, gravity: number, part: number, to: Float32Array): void {
   const span = points[b + 3]! - points[a + 3]!;
   for (let column = 0; column < 5; column++) to[column] = points[a + column]! + part * (points[b + column]! - points[a + column]!);

@@ -39,8 +39,8 @@ export function withResults(snapshots: readonly Snapshot[], message: Binary): Sn
 
 /**
  * Difference b - a of two estimates, with a 95 % interval from their intervals (square-and-add,
- * Zou and Donner 2008). The estimates are assumed independent; common boulder numbers make the
- * true interval narrower.
+ * Zou and Donner 2008). The estimates are assumed independent; since boulders of equal number
+ * share random numbers, the true interval is narrower.
  */
 export function difference([a, aLow, aHigh]: Estimate, [b, bLow, bHigh]: Estimate): Estimate {
   if (a === null || b === null) return [null, null, null];

@@ -210,7 +210,7 @@ export class MapView {
     return String(found[0]?.get('name') ?? '');
   }
 
-  /** Coordinates of a point as X,Y [m], as in the place of a view. */
+  /** Place at a pixel, as X,Y [m] for `Wanted.origin`. */
   placeAt(pixel: number[]): string {
     return this.map.getCoordinateFromPixel(pixel).map((value) => value.toFixed(1)).join(',');
   }
