@@ -426,7 +426,7 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
     """p-value of a test for equal distributions of dated and undated blocks above the threshold;
-    NaN with too few of either."""
+    NaN if either are too few."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

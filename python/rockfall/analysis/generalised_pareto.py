@@ -57,7 +57,7 @@ def fit_gpd(
 
 
 def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
-    """theta = shape / scale, never 0, for a value of the search variable: log(1 + theta
+    """theta = shape / scale, never 0, for a value `place` of the search variable log(1 + theta
     max(excess)) / log(n)."""
     grown = np.expm1(np.multiply(place, np.log(excess.size)))
     return np.where(np.abs(grown) > NEAR_ZERO, grown, NEAR_ZERO) / excess[-1]

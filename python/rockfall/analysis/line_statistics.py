@@ -160,7 +160,7 @@ def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
 
 
 def withheld(row: Mapping[str, float]) -> list[str]:
-    """Names of the statistics in a row without a complete interval, because of too few boulders."""
+    """Names of the statistics in a row that lack a complete interval: too few boulders crossed."""
     return [
         name
         for name in ("mean", "std", *map(quantile_name, QUANTILES))

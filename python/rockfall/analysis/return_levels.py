@@ -51,10 +51,10 @@ UPPER = 0.05  # fraction of values above the lowest threshold; 0.1 and 0.25 give
 #: Minimum and maximum number of independent boulders above a threshold.
 MIN_ABOVE, MAX_ABOVE = 50, 2000
 THRESHOLDS = 12  # number of thresholds tried
-ENOUGH = 25  # independent boulders above a level that need no fitted tail
+ENOUGH = 25  # minimum independent boulders above a level that comes from the sample
 MAX_PERIOD = 10  # maximum period divided by the number of independent boulders
 MAX_SHAPE = 0.5  # limit of |shape|: the fit theory ends at -0.5, the variance at +0.5
-BARTLETT = 12  # divided by the number above the threshold: see _profiled
+BARTLETT = 12  # Bartlett's factor is 1 + this / number above the threshold (see `_profiled`)
 #: Grid of theta, and polynomial degree of the scale: levels are accurate to 1e-5.
 POINTS, DEGREE = 64, 16
 TINY = 1e-14
@@ -246,7 +246,7 @@ def _rising(levels: dict[int, Level]) -> dict[int, Level]:
 def _level(
     N: int, sample: Sample, independent: float, beyond: dict[int, Level], refused: str | None
 ) -> Level:
-    """Level exceeded by one in N: from the sample if enough values exceed it, else the tail."""
+    """Level exceeded by one in N, from the sample if enough values exceed it, else the tail."""
     below = 1 - 1 / N
     if independent >= ENOUGH * N:
         return Level(sample.quantile([below])[0], *sample.between(below, independent))

@@ -39,9 +39,7 @@ def input_files(case: Case) -> Iterator[Path]:
 
 
 def read_names(case: Case) -> list[str]:
-    """Names (without folders) of the files in a case, except impact sets and tables, which may be
-    unused.
-    """
+    """Names (without folders) of a case's files, except impact sets and tables (may be unused)."""
     names = (
         name
         for key, name in case.files()

@@ -78,9 +78,7 @@ def remember(text: bytes, name: str, form: str, values: KernelValues) -> None:
 def changed_values(
     values: KernelValues, removed: Iterable[str], text: bytes, name: str
 ) -> KernelValues:
-    """Values of a case after removing the groups or keys (`group%key`) in `removed` and adding the
-    values of a text.
-    """
+    """Values of a case without the groups or keys (`group%key`) in `removed`, plus `text`'s."""
     words = " ".join(removed) or " "
     return KernelValues(*_core.change_case(values, words, *kernel_text(text, name)))
 

@@ -82,7 +82,7 @@ class GroundRule(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """A column of a ground table, as a row of the kernel's parameter table."""
+    """Description of a parameter (column of a ground table), from the kernel."""
 
     name: str
     default: str
@@ -265,9 +265,7 @@ def _of_plane(rule: GroundRule, plane: Plane, shape: str) -> GroundRule:
 
 
 def scaled_pair(rule: GroundRule, strength: float, relief: float, case: Case) -> GroundRule:
-    """Ground with strength and relief multiplied by factors, and clipped to limits far outside all
-    tables.
-    """
+    """Ground with strength and relief multiplied by factors, within limits beyond all tables."""
     assert rule.plane is not None
     given = rule.plane.ground
     limits = {parameter.name: parameter.limits for parameter in parameters()}

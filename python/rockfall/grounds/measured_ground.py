@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Strength and relief of a ground from field data: impact scars, and elevations of a patch
-(theory, chapter 14).
+(lab/docs/14b-blocks.md).
 """
 
 from __future__ import annotations
@@ -245,7 +245,7 @@ def scaled_strength(
 
     `depth` and `head` = V_n^2/(2 g) are divided by R_b; `density` is that of the block [kg/m3].
     The contact model is as in the laboratory: yield pressure, inertia of displaced soil and
-    friction on submerged facets (theory, eqs. 14.21 to 14.24).
+    friction on submerged facets (lab/docs/14b-blocks.md, eqs. 14.21 to 14.25a).
     """
     soil = CONSTANTS[model]["soil_density"] / density
     z, push, inertia = _resistance(model, shape)

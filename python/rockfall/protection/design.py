@@ -120,7 +120,7 @@ def design(
     asked, barriers, chosen = [], [], []
     loads: list[dict[str, Any]] = []
     shown = [(k, name) for k, name in enumerate(names) if line in (None, name)]
-    for k, name in stepped(shown):  # loads the boulders of one line at a time
+    for k, name in stepped(shown):  # with the boulders of one line in memory at a time
         came = crossings(result, k)
         _, *percents = passing_percent(result, k)
         fractions = (value / 100 for value in percents)

@@ -20,7 +20,7 @@ from rockfall.protection.selection import Costs, cheapest, least_heights, read_c
 from rockfall.result.variables import ENDS
 
 YEARS = 100.0  # default return period [year]
-HIGHEST = 10.0  # maximum height of an advised barrier [m]; higher ones are not built
+HIGHEST = 10.0  # maximum height of an advised barrier [m]; higher barriers are not built
 _BEHIND = [f"behind{end}" for end in ENDS]
 _THROUGH = [f"through{end}" for end in ENDS]
 _LOADS = ["line", *(f"{name}{end}" for name in ("frequency", *LEVELS) for end in ENDS)]

@@ -152,7 +152,7 @@ def _density(text: str, file: str) -> float:
 
 
 class _Shared:
-    """Cache of crossings at lines with a limited size, most recent last."""
+    """Cache, limited in size, of the crossings at lines; the line used last is at the end."""
 
     def __init__(self, result: Known) -> None:
         self.result = result

@@ -154,7 +154,7 @@ class Sampled(NamedTuple):
     piece: np.ndarray  # (m): index of the segment
 
     def strings(self, by: np.ndarray) -> list[np.ndarray]:
-        """Samples (m, 4) of the segments that share a number in `by`, without duplicate points."""
+        """Samples (m, 4) of each group of segments with equal numbers in `by`, each point once."""
         group = by[self.piece]
         begins = np.diff(group, prepend=-1) != 0
         new = begins | np.append(True, (np.diff(self.samples, axis=0) != 0).any(axis=1))

@@ -65,9 +65,7 @@ def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
 
 
 def curves(motion: Motion) -> list[Trajectory]:
-    """A curve for each boulder, with `POINTS` points in each motion segment; a single point if the
-    boulder never moved.
-    """
+    """Curve for each boulder: `POINTS` points per motion segment, or one if it never moved."""
     # Where the ground falls away after a contact from a table, the slide has neither length nor
     # duration.
     motion = motion.take((motion.gravity > 0) | (motion.end[3] > motion.start[3]))
@@ -134,9 +132,7 @@ def left_terrain(result: xr.Dataset) -> np.ndarray:
 
 
 def ended_moving(values: Held | Mapping[str, ArrayLike]) -> np.ndarray:
-    """Mask of boulders that did not come to rest: they left the terrain, or reached the impact
-    limit.
-    """
+    """Mask of boulders not at rest: they left the terrain, or reached the impact limit."""
     return np.isin(np.asarray(values["status"]), [STATUS[name] for name in MOVING])
 
 

@@ -169,7 +169,7 @@ def check_crossings(data: xr.Dataset, path: str | Path) -> None:
 
 
 def fault_of_crossings(name: str, values: np.ndarray, line: np.ndarray, kept: np.ndarray) -> str:
-    """Error text for invalid crossings at these lines; "" if valid. `kept`: boulders with rows."""
+    """Error text for a column of crossings at `line`; "" if valid. `kept`: boulders with rows."""
     good = True
     if name == "crossing_line":
         good = bool((values == line).all())

@@ -67,7 +67,5 @@ def fault_of(name: str, values: np.ndarray) -> str:
 
 
 def fields(rows: str) -> list[str]:
-    """Names of the kernel's columns: boulder values, counts, lines, crossings, vertices, energies,
-    and sample quantities.
-    """
+    """Names in one of the kernel's lists; `rows` names the list, such as "vertex" (columns)."""
     return _core.fields(rows).decode().split()

@@ -31,7 +31,7 @@ class Ground:
     spikes: int = 0  # number of cells above or below all neighbours
     spike: tuple[float, float, float] = (0.0, 0.0, 0.0)  # largest spike: x, y and height [m]
     integers: bool = True  # True if all elevations are integers
-    steps: int = 0  # if so: bends along rows and columns that the next cell reverses
+    steps: int = 0  # bends reversed by the next cell; counted if all are integers
     spans: int = 0  # number of places checked for steps
     slopes: list[np.ndarray] = field(default_factory=list)  # slope tangents at SAMPLES cells
     bends: list[np.ndarray] = field(default_factory=list)  # changes of the tangents there (2, n)
@@ -100,7 +100,7 @@ class Ground:
             self.spans += int(np.count_nonzero(~np.isnan(back)))
 
     def _take_spikes(self, band: Rasters, rows: slice) -> None:
-        """Count cells above or below all their known neighbours."""
+        """Count cells far above or below all known neighbours, and keep the largest spike."""
         z, grid = band.z, band.grid
         limit = max(SPIKE[0], SPIKE[1] * grid.cell)
         for block in row_blocks((rows.stop - rows.start, z.shape[1])):

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Stages:
-    """Stages of a single reading, without caching."""
+    """Stages of reading a case without a cache: each call of `take` computes its stage."""
 
     def take(
         self,

@@ -23,8 +23,8 @@ RIM = 4  # [cells] margin of a window that boulders may not enter if the raster 
 
 
 class Windows:
-    """Window of a large terrain, of at most `cells` unless a single source needs more; keeps its
-    rasters in memory, and the survey of all rows."""
+    """Window of a large terrain that is in memory: at most `cells`, unless a single source needs
+    more. The survey covers the whole terrain."""
 
     def __init__(self, cells: int, cell_bytes: int, survey: Survey, ground: Ground) -> None:
         self.cells, self.bytes = cells, cells * cell_bytes  # size and memory of a window
@@ -81,6 +81,6 @@ def bands(inputs: Inputs, cells: int) -> Iterator[tuple[Rasters, Box]]:
 
 
 def groups(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Runs of consecutive numbers in an ascending array, as pairs (first, count)."""
+    """Yield the ranges of consecutive numbers in an ascending array, as pairs (first, count)."""
     for group in np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1):
         yield int(group[0]), group.size

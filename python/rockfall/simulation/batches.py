@@ -22,7 +22,7 @@ RECOVERY = 1.5  # maximum growth of the rate after a slow piece
 
 
 class Batches:
-    """Runs the boulders of an empty tally in an order that keeps completed ones evenly spread."""
+    """Runs the boulders of an empty tally: evenly spread, or in sequence for maps by source."""
 
     def __init__(self, tally: Tally) -> None:
         self.tally, self.lock = tally, RLock()
@@ -55,9 +55,7 @@ class Batches:
             yield range(self.tally.done, stop)
 
     def _spread(self) -> Iterator[range]:
-        """Yield evenly spread pieces: every n-th boulder, then the boulders halfway between these,
-        and so on.
-        """
+        """Yield evenly spread pieces: every n-th boulder, then those halfway between, and so on."""
         boulders = range(self.tally.boulders)
         for part in spread_parts(boulders, -(-len(boulders) // (LANES * self._threads))):
             for piece in spread_parts(part, -(-len(part) // self._size())):
@@ -92,9 +90,8 @@ class Batches:
 
 
 def spread_parts(numbers: range, parts: int) -> Iterator[range]:
-    """Yield `parts` ranges with this stride and different first numbers; each range fills a gap
-    between earlier ranges (van der Corput's order).
-    """
+    """Yield every `parts`-th number, in `parts` ranges with different first numbers; each range
+    fills a gap between earlier ranges (van der Corput's order)."""
     parts = min(parts, len(numbers))
     bits = max(0, parts - 1).bit_length()
     for k in range(1 << bits):

@@ -41,7 +41,7 @@ def run_on_cluster(
     need("a Dask cluster needs", "cluster", "distributed")
     from distributed import as_completed
 
-    case = scene.case.replace(case={"threads": 1})  # workers have their own threads
+    case = scene.case.replace(case={"threads": 1})  # each worker thread runs one part
     case.folder = Path(case.folder).absolute()
     with interrupts() as interrupted, _client(where) as client:
         memory = 2 * scene.windows.bytes if scene.windows else None  # workers halve it for a window

@@ -104,7 +104,7 @@ def simulate(
         threads = scene.case.case["threads"]
     check_team(threads)
     input_warnings(scene)  # checked before its rasters are freed
-    with interrupts() as interrupted:  # no chunk is lost
+    with interrupts() as interrupted:  # Ctrl+C waits for the current chunk
         tally = start(scene, threads, shard)
         if spill is not None and scene.case.lines and scene.windows is None:
             tally.spilled = SpilledCrossings(spill, len(scene.case.lines))

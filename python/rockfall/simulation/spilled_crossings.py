@@ -33,7 +33,7 @@ class SpilledCrossings:
         self._folder = folder
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  as long as this lives
         self._blocks: list[_Block] = []
-        self._columns: dict[str, Array] = {}  # empty columns
+        self._columns: dict[str, Array] = {}  # columns by name, without values
         self._lines = lines
 
     def take(self, run: RunArrays, least: int | None = None) -> None:

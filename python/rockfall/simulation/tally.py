@@ -34,7 +34,7 @@ ANY = range(1, 2)  # placeholder if boulder numbers do not matter
 
 @dataclass
 class Origin:
-    """Run to which a part belongs; it replaces the scene when parts are merged."""
+    """The whole run to which a part belongs; used instead of its scene when parts are merged."""
 
     case: Case
     boulders: int  # total number in the run

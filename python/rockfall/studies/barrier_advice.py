@@ -198,7 +198,7 @@ def _stronger(
 
 
 def group_of(barrier: Wanted) -> dict[str, Any]:
-    """`&barrier` group of a case for a barrier."""
+    """Keys and values of a `&barrier` group for a barrier."""
     alignment, height, ead_class = barrier
     return {"name": NAME, "x": alignment.x, "y": alignment.y, "height": height, "class": ead_class}
 

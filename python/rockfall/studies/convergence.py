@@ -68,7 +68,7 @@ class Convergence:
     cost: pd.DataFrame
     numerical: pd.DataFrame
     sources: int
-    reference: int  # boulders in equal blocks for the errors
+    reference: int  # boulders that are divided into blocks, to measure errors
     paired: int  # boulders on each terrain
     seconds: float  # CPU seconds per boulder
     refused: dict[str, str]  # terrain variant -> reason for refusal

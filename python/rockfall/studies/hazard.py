@@ -123,7 +123,7 @@ def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> 
 
 
 def coordinates_of(place: str) -> tuple[float, ...]:
-    """Numbers of a place "X,Y" or "X,Y,RADIUS" [m]; NaN for other words."""
+    """Numbers of a place "X,Y" or "X,Y,RADIUS" [m]; NaN for parts that are not numbers."""
     return tuple(map(plain_decimal, place.split(",")))
 
 

@@ -57,7 +57,7 @@ class Models:
     table: pd.DataFrame  # by model, line, quantity and statistic; `line` is "" for run-outs
     notes: tuple[str, ...]
     case: xr.Dataset  # first result without boulders, for attributes and CRS
-    warnings: tuple[str, ...] = ()  # model warnings without duplicates
+    warnings: tuple[str, ...] = ()  # model warnings of all runs, each once
 
 
 def run_models(

@@ -44,7 +44,7 @@ CAP = 1_000_000  # default limit, over all sources
 MIN_GROWTH, MAX_GROWTH, NEAR = 1.05, 4.0, 1.25
 #: Fraction of the required boulders to run, for a distant and for a near target.
 SHORT, MARGIN = 0.8, 1.02
-USELESS = 0.3  # boulder error, relative to the limit, below which more boulders do not help
+USELESS = 0.3  # error due to boulders / limit, below which more boulders do not help
 
 LEVELS = {quantile_name(level): level for level in QUANTILES}
 STATISTICS = ("mean", "std", *LEVELS)

@@ -99,7 +99,7 @@ class Siting:
 
     @property
     def scenarios(self) -> list[str]:
-        """Scenarios with their frequencies; none if the boulders are those of &boulder."""
+        """Names of the scenarios; none if the boulders are those of &boulder."""
         return [name for name in self.results if name]
 
     @property

@@ -54,7 +54,7 @@ class Study:
         checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
         **how: Any,
     ) -> None:
-        self._limits: dict[Any, list[Text]] = {}  # scene -> warnings
+        self._limits: dict[Any, list[Text]] = {}  # name of the scene -> warnings
         self._bar = progress_bar(total or 0, progress and total is not None, unit)
         self._advance: Callable[..., None] = lambda *_: None
         self._counts_boulders = unit == "boulders"
@@ -70,7 +70,7 @@ class Study:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Model warnings of the runs without duplicates."""
+        """Model warnings of all runs, each once."""
         return tuple(joined_warnings(self._limits))
 
     def run(

@@ -72,7 +72,7 @@ class Validation:
     laws: tuple[str, ...]
     table: pd.DataFrame
     notes: tuple[str, ...]
-    warnings: tuple[str, ...] = ()  # model warnings for the first seed, without duplicates
+    warnings: tuple[str, ...] = ()  # model warnings for the first seed, each once
 
 
 def validate(

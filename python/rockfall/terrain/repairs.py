@@ -32,7 +32,7 @@ def without_holes(z: np.ndarray, far: float) -> np.ndarray:
 
 
 def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
-    """Fill pits of at most `deepest` [m]; deeper ones, such as ditches and quarries, remain."""
+    """Fill pits up to `deepest` [m] deep; deeper pits, such as ditches and quarries, remain."""
     from scipy.ndimage import label, maximum
 
     level = _spill(z)

@@ -29,7 +29,7 @@ class Matrix(NamedTuple):
     """Hazard classes by intensity and return period."""
 
     periods: np.ndarray  # [year], ascending
-    classes: np.ndarray  # (intensities + 1, periods); the first intensity is none
+    classes: np.ndarray  # (intensities + 1, periods); the first row is for no intensity
 
     @classmethod
     def of(cls, case: Case) -> Matrix:

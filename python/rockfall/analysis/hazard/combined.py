@@ -224,7 +224,7 @@ def _grounds(runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str, tuple]:
-    """Coordinates and grid mapping."""
+    """Coordinates of cells, thresholds, return periods and scenarios, and the grid mapping."""
     names = np.array([scenario.name for scenario in inputs.scenarios], dtype=object)
     attrs = {"units": "year", "long_name": "longest return period of a frequency class"}
     return {

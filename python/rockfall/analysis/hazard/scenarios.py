@@ -81,7 +81,7 @@ def scenario_remarks(scene: Scene) -> Iterator[str]:
 
 
 def scenario_warnings(scene: Scene, scenarios: Sequence[Scenario]) -> list[InputWarning]:
-    """Likely mistakes in a case and its scenarios (with their names), without duplicates."""
+    """Likely mistakes in a case and its scenarios (with their names), each once."""
     doubts = list(input_warnings(scene))
     for scenario in scenarios:
         case = scenario.case.replace(line=scene.case.line)  # without the outlines of objects

@@ -39,8 +39,8 @@ def layered(
 
 
 def mean_of(values: np.ndarray, top: float, clusters: Clusters) -> Frequencies:
-    """Mean of values from 0 to `top` over all boulders, with limits; the upper limit allows for
-    values above all simulated ones."""
+    """Mean over all boulders of values from 0 to `top`, with limits; the upper limit allows for
+    values above the simulated maximum."""
     boulders = np.flatnonzero(values > 0)
     per_cluster = clusters.at(boulders, values[boulders])
     rising = np.sort(values[boulders])

@@ -172,7 +172,8 @@ def fitted_heights(mark: Mark, passing: Passing, greatest: float) -> Heights:
 
 
 def height_sums(kernel: Heights, height: float, heights: np.ndarray) -> tuple[float, float, float]:
-    """Sums over boulders at a mark's height: kernels [1/m], squares, distribution functions."""
+    """Sums over boulders at a mark's height: kernels [1/m], their squares, and distribution
+    functions."""
     from scipy.special import ndtr
 
     scores = (height - heights) / kernel.width

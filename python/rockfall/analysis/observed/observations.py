@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observations, published results, and trajectories of other programs (docs/observed.md)."""
+"""Observations at a site, and results published for it (docs/observed.md)."""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ History = dict[str, list[dict[str, float]]]  # quantity -> statistics after each
 
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
-FIRST = 30  # smallest size
-STEPS = 24  # number of sizes
+FIRST = 30  # smallest number of boulders
+STEPS = 24  # maximum count of the numbers of boulders
 
 
 def sizes(source: Sources) -> list[int]:

@@ -49,7 +49,7 @@ class Sources:
     number: np.ndarray  # source index of each boulder
     #: Stratum of each boulder: its source; single-boulder sources are merged with others.
     stratum: np.ndarray
-    released: np.ndarray  # number of boulders released by stratum
+    released: np.ndarray  # number of boulders released in each stratum
     sampled: bool = False  # True if the sources are a sample
 
     @classmethod
@@ -272,7 +272,7 @@ def sources(result: Held) -> Sources:
 
 
 def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources:
-    """Sources of boulders, as in `sources`, from variables of a result or of boulders, by name."""
+    """Sources of boulders, as in `sources`, from variables (by name) of a result or of boulders."""
     places = np.asarray(values["source"])
     if sampled:
         places = np.asarray(values["start_x"]) + 1j * np.asarray(values["start_y"])

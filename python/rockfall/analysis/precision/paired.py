@@ -33,15 +33,15 @@ NONE = 0.0, 0.0, 0.0
 
 class Estimate(NamedTuple):
     """A statistic of the boulders that have a value, and the contribution of each released boulder
-    to its error (influence with mean 0; Hampel 1974). With too few boulders, the statistic is NaN
-    and has no influences."""
+    to its error (influence with mean 0; Hampel 1974). With too few boulders, there are no
+    influences; without any, the statistic is NaN."""
 
     value: float
     influence: np.ndarray | None = None
 
 
 def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
-    """Mean of the known values (not NaN)."""
+    """Mean of the known values (not NaN); without influences if there are less than `fewest`."""
     has = ~np.isnan(values)
     if has.sum() < fewest:
         return Estimate(float(np.mean(values[has])) if has.any() else math.nan)

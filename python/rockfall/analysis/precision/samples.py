@@ -196,9 +196,9 @@ class Counts(Sample):
         tail: np.ndarray,
         sampled: bool,
     ) -> None:
-        """`bins` are counts, `words` (parts, 5) sums, `groups` coarse counts of source groups that
-        `released` boulders, `unit` the stored units per unit of the quantity, and `tail` the
-        largest values (may be empty)."""
+        """`bins` are counts, `words` (parts, 5) sums, `groups` coarse counts by source group,
+        `released` the boulders released from each group, `unit` the stored units per unit of the
+        quantity, and `tail` the largest values (may be empty)."""
         used = np.flatnonzero(bins)
         self._bins, self._low, self._width = bins[used], LOW[used], WIDTH[used]
         self._coarse = used // (bins.size // SAMPLE_COARSE)

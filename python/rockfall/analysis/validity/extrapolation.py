@@ -54,7 +54,7 @@ def fractions_outside(values: Variables) -> dict[str, float]:
 
 
 def extrapolations(values: Variables, case_set: str = "") -> Iterator[Extrapolation]:
-    """Extrapolations, from variables of a result or of boulders, by name. Counts may be totals or
+    """Extrapolations, from variables (by name) of a result or of boulders. Counts may be totals or
     per boulder. `case_set` is the name of the case's impact sets."""
     rebounds = round(_stochastic(values))
     for what, fraction in fractions_outside(values).items():

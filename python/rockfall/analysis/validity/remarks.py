@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 def model_remarks(values: Variables, case: Case) -> list[Remark]:
-    """All remarks on the model, without duplicates and ordered by grade, from the case and from
-    named variables of a result or of boulders."""
+    """All remarks on the model, each once and ordered by grade, from the case and from variables
+    (by name) of a result or of boulders."""
     kept = kept_of(values)
     if "remarks" not in kept:
         columns = getattr(values, "variables", values)  # faster than through the Dataset

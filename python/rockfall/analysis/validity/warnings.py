@@ -27,16 +27,16 @@ MAX_NAMED = 3  # maximum results listed in a warning
 
 
 def joint_warnings(results: Mapping[str, Held]) -> list[Text]:
-    """Model warnings of several results by name, as in `joined_warnings`."""
+    """Model warnings of several results (by name), as in `joined_warnings`."""
     return joined_warnings(
         {name: model_warnings(result, case_of(result)) for name, result in results.items()}
     )
 
 
 def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
-    """Warnings of several results by name, without duplicates and ordered by grade, with the values
-    of the result with the largest fraction of boulders or rebounds. If a warning does not apply to
-    all results, their names precede it."""
+    """Warnings of several results (by name), each once and ordered by grade. A warning has the
+    values of the result with the largest fraction of boulders or rebounds; unless it applies to all
+    results, the names of its results precede it."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():

@@ -25,7 +25,7 @@ def flat_maps(data: xr.Dataset) -> xr.Dataset:
 
 
 def layers(variable: xr.DataArray) -> dict[str, xr.DataArray]:
-    """Single maps from a variable with additional dimensions, by name; others are unchanged."""
+    """Single maps by name, from a map with additional dimensions; any other variable unchanged."""
     name, beyond = str(variable.name), [dim for dim in variable.dims if dim not in PLAN]
     if variable.dims[-2:] != PLAN or not beyond or not {*beyond} <= {*BEYOND}:
         return {name: variable}

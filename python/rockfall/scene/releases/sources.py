@@ -37,7 +37,7 @@ MAX_NAMED = 5  # maximum features listed in a message
 
 
 def threshold(case: Case, grid: Grid) -> float:
-    """Minimum slope [degree] of steep cells: the case's, or the default for its cell size."""
+    """Minimum slope [degree] of steep cells: the case's, or the default for the cell size."""
     return case.release.get("slope_threshold", _core.slope_threshold(grid.cell))
 
 
@@ -356,7 +356,7 @@ def _cells(
 def _on_known(
     inputs: Inputs, band: Rasters, rows: slice, block: np.ndarray, unknown: Unknown
 ) -> np.ndarray:
-    """Mask the source cells of a block where boulders can start; count the others."""
+    """Mask of the source cells of a block where boulders can start; `unknown` counts the others."""
     row, column = np.nonzero(block > 0)
     places = inputs.grid.x[column], inputs.grid.y[rows][row]
     is_start = can_start(band, *places) if row.size else np.ones(0, bool)

@@ -181,7 +181,7 @@ def _volumes(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _exponents(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on exponents above those of surveys: probably of the density, larger by 1."""
+    """Warnings on exponents above all surveys; they probably belong to the density (1 larger)."""
     for _, where, keys in _distributions(scene):
         exponent = keys.get("volume_exponent", 0.0)
         if keys.get("volume") == "pareto" and exponent > EXPONENT:
@@ -200,8 +200,8 @@ def _stops(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _spreads(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on normal distributions whose mean increases through truncation at zero, and on
-    lognormal distributions wider than a normal one may be; of the features, only on the widest."""
+    """Warnings on lognormal distributions wider than a normal one may be, and on normal ones whose
+    truncation at zero raises the mean (only the widest of each group)."""
     widest_of: dict[str, tuple[float, str, float, float]] = {}
     for group, where, keys in _distributions(scene):
         mean, std = keys.get("volume_mean"), keys.get("volume_std")

@@ -262,7 +262,7 @@ def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
     return part
 
 
-# Values of attributes; invalid ones raise a ValueError, or another error in DAMAGED.
+# Values of attributes; an invalid value raises a ValueError, or another error in DAMAGED.
 
 
 def _number(value: Any) -> int:

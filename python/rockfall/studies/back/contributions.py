@@ -35,7 +35,7 @@ class Contribution(NamedTuple):
     verdict: str
 
     def record(self) -> dict[str, Any]:
-        """Columns for the table of data."""
+        """Columns of the data set in `Back.data`."""
         worth = effective(self.alone)
         return {"loss": self.loss, "loss_error": self.error, "alone_effective": worth,
                 "agreement": self.verdict}  # fmt: skip

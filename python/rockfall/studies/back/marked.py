@@ -21,7 +21,7 @@ from rockfall.analysis.observed.marks import (
 from rockfall.quantities import count
 from rockfall.studies.back.witnesses import Witnesses, worth_of
 
-FEW = 20  # maximum boulders at a mark for a remark
+FEW = 20  # a mark that fewer boulders pass gets a remark
 
 
 @dataclass

@@ -38,7 +38,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(analysis: Back) -> Iterator[Parameter]:
-    """Parameters by column of the cube, except the impact set, because sets have no order."""
+    """Parameters in the order of the cube's columns, except impact sets, which have no order."""
     inputs, case = analysis.inputs, analysis.case
     sought = set(analysis.sought.tolist())
     volume, drop, source, sets, _, first, _, pairs = inputs.ends[:8].tolist()

@@ -28,7 +28,7 @@ class Sampler:
 
     def __init__(self, first: np.ndarray, levels: np.ndarray) -> None:
         self.points, self.levels = first, levels  # (n, dimensions), drawn from the prior
-        self.log_likelihood = np.empty(0)  # ordered as the runs
+        self.log_likelihood = np.empty(0)  # in the order of the runs
         self.smooth = np.empty(0)
         self.sizes = [len(first)]
         self.densities = [_log_prior(first)]  # log density of each mixture at all points

@@ -54,10 +54,10 @@ STREAM = 1  # random stream, distinct from the ensemble's streams
 class Back:
     """Results of a back-analysis.
 
-    `members` has a row for each run: the drawn values in the order of `inputs.kept_names`,
-    `log_likelihood`, the smoothed log-likelihood `smooth`, and `weight`. `data` has a row for each
-    data set: n, weight, the posterior predictive p, and its `contributions`. `effective` is the
-    number of equally weighted members with equal information.
+    `members` has a row for each run: the drawn values, `log_likelihood`, the smoothed
+    log-likelihood `smooth`, and `weight`. `data` has a row for each data set: n, weight, the
+    posterior predictive p, and its `contributions`. `effective` is the number of equally weighted
+    members with equal information.
     """
 
     case: Case

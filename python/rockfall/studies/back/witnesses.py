@@ -32,7 +32,7 @@ class Witnesses:
         raise NotImplementedError
 
     def _sums(self, runs: np.ndarray) -> np.ndarray:
-        """Sums over boulders (SUMS) by run, and by block or mark."""
+        """Sums over boulders, (SUMS, runs, blocks or marks)."""
         kept = runs[:, : self.SUMS * self.n].reshape(len(runs), self.SUMS, self.n)
         return np.moveaxis(kept, 1, 0)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the differences between runs with uncertain inputs."""
+"""Maps over runs with uncertain inputs: mean, standard deviation and quantiles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from rockfall.result.contents import Held
 from rockfall.scene.scene import Scene
 
-REACHED = 0.01  # fraction of boulders at the outline of a hazard map
+REACHED = 0.01  # a cell counts as reached if more than this fraction of a run's boulders pass
 RANGED = ("energy_mean", "energy_max")  # maps for which quantiles over the runs are stored
 LEVELS = {"q05": 0.05, "q95": 0.95}
 AT_ONCE = 2**22  # map values in memory
