@@ -26,7 +26,7 @@ module rockfall_boulder
       real(wp) :: mean = 1.0_wp              !! fixed, normal, lognormal [m3]
       real(wp) :: std = 0.0_wp               !! normal (before truncation at zero), lognormal [m3]
       real(wp) :: min = 0.0_wp, max = 0.0_wp !! uniform, pareto [m3]
-      real(wp) :: exponent = 1.0_wp          !! pareto: the number of larger boulders falls as V**-exponent, > 0 [-]
+      real(wp) :: exponent = 1.0_wp          !! pareto: the number of boulders above V falls as V**-exponent, > 0 [-]
       real(wp), allocatable :: list(:)       !! list: all equally probable [m3]
       integer, allocatable :: list_shape(:)  !! block shape of each volume, if known
       !> density [kg/m3]; 2800 is implied by the energies and volumes in the paper
@@ -41,7 +41,7 @@ module rockfall_boulder
 
    !> Random properties of a boulder that modify all grounds along its path.
    type :: soil_draw_t
-      real(wp) :: deviate = 0.0_wp  !! standard normal: strength of the ground [-]
+      real(wp) :: deviate = 0.0_wp  !! standard normal number for the strength of the ground [-]
       real(wp) :: column = 0.5_wp, row = 0.5_wp  !! uniform in (0, 1): choice between parts of an impact table [-]
       real(wp) :: ratio_factor = 1.0_wp          !! factor on R_b/R_m [-]
    end type soil_draw_t
@@ -116,7 +116,7 @@ contains
       end if
    end function last_of
 
-   !> Feature of the layer that a source belongs to.
+   !> Index of the feature of the source layer to which a source belongs; 0 if there is no such layer.
    pure integer function feature_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -247,7 +247,7 @@ contains
       type(normal_table_t), intent(in) :: table
       type(random_key_t), intent(in) :: key
       integer(i8), intent(in) :: number
-      integer(i8), intent(in) :: first  !! index of the word used for the first draw
+      integer(i8), intent(in) :: first  !! random word for the first draw
       integer(i8) :: draw, word(words_per_block)
 
       volume = distribution%mean + distribution%std*normal(table, first)

@@ -12,7 +12,7 @@ module rockfall_forest
              tree_impact
    public :: max_stem_energy, absorbed_fraction, hit_type, frontal, lateral, scratch, class_ends
 
-   !> Types of a hit, by the distance of the path of the boulder's centre from the stem axis.
+   !> Types of a hit, by how far from the stem axis the path of the boulder's centre passes.
    integer, parameter :: frontal = 1, lateral = 2, scratch = 3
    !> Class limits of the turn [degree].
    real(wp), parameter :: class_ends(0:3) = [0.0_wp, 22.5_wp, 67.5_wp, 76.0_wp]
@@ -71,8 +71,7 @@ module rockfall_forest
 
 contains
 
-   !> Build a forest; `factor` is the strength of a stem relative to silver fir. A subroutine, to avoid a temporary copy
-   !> of the result.
+   !> Build a forest. A subroutine, to avoid a temporary copy of the result.
    pure subroutine build_forest(x, y, origin, dbh, factor, model, this)
       real(wp), intent(in) :: x(:), y(:)  !! map coordinates, at least one stem [m]
       real(wp), intent(in) :: origin(2)   !! origin of local coordinates [m]

@@ -42,7 +42,7 @@ module rockfall_rolling
       real(wp) :: waits = 0.0_wp       !! waiting time at the end [s]
    end type roll_t
 
-   !> State of a boulder since its last contact on ground with an impact table.
+   !> State of a boulder after its last contact on ground with an impact table.
    type :: touch_t
       integer :: ground = 0        !! index of the ground; 0: none
       integer :: next = 0          !! table record that followed the last record in the laboratory; 0: none
@@ -248,7 +248,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y           !! start of the path [m]
       real(wp), intent(in) :: heading(2)     !! heading of any length
-      real(wp), intent(inout) :: length      !! over the length of the heading; on return the known part [-]
+      real(wp), intent(inout) :: length      !! path length over that of the heading; on return of its known part [-]
       type(patch_t), intent(inout) :: patch  !! patch at the start; on return at the end
       type(patch_t), intent(out) :: beyond   !! the unknown patch, if any
       logical, intent(out) :: known          !! the whole path is known

@@ -785,7 +785,7 @@ contains
       slope = usual_threshold(cell)
    end subroutine slope_threshold
 
-   !> Set positive cells that are not steep to zero, from row `first` (1..) on. The scene need not be built.
+   !> Set positive cells to 1 if they are steep, else to 0, from row `first` (1..) on. The scene need not be built.
    subroutine steep_cells(handle, threshold, first, cells, nx, ny)
       !f2py threadsafe
       integer(c_int), intent(in) :: nx, ny, first
@@ -1027,7 +1027,7 @@ contains
       call give_error(error, code, message)
    end subroutine check_ground
 
-   !> Build a one-line error message that refuses a key by a rule; `number` counts the groups with this name.
+   !> Build a one-line error message that refuses a key by a rule.
    subroutine refusal(case, group, number, key, rule, message)
       integer(c_int64_t), intent(in) :: case
       character(len=*), intent(in) :: group, key, rule
@@ -1073,7 +1073,7 @@ contains
       radius = sphere_radius(volume)
    end subroutine sphere_radii
 
-   !> Kinetic energy [J] of boulders with these velocities, and W = R_b omega [m/s].
+   !> Kinetic energy [J] of boulders with these velocities and rotations W = R_b omega [m/s].
    subroutine kinetic_energies(mass, v, w, energy, n)
       integer(c_int), intent(in) :: n
       real(c_double), intent(in) :: mass(n), v(3, n), w(n)  !! [kg], [m/s]

@@ -45,7 +45,7 @@ module rockfall_classical_rebound
       real(wp) :: soil_density = 0.0_wp      !! [kg/m3]
       real(wp) :: obstacle_spread = 0.0_wp  !! maximum relative deviation of obstacle heights [-]
       real(wp) :: roughness = 0.0_wp  !! maximum tilt of the ground [rad]
-      real(wp) :: min_hop = 0.0_wp    !! length of a hop over the boulder's radius [-]
+      real(wp) :: min_hop = 0.0_wp    !! minimum length of a hop, over the boulder's radius; 0: none [-]
    end type classical_t
 
 contains

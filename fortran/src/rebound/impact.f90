@@ -119,7 +119,7 @@ contains
       fitted%sine2 = squared_sine(angle)
    end function fitted
 
-   !> Return 1 if an incoming velocity lies outside the fitted range of speed, or of angle, else 0.
+   !> For speed and for angle: return 1 if an incoming velocity lies outside the fitted range, else 0.
    elemental subroutine beyond_fit(this, t, n, speed, angle)
       type(fitted_t), intent(in) :: this
       real(wp), intent(in) :: t, n          !! V_t, V_n [m/s]

@@ -96,7 +96,7 @@ module rockfall_impact_table
       real(sp), allocatable :: pull_across(:)   !! gravity across the heading of each record, over g
       real(sp), allocatable :: pull_along(:)    !! gravity along the heading; bins are padded to full parts with
                                                 !! infinity
-      integer, allocatable :: place(:)          !! first part of each bin, and the end
+      integer, allocatable :: place(:)          !! first element of each bin in `pull_along`, and the end
       real(wp), allocatable :: fastest(:)       !! for each bin: maximum speed key at its incidence and spin
       real(sp), allocatable :: mark(:, :)       !! pull_along where the next part of each bin begins (marks, bins)
       real(wp), allocatable :: step(:)          !! logarithm of the ratio of successive sizes [-], then 0

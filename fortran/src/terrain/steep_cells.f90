@@ -19,8 +19,8 @@ contains
       slope = 55*exponential(-0.075_wp*logarithm(cell))
    end function usual_threshold
 
-   !> Set to zero the positive cells that are flatter than a threshold (Horn 1981) or have an incomplete 3x3 window,
-   !> from row `first` on.
+   !> Set positive cells, from row `first` on, to 1 if they are at least as steep as a threshold (Horn 1981), and to 0
+   !> if they are flatter or have an incomplete 3x3 window.
    pure subroutine keep_steep_cells(dem, threshold, first, cells)
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: threshold      !! [degree]
