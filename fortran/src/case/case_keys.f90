@@ -42,7 +42,7 @@ module rockfall_case_keys
    integer, parameter :: n_maps = size(map_names)
    integer, parameter :: maps_offered = 5             !! number of names suggested for an unknown map
 
-   integer, parameter :: max_thresholds = 8, max_periods = 8  !! numbers of limits between classes
+   integer, parameter :: max_thresholds = 8, max_periods = 8  !! maximum numbers of limits between classes
    character(len=*), parameter :: hazard_classes = "residual, low, moderate, high"  !! classes in increasing order
    !> Below 30 kJ, 30 to 300 kJ, above 300 kJ, each up to 30, 100 and 300 years (source: docs/hazard.md).
    character(len=*), parameter :: swiss_matrix = "'moderate', 2*'low', 'high', 2*'moderate', 3*'high'"
@@ -688,7 +688,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> Rule for a number that is probably in another unit; "" if plausible. Implausible numbers may be allowed in tests.
+   !> Rule for a number that is probably in another unit; "" if plausible. Tests may allow implausible numbers.
    pure function other_unit(unit, value) result(rule)
       character(len=*), intent(in) :: unit
       real(wp), intent(in) :: value

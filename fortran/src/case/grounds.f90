@@ -128,7 +128,7 @@ contains
    subroutine table_ground(tables, k, row, file, ground, error)
       type(table_arrays_t), intent(in) :: tables
       integer, intent(in) :: k
-      character(len=*), intent(in) :: row, file  !! "", or file and row, for messages
+      character(len=*), intent(in) :: row, file  !! row of a ground table, or ""; file and row, for messages
       type(ground_t), intent(inout) :: ground
       type(error_t), allocatable, intent(out) :: error
 
@@ -168,7 +168,7 @@ contains
       table_model = merge(by_ratio_table, by_table, has_ratios(columns, strength))
    end function table_model
 
-   !> Read impact sets and their lateral deviations, and factor the sets.
+   !> Read impact sets and their lateral deviations, and factor the covariances of the sets.
    subroutine read_stochastic(text, file, turning, draw, ground, error)
       character(len=*), intent(in) :: text, file
       integer, intent(in) :: turning  !! turning rule, as in turning_t

@@ -64,7 +64,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: stretch = 1, pull_across = 0  !! as in approach_t [-]
       real(wp) :: r(column, record_fields) = 1, map(column, map_fields) = 0  !! record and map of each contact
       type(c_ptr), dimension(lanes) :: record_at, map_at          !! addresses of record and map
-      real(sp) :: no_record(record_fields) = 1                    !! record of contacts without a record
+      real(sp) :: no_record(record_fields) = 1                    !! stands in for the record of contacts without one
       real(wp) :: no_map(map_fields) = 0
       real(wp), dimension(lanes) :: flown = 0, rolls = 0, stops = 0  !! type of the contact's end, each 1 or 0
       real(wp), dimension(lanes) :: rolled = 0                    !! 1 if the block of the record rolled, else 0

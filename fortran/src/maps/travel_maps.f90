@@ -11,7 +11,7 @@ module rockfall_travel_maps
    public :: needs_times, needs_travel, time_visits, add_travel, steepest_angle, flattest_angle, shortest_time
 
    real(wp), parameter :: offset = 2.0_wp            !! added to a sine of either sign to make it positive [-]
-   real(wp), parameter :: sine_steps = 2.0_wp**22    !! resolution of sines: both sums are exact in single precision
+   real(wp), parameter :: sine_steps = 2.0_wp**22    !! steps per unit: offset +- sine is exact in single precision
 
 contains
 

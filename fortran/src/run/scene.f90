@@ -324,7 +324,7 @@ contains
                 integer_text(huge(1_i4))//" in total")
    end subroutine check_fragments
 
-   !> Set the factored impact sets, and the turning rule.
+   !> Build the impact sets, and set the turning rule.
    subroutine set_impacts(case, arrays, scene, error)
       type(case_t), intent(in) :: case
       type(scene_arrays_t), intent(in) :: arrays

@@ -297,7 +297,7 @@ contains
       call check("no gap between spans", joined)
    end subroutine test_spans
 
-   !> 10**5 flights over rough ground, from the air, from the ground, and from the previous landing.
+   !> None of 10**5 flights over rough ground goes below it: from the air, from the ground, from the last landing.
    subroutine test_never_below_ground()
       real(wp), target :: z(nx, ny)
       type(terrain_t) :: dem
