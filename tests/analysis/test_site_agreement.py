@@ -201,7 +201,7 @@ def test_pages_say_that_angles_of_boulders_in_motion_are_upper_limits(seen):
     own = result.isel(boulder=slice(4)).assign(
         start_z=("boulder", fall), stop_z=("boulder", 0 * fall), plan_distance=("boulder", distance)
     )
-    for status, said in (("stopped", []), ("hit_nodata", ["4 of 4 boulders (100 %) ended while"])):
+    for status, said in (("stopped", []), ("hit_nodata", ["4 of 4 boulders (100 %) were still"])):
         flags = own["status"].copy(data=np.full(4, STATUS[status]))
         first, *others = angle(own.assign(status=flags))
         assert "minimum 14" in first

@@ -213,7 +213,7 @@ def test_rounded_places_are_refused_and_degrees_are_remarked(tmp_path, monkeypat
     points[:, :2] = (7, 46) + (points[:, :2] - (W, N)) / 1e5
     write(Path("b.xyz"), points)
     assert main(["dem", "b.xyz", "-o", "dem.tif"]) == 0
-    assert "look like degrees: reproject to metres" in capsys.readouterr().err
+    assert "coordinates look like degrees (x " in capsys.readouterr().err
 
 
 def test_a_grid_in_a_txt_is_a_raster(tmp_path, monkeypatch, capsys):

@@ -53,12 +53,12 @@ MISTAKES = {
     "-99 for missing": (more((40, 40, -99)), {}, "elevation -99 m in 1 of 901 points, 8.. m below"),
     "a satellite": (more((40, 40, 5000)), {}, "elevation 5000 m in 1 of 901 points, 4,0.. m above"),
     "z in feet of one": (more((40, 40, 2723)), {}, "elevation 2723 m in 1 of 901 points, 1,7.. m "),
-    "a bird": (more((40, 40, 880)), {}, "1 points are isolated spikes or pits, the largest at "
-                                        "2600040, 1200040 by [3-6]. m: remove them"),
-    "a multipath": (more((40, 120, 830)), {}, "1 points are isolated .* 2600040, 1200120 by"),
+    "a bird": (more((40, 40, 880)), {}, "1 points are isolated spikes or pits, the largest of "
+                                        "[3-6]. m at 2600040, 1200040: remove them"),
+    "a multipath": (more((40, 120, 830)), {}, "1 points are isolated .* 2600040, 1200120: "),
     "birds": (more((40, 40, 880), (90, 20, 870)), {}, "2 points are isolated"),
     "two surveys": (more((40, 40, 828), (40, 40, 836)), {}, "1 places have several points, up to "
-        "8 m apart in height: their mean is used unless only one is kept"),
+        "8 m apart in height: their mean is used, so remove wrong"),
     "a survey of another datum": (lambda p: np.concatenate([p, p[:100] + (0, 0, 49.3)]), {},
         "100 places have several points, up to 49.3 m apart in height"),
     "--cell in cm": (scaled(1.0), {"cell": 60.0}, "cells of 60 m from points 4.[89]. m apart los"),

@@ -108,7 +108,7 @@ def test_closed_lines_are_polygons_and_others_are_refused(drawing, tmp_path):
     path, remarks = saved(drawing, tmp_path), []
     shapes, _ = read_polygons(path, GRID, remarks, "quelle")  # DXF ignores case
     assert [shape.area for shape in shapes] == [800.0, 800.0]
-    assert remarks == [f"{path}, layer Quelle: omitted, because not polygons: 1 TEXT"]
+    assert remarks == [f"{path}, layer Quelle: omitted because they are not polygons: 1 TEXT"]
     with refused(
         f"{path}, layer Kante: a LWPOLYLINE from x 600050.00, y 4999940.00 is not closed: must be "
         "a polygon"
@@ -133,8 +133,8 @@ def test_what_is_left_out_and_assumed_is_said(drawing, tmp_path):
     lines, remarks = lines_of(path, grid=grid)
     assert len(lines) == 1
     assert remarks == [
-        f"{path}, layer 0: omitted, because not lines: 1 LINE without length, 1 POINT, 1 MTEXT, "
-        "1 POLYLINE, 1 HATCH",
+        f"{path}, layer 0: omitted because they are not lines: 1 LINE without length, 1 POINT, "
+        "1 MTEXT, 1 POLYLINE, 1 HATCH",
         f"{path}, layer 0: omitted: 1 entities in paper space. Move them to model space with "
         "_CHSPACE in CAD",
         f"{path}, layer 0: {NO_CRS}, and its unit mm as metres",
@@ -191,7 +191,7 @@ def test_hatches_have_the_area_of_their_style(name, edges, style, drawing, tmp_p
     assert [shape.area for shape in shapes] == [AREAS[name][style], 100]
     lines, remarks = lines_of(path, "Fels")
     assert len(lines) == len(RINGS[name]) + 1
-    assert remarks == [f"{path}, layer Fels: omitted, because not lines: 1 HATCH"]
+    assert remarks == [f"{path}, layer Fels: omitted because they are not lines: 1 HATCH"]
 
 
 def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):

@@ -713,11 +713,11 @@ def run_changed(gallery, tmp_path, change):
 
 
 DOUBTED = [  # keys, expected doubt
-    ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder is platy: the fraction of this "
-                               "shape is 0"),
+    ({SHARE: [0.5, 0.5, 0.0]}, "block_shape_share: no boulder has the shape platy: fraction "
+                               "0"),
     (LISTED | dict.fromkeys((*SHAPES_OF_MIX, "volume_std")) | {"block_axes": [1.2, 0.9, 0.008] * 4},
-     "block_axes: the longest axis of a block is 150 times the shortest: are all axes in one "
-     "unit?"),
+     "block_axes: the longest axis of a block is 150 times the shortest: are all axes in the "
+     "same unit?"),
 ]  # fmt: skip
 
 
