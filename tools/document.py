@@ -28,8 +28,8 @@ CASE = """# The case file
 
 This page lists all keys of the namelist file that the command line, Python and the standalone
 program read. File names are relative to the case file. Text is in quotes, logicals are `.true.` or
-`.false.`, lists are separated by commas (`3*0.0` repeats), `!` starts a comment. Reals are within
-1e12 of zero; those above zero are at least 1e-12. An unknown group or key, a wrong type or a value
+`.false.`, lists are separated by commas (`3*0.0` repeats), `!` starts a comment. Reals are
+within ±1e12; positive ones are at least 1e-12. An unknown group or key, a wrong type or a value
 out of range is refused; an [unlikely value](start/checks.md) gives a warning. REPEATABLE may be
 repeated. The page is made from the program's own table.
 """
@@ -48,35 +48,36 @@ FORMATS = """
 | rasters | GeoTIFF, ESRI ASCII, netCDF-4, Erdas Imagine, Surfer binary grids, SRTM tiles |
 | polygons, points | GeoPackage, GeoJSON, shapefile, FlatGeobuf |
 
-The content of a file decides its format, not its name (except SRTM tiles, such as `N46E007.hgt`).
-Others are refused, also those with headers of text (EHdr, SAGA, ENVI, Surfer text): convert them to
-GeoTIFF in metres (`rio` drops scales, offsets and units), classic netCDF to netCDF-4 with `nccopy`.
-One band, square cells, north up or south up.
+The content of a file, not its name, determines its format (except SRTM tiles, such as
+`N46E007.hgt`). Other formats are refused, including those with text headers (EHdr, SAGA, ENVI,
+Surfer text): convert them to GeoTIFF in metres (`rio` drops scales, offsets and units), and classic
+netCDF to netCDF-4 with `nccopy`. A raster has one band and square cells, with north or south up.
 
-- **Units** are metres. A missing unit is taken as metre; any other is refused, for axes and heights
-  of a CRS, the band, and netCDF variables and coordinates.
+- **Units** are metres. A missing unit means metres; any other unit is refused, of the axes and
+  heights of a CRS, of a band, and of netCDF variables and coordinates.
 - **ESRI ASCII**: lines of one key and one value, then the numbers. `xllcorner` with `yllcorner`, or
-  `xllcenter` with `yllcenter`; `cellsize`, or `dx` with `dy`; -9999 is nodata unless `NODATA_value`
-  differs (`nan` too), also rounded to single precision. No grouped digits, no decimal comma.
+  `xllcenter` with `yllcenter`; `cellsize`, or `dx` with `dy`. Nodata is -9999, or `NODATA_value`
+  (a number or `nan`), also when rounded to single precision. Grouped digits and decimal commas are
+  refused.
 - **netCDF**: `file.nc`, or `file.nc:variable`; on `y`, `x` with evenly spaced coordinates.
-  `_FillValue`, `missing_value`, `valid_min`, `valid_max` and `valid_range` mark data; `_Unsigned`,
-  `scale_factor` and `add_offset` convert them, in double precision. They must have the type of the
-  variable and agree with each other.
-- **Layers**: one in the file. A GeoPackage may have stored tables only, no views. A GeoJSON has its
-  CRS by name (`EPSG:32632`), or none.
-- Files are regular files, also `.prj`, `.msk`, `.aux.xml` and `.dbf`. Nothing is read from the
-  network.
+  `_FillValue`, `missing_value`, `valid_min`, `valid_max` and `valid_range` mark missing data;
+  `_Unsigned`, `scale_factor` and `add_offset` convert data, in double precision. These attributes
+  must have the type of the variable and agree with each other.
+- **Layers**: a file with several needs the name of one. Views of a GeoPackage are refused. A
+  GeoJSON gives its CRS by name (`EPSG:32632`), or has none.
+- Files, including `.prj`, `.msk`, `.aux.xml` and `.dbf`, must be regular files. Nothing is read
+  from the network.
 """
 
 RESULT = """# The result
 
-This page lists the variables of a result: a CF netCDF file, or the same as an `xarray.Dataset`.
-Attributes have the whole case, the version of the program, checksums of all inputs, the range of
-boulders, threads, wall and CPU seconds. Only requested variables exist. The page is made from the
-program's own table.
+This page lists the variables of a result, which is a CF netCDF file or an `xarray.Dataset`. Its
+attributes contain the complete case, the version of the program, checksums of all inputs, the range
+of boulders, threads, wall and CPU seconds. Only requested variables exist. The page is made from
+the program's own table.
 
-A command replaces a file only with `--overwrite`, and never an input. Functions in Python replace
-files, but no inputs. Several files are written all together or not at all.
+A command replaces a file only with `--overwrite`, and never an input. Python functions replace
+files, but never an input. Several files are written together or not at all.
 
 - `input_checksums`: SHA-256 of the named files.
 - `decoded_checksums`: SHA-256 of the data read: elevations and their place (`dem`), the radius of
@@ -86,14 +87,14 @@ files, but no inputs. Several files are written all together or not at all.
   English, id and values of the message for translation.
 - `dams`: JSON list of dams on the cells of the terrain, by the names of
   `rockfall.terrain.dams.DamShape`.
-- `model_warnings`, only in Python: limits of the model for this run, one a line.
+- `model_warnings`, only in Python: limits of the model for this run, one per line.
 """
 
 GROUNDS = """# The shipped table of grounds
 
 This page lists `python/rockfall/data/grounds.csv`, from which it is made. Each row is a classical
-rebound, or a ground by impact tables. Models, parameters, units and how far the values are
-confirmed: [grounds](grounds.md).
+rebound, or a ground by impact tables. For models, parameters, units and the confirmation of values,
+see [grounds](grounds.md).
 """
 
 STATUSES = ", ".join(f"{k} {name}" for name, k in variables.STATUS.items())
@@ -101,7 +102,7 @@ STATUS = "\n" + textwrap.fill(f"`status` is one of: {STATUSES}.", 100) + "\n"
 
 MAPS = """
 Maps cover the rectangle of cells that boulders can reach from the sources with their energy at the
-release; with `&output map_extent = 'terrain'` all of the terrain.
+release, or, with `&output map_extent = 'terrain'`, the whole terrain.
 
 - **Few passages.** Values exist where at least `&output min_passages` boulders passed (default 1).
   The attribute `thin_below` is the number below which there is no 95 % interval: 10 for a mean, 100
@@ -111,45 +112,48 @@ release; with `&output map_extent = 'terrain'` all of the terrain.
   at the lines, which take boulders as independent. For given sources they contain the true value in
   95 % of cases or more. For a sample of sources (`&release sources`) the boulders of a place count
   as one (attribute `boulders_per_cluster`), which is conservative.
-- **Passing heights** are of the centre, vertical: jump height + R / cos(slope), with the slope of
-  the cell (Horn 1981).
-- **Quantiles** come from counts of classes (64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06 to 512
-  m), four an octave, so that parts add up. On `cases/vaujany` they are 0 to 2 % above those of the
-  boulders, with a scatter of 2 to 5 % for 100 boulders; a q99 may exceed the maximum by one class.
-  They take 440, 168 and 216 bytes in each reached cell, for energy, speed and each of the heights,
-  a standard deviation 24.
-- **Sources.** A source feeds a cell when one of its boulders passed it; `sources` counts them.
-  `reach_probability_by_source` is the passages over the boulders of these sources only, as in
-  Rockyfor3D (Dorren 2016). With n boulders from each source it is never below 1/n, so it is too
-  high for rarer passages.
+- **Passing heights** are vertical heights of the centre: jump height + R_b / cos(slope), with the
+  slope of the cell (Horn 1981).
+- **Quantiles** are computed from counts in classes (64 J to 8.6 GJ, 0.25 to 256 m/s, heights 0.06
+  to 512 m), four per octave, which can be added for several parts. On `cases/vaujany` they are 0 to
+  2 % above quantiles of the boulders themselves, with a scatter of 2 to 5 % for 100 boulders; a
+  99 % quantile may exceed the maximum by one class. Each reached cell needs 440 bytes for energy,
+  168 for speed and 216 for each of the heights; a standard deviation needs 24.
+- **Sources.** A source reaches a cell if one of its boulders passed it; `sources` counts these
+  sources. `reach_probability_by_source` is the passages divided by the boulders of these sources
+  only, as in Rockyfor3D (Dorren 2016). With n boulders from each source it is never below 1/n, so
+  it is too high for rarer passages.
 - **Thresholds.** `energy_exceeded` and `hits_energy_exceeded` have a layer for each of `&hazard
   thresholds`, along the dimension `threshold` [J]; files and figures have a map for each, such as
-  `energy_exceeded_30kJ`. A boulder counts where its maximum energy in the cell is above.
+  `energy_exceeded_30kJ`. A boulder counts where its maximum energy in the cell exceeds the
+  threshold.
 - **Hits.** `hits` counts the boulders that would hit an object of `&hazard object_width` (10 m) in
   the middle of the cell ([(10.8a)](theory/10-records.md#eq-10-8a)), whatever the cell size.
-- **Energy lines** go from the release to the ground in the middle of each cell passed, except that
-  of the release, to 0.0001 degrees. A time is that of the arrival in the cell.
+- **Energy lines** go from the release to the ground in the middle of each cell passed (not of the
+  cell of the release), with a resolution of 0.0001 degrees. Travel times end with the arrival in
+  the cell.
 """
 
 SAMPLES = """
-With `&output kept = 'none'`, or a number, the rows of none or of that many boulders are kept (the
-first of each source), so that memory and file do not grow with the number of boulders. Otherwise a
-boulder takes 120 bytes, and in the file 33 for each line that it crosses. `rockfall lines` with
-intervals and return levels, `run --until`, the summary and the report then use samples.
+With `&output kept = 'none'` no rows of boulders are kept; with a number, only the rows of that
+number of boulders (the first of each source). Memory and file then do not grow with the number of
+boulders. With all rows, a boulder takes 120 bytes, and in the file 33 bytes for each line that it
+crosses. `rockfall lines` with intervals and return levels, `run --until`, the summary and the
+report then use samples.
 
-- Boulders are counted in bins of whole mm, mm/s, J, mrad/s, millionths: of one unit below 512, then
-  256 an octave (up to 2^45). Quantiles are within 0.4 % of quantiles of the rows, or a unit. Mean,
-  standard deviation and maximum are exact.
+- Values are counted in bins of whole units (mm, mm/s, J, mrad/s, millionths): bins of one unit
+  below 512 units, then 256 bins per octave (up to 2^45). Quantiles are within 0.4 % or one unit of
+  the quantiles of the rows. Mean, standard deviation and maximum are exact.
 - The 100,000 largest speeds, heights and energies at each line are kept for return levels.
 - Intervals need the differences between sources: each source is a group, as long as sources times
-  (lines + 1) are at most 2048; beyond that neighbours share a group, and intervals are as long or
-  longer. Statistics by source are exact for up to 50 features or sources (256 / (lines + 1) at
-  most); more are 20 ranges.
+  (lines + 1) are at most 2048; beyond that neighbours share a group, and intervals do not get
+  shorter. Statistics by source are exact for up to 50 features or sources (256 / (lines + 1) at
+  most); more of them are combined into 20 ranges.
 - `rockfall merge` adds samples. With `&release sources = 'sample'`, sources at one place are
   clusters, and maps are refused.
-- Numbers by volume, along a line, of barriers, design, comparisons and distributions need rows:
-  they use the kept boulders, and report it; with 'none' they are refused or left out. `ensemble`,
-  `back`, `models` and `convergence` keep all rows.
+- Statistics by volume, along a line and of barriers, design, comparisons and distributions need
+  rows: they use the kept boulders, and report this; with 'none' they are refused or left out.
+  `ensemble`, `back`, `models` and `convergence` keep all rows.
 """
 
 OF_MAPS = "Maps: dimensions `y`, `x`"
@@ -158,11 +162,11 @@ CROSSINGS = "First crossings of evaluation lines: dimension `crossing`"
 #: Text below the heading of a table.
 BELOW = {
     CROSSINGS: """
-A row for each line that a boulder crosses, sorted by `line` (from 0; `line_name` has the names),
-then by `boulder`; `row_size` counts the rows of each line. Times and motion are in single
+There is a row for each line that a boulder crosses, sorted by `line` (from 0; `line_name` has the
+names), then by `boulder`; `row_size` counts the rows of each line. Times and motion are in single
 precision, within 1e-7 of their value; a place along a line of 1 km is within 0.1 mm.
-`rockfall.crossings(result, line)` gives the table of a line with x, y, speed and energies,
-`rockfall.at_lines(result)` dense variables `line_speed` and so on (`line`, `boulder`). During a run
+`rockfall.crossings(result, line)` returns the table of a line with x, y, speed and energies,
+`rockfall.at_lines(result)` dense variables such as `line_speed` (`line`, `boulder`). During a run
 the rows are in an unnamed file next to the output, so the disk needs twice their space. The place
 of a boulder that touches an object (`object_width`) is the point of the object nearest to its
 centre.

@@ -27,8 +27,8 @@ the standard error; 130 and 143 stopped by Ctrl-C or SIGTERM.
 
 API = """# The Python interface
 
-This page lists the public names of `rockfall`. Lengths are in metres, all other quantities in SI
-units, unless a name differs. `run` returns the variables of [result.md](result.md); keys of a case
+This page lists the public names of `rockfall`. All quantities are in SI units, unless a name gives
+another unit. `run` returns the variables of [result.md](result.md); keys of a case
 are in [case.md](case.md). Functions by command: [start/python.md](start/python.md).
 
 """

@@ -30,7 +30,6 @@ OTHER = {
     "observed blocks stopped within": "of the observation alone",
     "standard deviation within 25 % of the observed values": "bounds of verdicts",
     "more than 5 % of its boulders exceed": "the bound of a warning",
-    "of a q95 is estimated up to": "errors of an estimate, not of the model",
 }
 NUMBER = re.compile(
     r"\d ?%|\b(?:a|one|two|three|four) (?:third|quarter|fifth|sixth|seventh|tenth|half)s?\b"
