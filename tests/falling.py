@@ -26,7 +26,7 @@ GROUNDS = {
 
 
 def fall(folder, ground, slope, drop, *, boulders=BOULDERS, speed=0.0, **groups):
-    """Run of boulders that fall onto a plane at a given speed [m/s]."""
+    """Run boulders that fall onto a plane of `slope` [degree]; heights in m, speeds in m/s."""
     cell, rows, columns, above = 2.5, 92, 60, 8
     z = 500 + np.tan(np.radians(slope)) * cell * np.mgrid[rows - 1 : -1 : -1, 0:columns][0]
     top, width = (rows - above) * cell, columns * cell

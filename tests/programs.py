@@ -104,7 +104,7 @@ def make_full_case(folder, **groups):
 
 
 def make_prepared(folder, **groups):
-    """Write the same case, and `folder/ready/case.nml` for the program."""
+    """Write the case of `make_full_case`, and `folder/ready/case.nml` for the program."""
     case = make_full_case(folder, **groups)
     prepare(case, folder / "ready")
     return case

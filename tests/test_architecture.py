@@ -202,7 +202,7 @@ def test_no_test_imports_another():
 
 
 def statements(path):
-    """Lines of a Fortran file in lower case, without texts and comments."""
+    """Number and text of each line of a Fortran file: lower case, without strings and comments."""
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         yield number, re.sub(r"'[^']*'|\"[^\"]*\"|!.*", "", line).lower()
 

@@ -150,7 +150,7 @@ def test_the_checksum_is_of_every_outcome(impacts):
 
 
 def stops_after(questions):
-    """Replace `interrupts`: Ctrl-C is reported at a given number of checks."""
+    """Substitute for `interrupts` that reports Ctrl-C at a given number of checks."""
 
     @contextmanager
     def interrupts():
@@ -598,7 +598,7 @@ def cut(path, impacts):
 
 
 def damaged(path, impacts):
-    """Complete file, except for the values of a variable."""
+    """Write a complete file, with damaged values of one variable."""
     experiment.save_impacts(impacts, path)
     content = bytearray(path.read_bytes())
     at = content.index(b"\x78\x01", 4000)  # start of a compressed block

@@ -50,7 +50,7 @@ def thrown(name, slope, drop):
 
 @pytest.mark.parametrize("ground", YIELDS)
 def test_reach_falls_no_more_than_that_of_the_laboratorys_blocks(folder, ground):
-    """A steep, fast impact digs in."""
+    """After a higher fall fewer blocks pass, because steep, fast impacts dig in."""
     slope = YIELDS[ground]
     blocks = [thrown(ground, slope, drop) for drop in (2.0, 20.0)]
     assert blocks[0] - blocks[1] > 3 * error(*((part, BLOCKS) for part in blocks))

@@ -110,7 +110,7 @@ NETS = {  # ends in plan, and whether the net is above a road from (100, 150) to
 
 
 def turned(points, turns, mirrored):
-    """Points of the square, turned by quarters against the clock after mirroring west and east."""
+    """Points of the square, mirrored west to east if requested, then turned anticlockwise."""
     z = np.array([complex(*point) for point in points]) - SIDE * (1 + 1j) / 2
     z = (-z.conj() if mirrored else z) * 1j**turns + SIDE * (1 + 1j) / 2
     return {"x": z.real.tolist(), "y": z.imag.tolist()}

@@ -59,7 +59,7 @@ def of_two(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, monkeypatch):
-    """Files have short names, as in messages."""
+    """Make an empty folder current, so that files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -390,7 +390,7 @@ def test_few_observed_boulders_leave_much_to_chance(result):
 
 
 def made_stops(result, n, stretch=1.0, first=0):
-    """Result with stopping places shifted by a distance from their release."""
+    """Observed stops: those of `n` boulders, with distances from their release times `stretch`."""
     some = result.isel(boulder=slice(first, first + n))
     start, stop = (
         np.column_stack([some[f"{of}_{axis}"] for axis in "xy"]) for of in ("start", "stop")

@@ -80,7 +80,7 @@ def test_the_sum_over_scenarios_is_the_whole_and_segments_miss_nothing_of_the_ro
 
 
 def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard(tmp_path):
-    """A net below all places."""
+    """A net below all places changes nothing."""
     variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
     case = random_case(tmp_path, 4)
     both = case.replace(barrier=[NET], variant=variants)

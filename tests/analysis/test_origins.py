@@ -167,7 +167,7 @@ CELL = 97.5, 152.5
 
 @pytest.fixture
 def beside(case, monkeypatch):
-    """Run beside the files of the case, whose paths are relative."""
+    """Make the folder of the case's files current, because their paths are relative."""
     monkeypatch.chdir(case.path("sets.nml").parent)
 
 

@@ -30,7 +30,7 @@ def write(folder, points):
 
 
 def more(*rows):
-    """Points in metres from the corner of the survey."""
+    """Function that adds points, given in metres from the corner of the survey."""
     extra = np.array(rows, float) + (EAST, NORTH, 0.0)
     return lambda points: np.concatenate([points, extra])
 

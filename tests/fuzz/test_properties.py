@@ -236,7 +236,7 @@ def started(scene, folder, **how):
 
 
 def ways(result):
-    """Trajectory of each boulder: column name -> values at the vertices."""
+    """Number and trajectory of each boulder, as column name -> values at the vertices."""
     columns = {name: result[f"trajectory_{name}"].values for name in variables.VERTEX}
     for number in np.unique(columns["boulder"]):
         mine = columns["boulder"] == number
@@ -281,7 +281,7 @@ def lowest(z, cell, gravity, start, velocity, time):
 
 
 def size_of(scene, way):
-    """Magnitude of the numbers behind the heights of a trajectory, which limits rounding errors."""
+    """Size of the numbers that enter the heights of a trajectory: it determines rounding errors."""
     z = scene.z[~np.isnan(scene.z)].astype("f8")
     speed = np.abs([way[f"velocity_{axis}"] for axis in "xyz"]).max()
     steps = np.ptp(z) / scene.cell * max(scene.z.shape) * scene.cell
@@ -562,7 +562,7 @@ def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
 
 
 def speeds_times(scene, factor, gravity):
-    """Multiply all speeds by a factor, for gravity times its square."""
+    """Changed groups of the case: all speeds times `factor`, gravity times `gravity`."""
     groups = scene.groups
     return {
         "flight": {"gravity": groups["flight"]["gravity"] * gravity},

@@ -128,7 +128,7 @@ ETRS_UTM = (
     ],
 )  # fmt: skip
 def test_one_system_in_two_spellings_is_one_system(one, other, same):
-    """A shift to WGS 84 is not part of it: it never moves a layer or a raster."""
+    """A shift to WGS 84 is not part of a system: it never moves a layer or a raster."""
     a, b = CRS.from_user_input(one), CRS.from_user_input(other)
     assert same_crs(a, b) is same_crs(b, a) is same
 

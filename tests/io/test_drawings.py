@@ -216,7 +216,7 @@ def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
 
 
 def test_a_closed_line_that_bounds_no_hatch_stays(drawing, tmp_path):
-    """A circle within a hatched square has its bounds, but is not its outline."""
+    """The circle in a hatched square has the same bounds, but is not its outline."""
     space = drawing.modelspace()
     hatched(space, [square(0, 0, 10)])
     space.add_circle((5, 5), 5, dxfattribs=on("Fels"))

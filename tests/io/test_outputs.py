@@ -300,7 +300,7 @@ with atomic_folder(pathlib.Path("new")) as part:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its name")
 def test_temporary_folders_of_killed_processes_go(tmp_path):
-    """At the next file in the folder; not folders in use, nor folders with replaced files."""
+    """The next file in the folder removes them, except those in use or with replaced files."""
     for replaced in ("a.csv", ""):
         subprocess.run([sys.executable, "-c", KILLED, *filter(None, [replaced])], cwd=tmp_path)
     assert len([*tmp_path.iterdir()]) == 2
@@ -350,7 +350,7 @@ def test_a_file_that_is_open_is_not_lost(tmp_path):
 
 
 def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
-    """Before the run; on Windows, netCDF uses paths in the code page, which has few alphabets."""
+    """Refused before the run: on Windows, netCDF uses paths in a code page of few alphabets."""
     assert main(["run", "case.nml", "-o", "Blöcke.nc", "--quiet"]) == 0
     if sys.platform != "win32":
         monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")

@@ -22,7 +22,7 @@ W, S = 2600000.0, 1200000.0
 
 
 def places(n=3000, seed=1):
-    """Rounded to a hundredth of a metre, as stored in the files below."""
+    """Random points, rounded to a hundredth of a metre, as stored in the files below."""
     drawn = np.random.default_rng(seed).uniform((W, S, 500), (W + 60, S + 40, 520), (n, 3))
     return np.round(drawn, 2)
 

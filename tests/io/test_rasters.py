@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreference
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Files have short names, as in messages."""
+    """Make an empty folder current, so that files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -691,7 +691,7 @@ def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
 
 @pytest.fixture
 def server():
-    """An address, and the number of its requests."""
+    """Address of a server, and a function that returns 1 after a request, otherwise 0."""
     with socket.create_server(("127.0.0.1", 0)) as waiting:
         waiting.setblocking(False)
 

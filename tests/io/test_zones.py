@@ -31,7 +31,7 @@ from rockfall.io.zone_table import index_blocks, read_zone_table
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Files have short names, as in messages."""
+    """Make an empty folder current, so that files have short names, as in messages."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -39,7 +39,7 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def table(text, encoding="utf-8"):
-    """Sizes by zone."""
+    """Write a table of zones; return the sizes by zone."""
     Path("zones.csv").write_bytes(text.encode(encoding))
     return {zone: row.sizes for zone, row in read_zone_table("zones.csv").items()}
 
@@ -362,7 +362,7 @@ def test_geojson_without_a_crs_is_in_degrees_or_refused():
 
 @pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:25833", "EPSG:3857", "EPSG:32632+5773"])
 def test_reprojected_polygons_are_those_of_the_terrain(crs):
-    """A remark reports it once; elevations do not matter."""
+    """One remark reports the reprojection; systems of heights do not matter."""
     import pyproj
     import shapely
 

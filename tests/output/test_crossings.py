@@ -100,7 +100,7 @@ def test_of_selected_boulders_there_are_their_crossings(result, chosen, tmp_path
 
 
 def test_the_file_is_one_that_other_programs_read(result, tmp_path):
-    """Line names as ASCII words, which no `coordinates` attribute lists; pieces of a few lines."""
+    """Line names are ASCII words that no `coordinates` attribute lists; chunks hold few lines."""
     rockfall.write_result(result, tmp_path / "out.nc")
     with netCDF4.Dataset(tmp_path / "out.nc") as file:
         line, names, sizes = (file[name] for name in ("line", "line_name", "row_size"))

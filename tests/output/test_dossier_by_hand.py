@@ -34,7 +34,7 @@ SCENARIOS = {"stones": (0.1, 0.02, 0.2), "blocks": (0.02, 0.2, 1.0)}  # per year
 BOULDERS, DENSITY = 300, 2700.0
 NET = {"height": 3.0, "capacity": 250.0}  # [m], [kJ]
 CLASSES = (100, 250, 500, 1000, 1500, 2000, 3000, 4500)  # EAD 340059 [kJ]
-CLOSE = 1e-7  # relative digits of the 97.5 % quantile in limits
+CLOSE = 1e-7  # relative tolerance: limits use a rounded 97.5 % quantile
 LAMBDA = 0.2, 0.8, 0.5  # lethality, presence, vulnerability of the houses
 HOUSES = {"house A": (4.0, 300e3), "house B": (2.0, 500e3)}  # persons, value
 STEP, ROAD = 80.0, ((WEST + 5, NORTH - 300), (WEST + 245, NORTH - 306))  # segments: 80 m
@@ -203,12 +203,12 @@ def rates(counts):
 
 
 def count(at, place, test):
-    """Number of boulders in each scenario with a crossing of a place that passes a test."""
+    """Number of boulders of each scenario with a crossing at a place for which `test` is true."""
     return [sum(bool(np.any(test(*own))) for own in at[name][place]) for name in SCENARIOS]
 
 
 def reached(boulders, place, index, least):
-    """Boulders in each scenario with an energy (index 0) or height (1) above a level, today."""
+    """Boulders of each scenario with more energy (index 0) or height (1) than `least`, today."""
     return count(boulders["today"], place, lambda *own: own[index] > least)
 
 
@@ -433,7 +433,7 @@ def test_segments(sheets, boulders):
 
 
 def weighted_q95(energies, weights):
-    """Quantile of the highest energies of boulders with unequal weights (Hazen's rule)."""
+    """95 % quantile of the highest energies of boulders with unequal weights (Hazen's rule)."""
     each = sorted((own[0].max(), weight) for of, weight in zip(energies, weights, strict=True)
                   for own in of if own[0].size)  # fmt: skip
     values, weight = np.array(each).T

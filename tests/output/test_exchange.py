@@ -60,7 +60,7 @@ def contacts(result):
 
 
 def met(result):
-    """Only the contacts."""
+    """Rows of `contacts` without the points between contacts."""
     known = contacts(result)
     between = {k: (one[1:-1, 7] > 1) & (one[:-2, 7] > 1) for k, one in known.items()}
     return {k: one[~np.r_[False, between[k], False]] for k, one in known.items()}

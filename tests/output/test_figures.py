@@ -67,7 +67,7 @@ def run(folder, line=(), **groups):
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """Result with everything and 50 boulders."""
+    """Result of 50 boulders with all outputs."""
     return run(tmp_path_factory.mktemp("full"), LINE, release=POINT, output=ALL)
 
 

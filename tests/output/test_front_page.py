@@ -73,8 +73,8 @@ def page_1(result, language="en", **about):
 
 @pytest.fixture
 def full_page(result, levels, monkeypatch):
-    """Function: the page in a language, of a report with more warnings than page 1 can hold; for
-    `without` as for paper, without warnings."""
+    """Function that makes the page in a language, with more warnings than page 1 can hold; for
+    `without`, the German page on paper without warnings."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])

@@ -185,7 +185,7 @@ def recorded(**columns):
 
 
 def test_flights_are_those_of_a_falling_stone():
-    """From 100 m: at rest for 1 s, a bounce of 0.5 s: elevations and speeds at every moment."""
+    """A fall of 1 s from rest at 100 m, then a bounce of 0.5 s: elevations and speeds."""
     t, ground = np.linspace(0, 1, POINTS), 100 - G / 2
     vertical = (90.0 - ground + G / 8) / 0.5
     (flight,) = curves(recorded(

@@ -58,7 +58,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def documents(results):
-    """Layout of a result's page in a locale, made once."""
+    """Function that lays out the page of a result in a locale, once for each."""
 
     @cache
     def page(kind, language):

@@ -49,12 +49,12 @@ def case(tmp_path, monkeypatch):
 
 
 def lines(case, **groups):
-    """Case of its scene."""
+    """Case with changed groups, as in its scene: layers are read."""
     return read_scene(case.replace(**groups)).case
 
 
 def calls(function):
-    """Number of calls of Python functions, including libraries, in a call."""
+    """Number of function calls, in Python and in C, while `function` runs."""
     counted = [0]
 
     def count(frame, event, argument):

@@ -31,7 +31,7 @@ RELEASE, IMPACT, GROUND = 1, 2, 5  # purposes of random words
 INERTIA = Decimal("0.4")  # I/(m R**2) of a sphere
 PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 LOW = 2**32 - 1
-DRAWS = 32  # draws of A before a rebound is forced
+DRAWS = 32  # draws by method A before a rebound is forced
 ALONG = Decimal("1e-9")  # a heading this close to the aspect counts as along it
 PERCENT = (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 95, 99, 100)  # probabilities for `lateral`
 ZERO, ONE, HALF = Decimal(0), Decimal(1), Decimal("0.5")
@@ -519,7 +519,7 @@ def top(above: Triple, begin: Decimal, end: Decimal) -> Decimal:
 
 
 def arc_length(v: Triple, gravity: Decimal, time: Decimal) -> Decimal:
-    """Length of a parabola."""
+    """Path length of a flight [m]."""
     plan = length(v[:2])
     ends = [v[2], v[2] - gravity * time]
     if not plan:

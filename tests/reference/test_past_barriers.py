@@ -55,7 +55,7 @@ def slope_at(x, y):
 
 
 def crossings(a, v, time, barrier):
-    """Times at which a flight from a with plan velocity v crosses the sides of a barrier."""
+    """Yield the times at which a flight from `a` with plan velocity `v` crosses a barrier."""
     vertices = np.stack([barrier["x"], barrier["y"]], axis=1)
     for p, q in zip(vertices[:-1], vertices[1:], strict=True):
         across = np.array([[v[0], p[0] - q[0]], [v[1], p[1] - q[1]]])

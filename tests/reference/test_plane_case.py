@@ -45,7 +45,7 @@ def contacts(result, name):
 
 
 def close(got, wanted):
-    """Within 1e-10 of the larger of the expected value and the maximum of its kind."""
+    """Return whether no value is off by more than 1e-10 of the largest expected value."""
     return np.abs(got - wanted).max() <= 1e-10 * np.abs(wanted).max()
 
 

@@ -21,7 +21,7 @@ def broken(rows):
 
 @pytest.mark.parametrize("name", every_third(SCENES))
 def test_scenes_hold(name, tmp_path):
-    """Every boulder has an allowed status, nothing is NaN, no energy is gained, no flight off."""
+    """Allowed status, no NaN, no gain of energy; flights follow their parabolas."""
     scene = SCENES[name]
     case, result = stability.run(scene, tmp_path, boulders=120)
     rows = stability.check(scene, case, result)

@@ -37,7 +37,7 @@ def coefficients():
 
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory):
-    """Runs on the plane by their turning rule, with R_b/R_m = 2.3."""
+    """Function that runs boulders down the plane by a turning rule, with R_b/R_m = 2.3."""
 
     @functools.cache
     def run(rule, boulders=BOULDERS, trajectories=0):

@@ -150,7 +150,7 @@ def web_mercator(site):
 
 
 def in_feet(site):
-    """A slope of 38 degrees."""
+    """Slope of 38 degrees with elevations in feet, undeclared."""
     site.dem(site.z / 0.3048)
 
 

@@ -33,7 +33,7 @@ def flooded(z, row, column, head):
 
 
 def edges(cells, margin, shape):
-    """First row and column, and one past the last, of cells with a margin."""
+    """First row and column of the marked cells with a margin, then one past the last of each."""
     rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
     first = max(0, rows[0] - margin), max(0, columns[0] - margin)
     return *first, min(shape[0], rows[-1] + margin + 1), min(shape[1], columns[-1] + margin + 1)

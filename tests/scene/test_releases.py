@@ -417,7 +417,7 @@ def test_scenarios_give_what_the_layer_does_not(case):
 
 
 def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path):
-    """Equal boulders and statistics; without a layer, next to those of their cliff."""
+    """With all boulders of their polygon, or, in results without features, of their cliff."""
     make_layer("cliffs.gpkg", CLIFFS, name=["left", "right"])
     result = rockfall.run(at(case, "cliffs.gpkg"))
     mine = result["source_feature"].values == 1

@@ -143,7 +143,7 @@ def test_what_cannot_be_is_refused_in_one_line(
 
 
 def numbers_of(result):
-    """Boulder numbers by start, in ascending order."""
+    """Numbers of boulders from each start, in the order of the result."""
     start = result["start_x"].values + 1j * result["start_y"].values
     edges = np.flatnonzero(np.r_[True, start[1:] != start[:-1], True])
     return np.diff(edges)

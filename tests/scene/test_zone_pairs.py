@@ -184,7 +184,7 @@ def test_a_case_has_the_numbers_of_a_row_everywhere(case, groups):
 
 
 def test_zones_that_name_no_ground_have_them(case):
-    """They replace one of them; zones with a named ground keep its values."""
+    """A zone's own value replaces that of the case; zones with a named ground keep its values."""
     write_pairs(case, "4,0.3,,,14\n-2,0.3,talus,,\n")
     scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
     assert [rule.name for rule in scene.grounds] == ["talus (300000 Pa, 14 degrees)", "talus"]
@@ -267,7 +267,7 @@ def between_parts(blocks):
 
 
 def smoother(scene):
-    """Remark on own grounds: the relief to run too, by name of the ground."""
+    """Relief [degree] that a remark advises to run too, by name of the ground."""
     found = (re.search(r"ground '(.*)': near .* relief of (\S+) degrees", r) for r in scene.remarks)
     return {one[1]: float(one[2]) for one in found if one}
 

@@ -52,7 +52,7 @@ def test_the_bound_is_that_of_63_bits(tmp_path):
 
 
 def test_squares_have_126_bits(tmp_path):
-    """Larger sums are refused; the sum for a billion boulders of 10 m3 never fits."""
+    """Sums for a billion boulders of 10 m3 fit; those for 1000 m3 are refused."""
     maps = {"maps": [f"{name}_std" for name in ("energy", "speed", "passing_height")]}
     check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 10.0}, **maps))
     with pytest.raises(rockfall.RockfallError, match="energy_std: the sum of 1000000000 .* J2 "):

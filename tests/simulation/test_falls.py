@@ -63,7 +63,7 @@ def fastest(name, shape, slope, radius=RADIUS, density=DENSITY):
 
 
 def _fastest_of_part(data, part, slope):
-    """Scaled with the R_b of the part."""
+    """Highest speed of a record over sqrt(g R_b), with the R_b of the part."""
     sine2, no_spin = np.cos(np.radians(slope)) ** 2, 0.0
     i = int((data.edges["flight_edge_1"][part] < sine2).sum())
     j = int((data.edges["flight_edge_2"][part, i] < no_spin).sum())

@@ -104,7 +104,7 @@ def test_no_bit_depends_on_lanes(spread, lanes):
 
 @pytest.mark.parametrize("output", [{}, {"maps": None, "trajectories": None}])
 def test_lanes_with_impact_sets_alone(tmp_path, output):
-    """Their version of the tracer has no other ground."""
+    """For impact sets alone, the tracer has a version without other grounds."""
     case = case_in(tmp_path, boulder={"mean_radius_sigma": SIGMA}, **place())
     z = rough()
     scene = read_scene(case.replace(output=output), dem=z, transform=grid(z))

@@ -30,7 +30,7 @@ def case_of(folder, n, maps=MAPS, **release):
 
 
 def by_brute_force(case, arrays):
-    """Sources and their boulders, from separate runs for each source."""
+    """Number of sources that reach each cell, and of their boulders, from a run for each source."""
     scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
     sources, released = np.zeros((2, *Z.shape), int)
     for source in range(scene.x.size):
