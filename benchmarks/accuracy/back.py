@@ -66,7 +66,7 @@ def case_of(folder: Path, boulders: int, seed: int) -> rockfall.Case:
 def observe(
     inputs: Uncertain, k: int, stream: tuple[int, ...], stretch: float
 ) -> tuple[Observed, dict[str, float]]:
-    """Observations of a truth's boulders; and the kind and the true parameters, by name."""
+    """Observations from a run with drawn parameters, and these parameters by name."""
     point = np.random.default_rng(stream).random(inputs.ends[-1])
     draws = [inputs.at(name, point, k) for name in inputs.names]
     result = run_scene(drawn_scene(inputs.scene, draws, inputs.boulders_seed(k)))

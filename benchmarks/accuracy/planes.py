@@ -64,7 +64,7 @@ class Number(NamedTuple):
 
 
 def plane(slope: float) -> tuple[np.ndarray, Grid]:
-    """Elevations of a plane that descends to the south at this slope [degree]. The tangent is
+    """Elevations and grid of a plane that falls to the south by `slope` [degree]. The tangent is
     rounded to a multiple of 2^-40, so that each patch is exactly plane."""
     tangent = round(np.tan(np.radians(slope)) * 2**40) / 2**40
     nx, ny = int(WIDE / CELL), int((ABOVE + DISTANCE + BELOW) / CELL)

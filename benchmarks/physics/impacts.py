@@ -73,7 +73,7 @@ def scar(mass: float, speed: float, stiffness: float) -> float:
 
 
 def numbers(row: Row, throws: int) -> list[float]:
-    """Values of the columns of `page`."""
+    """Values of an impact in the columns of `page`, except its name."""
     met = BlockCase(lab={"ground": GROUND}).at_radius(row.number("radius_m", 0.01, 100)).ground
     strength = met["yield_pressure"]
     normal = row.number("incoming_normal_speed_mps", 0.01, 100)
@@ -92,7 +92,7 @@ def numbers(row: Row, throws: int) -> list[float]:
 
 
 def page(path: Path, throws: int = THROWS) -> Iterator[str]:
-    """Markdown table."""
+    """Markdown table of the impacts: measured and simulated fractions of energy, and scars."""
     columns = [
         "impact", "speed [m/s]", "angle [degree]", "measured", "flat, W/V 0 to 1", "flat, W/V 0",
         "relief, W/V 0", f"table {GROUND}, W/V 0", "scar [m]", "scar, second way [m]",

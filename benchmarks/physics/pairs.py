@@ -68,7 +68,7 @@ def on_meadow(tried: Law, data: Path) -> Found:
 
 
 def fitted(start: float, error_of: Callable[[float], Found]) -> Iterator[tuple[float, Found]]:
-    """Try reliefs [degree] by the secant method, until the mean agrees."""
+    """Yield reliefs [degree], by the secant method until the mean agrees, with their results."""
     relief, before = start, None
     for _ in range(TRIES):
         found = error_of(relief)

@@ -54,7 +54,7 @@ def beyond(
 
 
 def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
-    """Fraction of boulders beyond the limit, and their mean maximum speed, on a real terrain."""
+    """Fraction of boulders beyond the limit and mean maximum speed [m/s] on a real terrain."""
     groups = {
         "case": {"title": "terrain", "seed": 3, "boulders": 2},
         "terrain": {"dem": terrain},

@@ -255,7 +255,7 @@ NEEDED = {
 
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Builds of rockfall-batch: one-by-one mode; without each option; without any option."""
+    """Name and path of rockfall-batch in one-by-one mode, then without each option, then all."""
     copy_sources(folder)
     go_one_by_one(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]

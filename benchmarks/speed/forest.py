@@ -54,7 +54,7 @@ print(*(1024 * int(about[key].split()[0]) for key in ("VmRSS", "VmHWM")))
 
 
 def nanoseconds(case: rockfall.Case, repeat: int) -> tuple[float, float, float]:
-    """CPU time per rebound, and rebounds and tree hits per boulder."""
+    """CPU time per rebound [ns], and rebounds and tree hits per boulder."""
     scene, least = read_scene(case), np.inf
     for _ in range(repeat):
         result = run_scene(scene, threads=1)

@@ -36,7 +36,7 @@ CASE = """&case boulders = {boulders} /
 
 
 def write_inputs(folder: Path, count: int, boulders: int) -> None:
-    """Slope of 31 degrees with lines across it, from the top down."""
+    """Write a slope of 31 degrees, and lines across it from the top down."""
     z = 2000.0 - 3.0 * np.arange(ROWS)[:, None] + np.zeros((ROWS, COLUMNS))
     place = rasterio.transform.from_origin(WEST, NORTH, CELL, CELL)
     about = {"width": COLUMNS, "height": ROWS, "count": 1, "dtype": "float64", "crs": CRS}

@@ -72,7 +72,7 @@ def _tile(path: Path, number: int, points: int) -> Path:
 
 
 def _measured(tiles: list[Path], thin: float) -> tuple[float, float, float]:
-    """Points kept, CPU seconds, and peak bytes."""
+    """Number of points kept, CPU time [s], and peak memory [bytes]."""
     words = [sys.executable, "-c", READER, str(thin), *map(str, tiles)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -48,7 +48,7 @@ def last_batch(session: rockfall.Session, **how: Any) -> rockfall.Batch:
 
 
 def beside_flights(session: rockfall.Session, repeat: int, with_dataset: bool) -> list[float]:
-    """Milliseconds of a run outside the kernel."""
+    """CPU time [ms] outside the kernel in each of `repeat` runs."""
     found = []
     for _ in range(repeat):
         begun = time.thread_time()

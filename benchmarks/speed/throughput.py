@@ -72,7 +72,7 @@ class Runs(NamedTuple):
 
 
 def measure(scene: Scene, threads: int, repeat: int) -> Runs:
-    """Run a scene `repeat` times."""
+    """Run a scene `repeat` times; return times and counts."""
     runs = [run_scene(scene, threads=threads) for _ in range(repeat)]
     cpu, wall = (
         np.array([run.attrs[key] for run in runs]) for key in ("cpu_seconds", "wall_seconds")

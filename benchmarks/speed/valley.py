@@ -133,7 +133,7 @@ def basin_scene(copies: int, boulders: int, maps: list[str] | None) -> Scene:
 
 
 def nanoseconds(scene: Scene) -> tuple[float, int]:
-    """CPU time of the kernel per rebound on one thread, and number of rebounds."""
+    """CPU time of the kernel per rebound on one thread [ns], and number of rebounds."""
     tally = start(scene, threads=1)
     run_chunks(tally, None, lambda: False, lambda _: None)
     rebounds = int(tally.array("rebounds"))

@@ -43,7 +43,7 @@ def ground() -> tuple[np.ndarray, np.ndarray]:
 
 
 def on_cells(cell: float, each: int, folder: Path) -> tuple[dict[str, Any], rockfall.Case]:
-    """Arrays and case of the same ground, for a cell size."""
+    """Arrays and case on cells of a given size [m], with sources at the same nodes."""
     z, nodes = ground()
     step = round(cell / FINEST)
     z = z[::step, ::step]

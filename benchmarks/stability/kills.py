@@ -73,19 +73,19 @@ def build_shim(folder: Path) -> dict[str, str]:
 
 
 def run_program(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run rockfall-batch; return exit status and output."""
+    """Run rockfall-batch; return exit status and standard error."""
     command = [find_program(), "ready/case.nml", *words]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     return ended.returncode, ended.stderr
 
 
 def run_fork(words: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run `rockfall run` in a fork of a process that has the shim."""
+    """Run `rockfall run` in a fork that has the shim; return exit status and standard error."""
     return fork_command(["run", "case.nml", *words], folder, environment)
 
 
 def fork_command(command: list[str], folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Run a command of `rockfall` in a fork of a process that has the shim."""
+    """Run a `rockfall` command in a fork with the shim; return exit status and standard error."""
     said = folder / "stderr.txt"
     forks = multiprocessing.get_context("forkserver")
     forks.set_forkserver_preload(PRELOAD)

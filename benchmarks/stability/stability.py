@@ -66,7 +66,7 @@ class Row(NamedTuple):
 
 
 def run(scene: Scene, folder: Path, boulders: int = 500) -> tuple[rockfall.Case, xr.Dataset]:
-    """Run a scene with all outputs."""
+    """Run a scene with all outputs; return its case and its result."""
     south = scene.grid.south + scene.grid.cell * scene.z.shape[0] / 3
     ends = [scene.grid.west, scene.grid.west + scene.grid.cell * scene.z.shape[1]]
     case = scene.case(folder, boulders, output=ALL | {"trajectories": TRACED})

@@ -33,7 +33,7 @@ SLOPES = 34.0, 38.0, 42.0  # slopes of the planes on which a set is checked [deg
 
 
 def impact_summary(data: xr.Dataset) -> str:
-    """Outcomes of impacts for each ratio."""
+    """Text with the numbers of impacts by outcome, for each ratio."""
     head = f"{'R_b/R_m':>8}{'solid':>7}{'impacts':>9}"
     lines = [head + "".join(f"{name:>11}" for name in ENDS)]
     for ratio in data["ratio"].values:

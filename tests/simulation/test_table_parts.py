@@ -95,7 +95,8 @@ def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
 
 
 def near(count, n, p):
-    """Return whether a number of n boulders with probability p is within four binomial errors."""
+    """Return whether `count` of n boulders agrees with probability p, within four standard
+    errors."""
     return abs(count - n * p) <= 4 * np.sqrt(n * p * (1 - p)) + 1e-9
 
 

@@ -117,7 +117,7 @@ class Score:
         return float(np.sqrt(np.nanvar(values, ddof=1) / count + of_sets**2))
 
     def range(self, name: str) -> tuple[float, float]:
-        """5 and 95 % quantiles."""
+        """5 and 95 % quantiles of a statistic over the slopes."""
         low, high = _quiet(np.nanquantile, self.numbers[name], [0.05, 0.95])
         return float(low), float(high)
 

@@ -201,7 +201,7 @@ def _likeliest(
     x: np.ndarray, y: np.ndarray, z: np.ndarray, weight: np.ndarray,
     start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
-    """M and C of weighted impacts, and the number of draws rejected for each impact."""
+    """M and C of weighted impacts, and the mean number of draws rejected per impact."""
     if start is None:
         a, scatter = _about_one_map(x, y)
         mean, covariance = a.ravel(), np.kron(scatter, np.eye(3))
@@ -253,7 +253,7 @@ def _rejections(bad: np.ndarray) -> np.ndarray:
 def _step(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, z: np.ndarray, both: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """One step of expectation maximisation, and the number of draws rejected for each impact."""
+    """M and C, joined, after a step of expectation maximisation; mean draws rejected per impact."""
     mean, covariance = _parts(both)
     c = covariance.reshape(3, 3, 3, 3)  # twice: rows and columns of A
     gain = np.einsum("ikjl,nl->nikj", c, x)  # Cov(A_ik, y_j)

@@ -156,7 +156,7 @@ def _stops(result: xr.Dataset, ground: Ground) -> dict[str, np.ndarray]:
 
 
 def _overlay(result: xr.Dataset, shown: str) -> tuple[dict[str, Any], np.ndarray]:
-    """Map in display units, thinned by maxima; NaN where no boulder passed."""
+    """Message fields, and map in display units thinned by maxima; NaN where no boulder passed."""
     data = result[shown]
     (_, factor), (values, grid) = shown_as(data), north_up(data)
     values = np.where(values > of_none(result, shown), values * factor, np.nan).astype("f4")

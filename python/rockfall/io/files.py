@@ -22,7 +22,7 @@ def check_regular(path: str | Path) -> None:
 
 
 def start_of(path: str | Path) -> bytes:
-    """First bytes of a file."""
+    """First `START` bytes of a file."""
     try:
         with open(path, "rb") as file:
             return file.read(START)

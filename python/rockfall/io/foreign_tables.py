@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Advice on files that are given as tables but are not."""
+"""Advice on files that are given as tables but have another format."""
 
 from pathlib import Path
 

@@ -42,7 +42,7 @@ def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
     name = os.path.abspath(path)
 
     class Named(netCDF4.Dataset):
-        """A file with a name that xarray can read."""
+        """A file whose name is decoded for xarray as netCDF encodes it."""
 
         def filepath(self, encoding: str | None = None) -> str:
             return super().filepath(encoding or NETCDF_NAMES)

@@ -49,7 +49,7 @@ OURS = {"marker": "o", "markersize": 4, "color": BLUE}
 
 
 class Row(NamedTuple):
-    """Mean and standard deviation of a quantity at a line, and where they come from."""
+    """Mean and standard deviation of a quantity at a line, their source, and how they are drawn."""
 
     source: str
     mean: float

@@ -130,7 +130,7 @@ def map_note(result: xr.Dataset, name: str) -> str:
 
 
 def map_values(result: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """Map values in the displayed unit, NaN where no boulder passed; passages as a percentage."""
+    """Map values, NaN where no boulder passed, and their displayed unit (% for passages)."""
     values = np.where(result[name].values > of_none(result, name), result[name].values, np.nan)
     if name == "passages":
         return 100 * values / simulated(result), "%"

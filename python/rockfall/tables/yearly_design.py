@@ -120,7 +120,7 @@ class Demand(NamedTuple):
     text: Text  # sentence on it
 
     def exceeds(self, other: Demand) -> bool:
-        """Return True if any level is higher."""
+        """Return True if any level is higher than the same level of `other`."""
         return any(own > level for own, level in zip(self.levels, other.levels, strict=True))
 
 

@@ -122,7 +122,7 @@ def section_command(arguments: argparse.Namespace) -> int:
 
 
 def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]:
-    """Line of a section from a file, or from pairs X,Y."""
+    """Path of a file with a section's line, or the vertices of the line from pairs X,Y."""
     words = " ".join(given).split()
     pairs = [tuple(map(plain_decimal, word.split(","))) for word in words if word.count(",") == 1]
     if len(pairs) == len(words) > 1 and all(map(math.isfinite, itertools.chain(*pairs))):

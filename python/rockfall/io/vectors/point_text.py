@@ -116,7 +116,7 @@ def _longer(path: str | Path, line: int, layout: _Layout) -> str:
 
 
 def _check_rows(path: str | Path, table: pd.DataFrame, layout: _Layout, first: bool) -> None:
-    """Refuse rows with more columns than the first line, and columns other than x, y and z."""
+    """Refuse rows longer than the first line, and unnamed columns that are not x, y, z."""
     surplus = table.iloc[:, layout.total :].notna().any(axis=1)  # a separator may end a line
     if surplus.any():
         line = int(table.index[surplus][0]) + 1 + layout.head
