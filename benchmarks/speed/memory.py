@@ -50,7 +50,7 @@ def sources(side: int) -> np.ndarray:
 
 
 def make_tiff(path: Path, row: np.ndarray) -> None:
-    """Write a raster with identical rows: tiled and compressed GeoTIFF."""
+    """Write a tiled and compressed GeoTIFF with identical rows."""
     import rasterio
     from rasterio.windows import Window
 

@@ -36,7 +36,7 @@ class Scene:
     cell: float = 2.0
     west: float | None = None  # default: local coordinates are map coordinates
     south: float | None = None
-    points: list[tuple[float, float]] = field(default_factory=list)  # local [m]; or scattered
+    points: list[tuple[float, float]] = field(default_factory=list)  # local [m]; default: scattered
     mean: np.ndarray = field(default_factory=lambda: MEAN)
     covariance: np.ndarray = field(default_factory=lambda: COVARIANCE)
     surface: float = 0.35  # R_m [m]; Inf absorbs

@@ -95,8 +95,7 @@ def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
 
 
 def near(count, n, p):
-    """Return whether `count` of n boulders agrees with probability p, within four standard
-    errors."""
+    """Return whether `count` of n boulders fits probability p, within four standard errors."""
     return abs(count - n * p) <= 4 * np.sqrt(n * p * (1 - p)) + 1e-9
 
 

@@ -347,7 +347,7 @@ def _soil_of_cells(made: Import, layer: Layer) -> np.ndarray:
 def _ground(
     made: Import, layer: Layer | None, name: str, soil: dict[str, float], radius: float
 ) -> dict[str, Any]:
-    """Row of a ground table."""
+    """Row of the ground table for a soil; `radius` [m] is that of the mean volume."""
     number = soil["bounce_model_number"]
     if number not in range(len(MODELS)):
         assert layer is not None
