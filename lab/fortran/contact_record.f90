@@ -39,7 +39,7 @@ module lab_contact_record
       real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) before the contact [m/s]
       real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W) after it, without the work of gravity along the slope [m/s]
       real(wp) :: lateral = 0       !! sine of the turn of V_t, > 0 to the left [-]
-      real(wp) :: duration = 0      !! [s]
+      real(wp) :: duration = 0      !! duration of the contact [s]
       real(wp) :: advance = 0       !! distance during the contact, along the heading before it [m]
       real(wp) :: rise = 0          !! rise of the centre during the contact [m]
       real(wp) :: height = 0        !! height of the centre above the mean surface at the start of the contact [m]

@@ -126,7 +126,7 @@ contains
                                       aspect_north, after_east, after_north)
       real(wp), intent(in) :: u, free_side               !! as in turning_t [-]
       real(wp), intent(in) :: pit                        !! as returned by is_pit
-      real(wp), intent(in) :: ends_there                 !! from the rule: 1 to_aspect, 0 past_aspect
+      real(wp), intent(in) :: ends_there                 !! 1 for the rule to_aspect, else 0
       real(wp), intent(in) :: east, north                !! heading before the rebound, unit [-]
       real(wp), intent(in) :: g_east, g_north            !! gradient of the patch [-]
       real(wp), intent(in) :: aspect_east, aspect_north  !! aspect of the cell, unit or zero [-]

@@ -688,7 +688,7 @@ contains
       if (rule /= "" .and. key%unit /= "") rule = rule//" ["//trim(key%unit)//"]"
    end function broken_rule
 
-   !> Rule for a number that is probably in another unit; "" if plausible. Tests may allow implausible numbers.
+   !> Rule for a number that is probably in another unit; "" if not. Other implausible numbers are allowed, for tests.
    pure function other_unit(unit, value) result(rule)
       character(len=*), intent(in) :: unit
       real(wp), intent(in) :: value

@@ -713,7 +713,7 @@ contains
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row, even       !! row from 1; even: 1 or 0
-      real(c_double), intent(in) :: expected(n)         !! stems
+      real(c_double), intent(in) :: expected(n)         !! expected number of stems in each cell
       integer(c_int32_t), intent(out) :: counts(n)
       integer :: i
 
@@ -1176,7 +1176,7 @@ contains
                                      covariance(n_set_numbers, n_set_numbers, n_impact_sets), &
                                      incidence(n_incidence_limits, n_impact_sets), &
                                      lateral(n_lateral_quantiles, n_lateral_classes, n_impact_sets)
-      real(c_double), intent(out) :: ranges(2, n_impact_sets, 2)  !! ranges of speeds, then of angles
+      real(c_double), intent(out) :: ranges(2, n_impact_sets, 2)  !! ranges of speeds [m/s], then of angles [degree]
       integer(c_int), intent(out) :: draws, code
       character(len=max_message), intent(out) :: message
       type(coefficients_t) :: sets

@@ -82,7 +82,7 @@ module rockfall_table_lanes
       real(wp), dimension(lanes) :: heading1 = 0, heading2 = 0    !! heading after the contact, of any length
       real(wp), dimension(lanes) :: next_w = 0                    !! W after the contact [m/s]
       real(wp), dimension(lanes) :: v1 = 0, v2 = 0, v3 = 0        !! velocity of the next flight [m/s]
-      real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! values of the next flight [m2/s2], [m/s], [m]
+      real(wp), dimension(lanes) :: speed2 = 0, rate = 0, above = 0  !! speed**2; as in flight_t [m2/s2], [m/s], [m]
       logical, dimension(lanes) :: walks = .false.                !! the path is in `roll`
       type(roll_t) :: roll(lanes)
    end type table_batch_t

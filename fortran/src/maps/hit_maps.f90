@@ -12,7 +12,7 @@ module rockfall_hit_maps
 
    integer, parameter :: at_once = 64           !! cells processed together
    integer, parameter :: first_paths = 128     !! initial size of a list of paths
-   real(wp), parameter :: none = -1.0_wp       !! below any energy
+   real(wp), parameter :: none = -1.0_wp       !! marks cells that no path hits; below any energy
 
    !> Straight path in plan: a flight, or motion along the ground (gravity 0).
    type :: path_t
@@ -186,7 +186,7 @@ contains
    !> leaves none.
    pure subroutine restrict_times(offset, v, distance, time, times)
       real(wp), intent(in) :: offset, v       !! start relative to the node [m]; velocity along the axis [m/s]
-      real(wp), intent(in) :: distance, time  !! [m], [s]
+      real(wp), intent(in) :: distance, time  !! distance [m]; duration of the path [s]
       real(wp), intent(out) :: times(2)       !! times since the start [s]
       real(wp) :: ends(2)
 

@@ -372,7 +372,7 @@ contains
 
    !> Limit of the 95 % interval of a fraction of n [-] (Wilson 1927, doi:10.1080/01621459.1927.10502953).
    elemental real(wp) function fraction_limit(p, n, side)
-      real(wp), intent(in) :: p, n  !! [-]
+      real(wp), intent(in) :: p, n  !! fraction, sample size [-]
       integer, intent(in) :: side   !! -1 lower, 1 upper
 
       associate (z => z_95)

@@ -18,7 +18,7 @@ module rockfall_maps
    public :: add_visits, add_deposit, add_value, count_bin, count_exceeded, is_requested, lacks_slots, raise_maximum
    public :: square_base, init_locks, free_locks, lock_band, unlock_band
 
-   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are integers: J, mm/s, mm
+   real(wp), parameter :: per_unit(4) = [1.0_wp, 1000.0_wp, 1000.0_wp, 1000.0_wp]  !! sums are integers: J, mm/s, mm, mm
    integer(i8), parameter :: square_base = 2_i8**31  !! base of the two digits of sums of squares
    integer, parameter :: band_rows = 16  !! rows per band
    integer, parameter :: first_visits = 512  !! initial size of a list of visits
@@ -524,7 +524,7 @@ contains
    subroutine add_square(square, i, r, n)
       integer(i8), intent(in), pointer, contiguous :: square(:, :, :)  !! as in layer_t
       integer, intent(in) :: i, r
-      integer(i8), intent(in) :: n                   !! [J], [mm/s], [mm]
+      integer(i8), intent(in) :: n                   !! in J, mm/s or mm
       integer(i8) :: a, b, digits(2)
 
       a = n/square_base

@@ -85,7 +85,7 @@ contains
 
    !> Explanation of the large values, for messages.
    pure function explanation(volume, fall) result(text)
-      real(wp), intent(in) :: volume, fall  !! [m3], [m]
+      real(wp), intent(in) :: volume, fall  !! maximum volume [m3], fall [m]
       character(len=:), allocatable :: text
 
       text = " (volumes up to "//three_digits(volume)//" m3 falling up to "//three_digits(fall)//" m)"

@@ -36,7 +36,7 @@ contains
       real(wp), intent(in) :: start(2)  !! start of the flight [m]
       real(wp), intent(in) :: v(2)      !! velocity in plan [m/s]
       real(wp), intent(in) :: start_time  !! time since the release [s]
-      real(wp), intent(in) :: duration  !! [s]
+      real(wp), intent(in) :: duration  !! duration of the flight [s]
       real(wp) :: t(2)
       integer :: k
 
@@ -55,7 +55,7 @@ contains
    pure real(wp) function arrival_time(middle, cell, v)
       real(wp), intent(in) :: middle  !! cell centre relative to the start of the path [m]
       real(wp), intent(in) :: cell    !! cell size [m]
-      real(wp), intent(in) :: v       !! [m/s]
+      real(wp), intent(in) :: v       !! velocity along the axis [m/s]
 
       arrival_time = 0
       if (abs(v) > 0) arrival_time = (middle - sign(0.5_wp*cell, v))/v
@@ -92,7 +92,7 @@ contains
    !> Sine [-] of the angle below the horizontal of the line from a release to the ground at a cell centre.
    pure real(wp) function sine_of_line(dem, start, cell) result(sine)
       type(terrain_t), intent(in) :: dem
-      real(wp), intent(in) :: start(3)  !! [m]
+      real(wp), intent(in) :: start(3)  !! position of the release [m]
       integer, intent(in) :: cell(2)    !! column, row
       real(wp) :: d(3)
 

@@ -93,7 +93,7 @@ module rockfall_impact_table
       real(wp), allocatable :: map(:, :)        !! (map_fields, bins)
       real(sp), allocatable :: record(:, :)     !! (record_fields, records), sorted by pull_along within a bin
       ! Set by `index_records`:
-      real(sp), allocatable :: pull_across(:)   !! gravity across the heading of each record, over g
+      real(sp), allocatable :: pull_across(:)   !! gravity across the heading of each record, over g [-]
       real(sp), allocatable :: pull_along(:)    !! gravity along the heading; bins are padded to full parts with
                                                 !! infinity
       integer, allocatable :: place(:)          !! first element of each bin in `pull_along`, and the end
@@ -120,7 +120,7 @@ module rockfall_impact_table
    !> End of a contact.
    type :: outcome_t
       real(wp) :: along, across, normal, w  !! velocity along the initial heading, towards the descent, V_n, W [-]
-      real(wp) :: duration, rise            !! [-]
+      real(wp) :: duration, rise            !! duration; rise of the centre during it [-]
       real(wp) :: reach                     !! advance over mean_speed [-]
       real(wp) :: height                    !! height of the centre above the mean ground [-]
       real(wp) :: allowed                   !! maximum of twice the kinetic energy, over m g R_b, without the work of

@@ -256,10 +256,10 @@ contains
       real(wp), intent(in) :: along, across, normal, w, inertia, allowed, reach  !! as in outcome_t [-]
       real(wp), intent(in) :: speed_in, pull  !! speed before the contact; gravity along the tangent, over g [-]
       real(wp), intent(in) :: radius        !! R_b [m]
-      real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, and after limiting
-      real(wp), intent(out) :: per_total    !! 1/total
-      real(wp), intent(out) :: speed        !! [-]
-      real(wp), intent(out) :: slide        !! length along the ground [m]
+      real(wp), intent(out) :: total, left  !! twice the kinetic energy over m g R_b: as drawn, after limiting [-]
+      real(wp), intent(out) :: per_total    !! 1/total [-]
+      real(wp), intent(out) :: speed        !! remaining mean speed [-]
+      real(wp), intent(out) :: slide        !! remaining length along the ground [m]
       real(wp) :: drawn, factor, work, limit
 
       total = scaled_energy(along, across, normal, w, inertia)
@@ -322,7 +322,7 @@ contains
 
    !> V_t, V_n, W [m/s] after a contact.
    pure function velocity_after(unit, along, across, normal, w) result(v)
-      real(wp), intent(in) :: unit                      !! [m/s]
+      real(wp), intent(in) :: unit                      !! unit of speed, sqrt(g R_b) [m/s]
       real(wp), intent(in) :: along, across, normal, w  !! values after limiting [-]
       real(wp) :: v(3)
 

@@ -75,7 +75,7 @@ contains
    pure subroutine check_sources(scene, first, last, head, error)
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: first, last  !! rows, counted from the north
-      real(wp), intent(inout) :: head     !! [m]
+      real(wp), intent(inout) :: head     !! maximum energy head so far [m]
       type(error_t), allocatable, intent(out) :: error
       type(patch_t) :: patch
       character(len=300) :: text

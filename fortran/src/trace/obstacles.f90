@@ -193,7 +193,7 @@ contains
       integer(i8), intent(in) :: number
       type(tree_hit_t), intent(in) :: hit
       type(landing_t), intent(in) :: landing
-      real(wp), intent(in) :: energy  !! [J]
+      real(wp), intent(in) :: energy  !! kinetic energy before the hit [J]
       type(boulder_result_t), intent(inout) :: result
       type(scratch_t), intent(inout) :: scratch
       type(tree_impact_t), intent(out) :: impact

@@ -57,8 +57,8 @@ contains
    !> Part of a triangle below a level; the depth is linear on the triangle.
    pure type(part_t) function submerged_part(x, depth, area, level) result(part)
       real(wp), intent(in) :: x(3, 3)          !! corners [m]
-      real(wp), intent(in) :: depth(3), level  !! [m]
-      real(wp), intent(in) :: area             !! [m2]
+      real(wp), intent(in) :: depth(3), level  !! depths of the corners; the level [m]
+      real(wp), intent(in) :: area             !! area of the triangle [m2]
       type(part_t) :: dry
       real(wp) :: f(3)
       integer :: deep
@@ -80,7 +80,7 @@ contains
 
    !> Part of a triangle at corner `i`, cut off where the depth is 0.
    pure type(part_t) function corner_part(x, f, area, i) result(part)
-      real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
+      real(wp), intent(in) :: x(3, 3), f(3), area  !! corners [m], their depths [m]; area [m2]
       integer, intent(in) :: i
       real(wp) :: y(3, 3), t, u
       integer :: j, k
@@ -97,7 +97,7 @@ contains
 
    !> Integrals of a linear depth, which may be negative, over a complete triangle.
    pure type(part_t) function of_triangle(x, f, area) result(part)
-      real(wp), intent(in) :: x(3, 3), f(3), area  !! [m], [m], [m2]
+      real(wp), intent(in) :: x(3, 3), f(3), area  !! corners [m], their depths [m]; area [m2]
       real(wp) :: s
 
       s = f(1) + f(2) + f(3)
@@ -187,7 +187,7 @@ contains
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: area, advance  !! submerged area by attitude [m2]; advance along the normal [m]
       type(memory_t), intent(inout) :: memory
-      real(wp), intent(out) :: push          !! [N]
+      real(wp), intent(out) :: push          !! force along the normal [N]
 
       if (area > memory%area) memory%reserve = memory%reserve*memory%area/area
       memory%reserve = min(max(memory%reserve + advance, 0.0_wp), law%reserve)
@@ -198,7 +198,7 @@ contains
    pure subroutine rub(law, slip, along, area, push, dt, memory)
       type(law_t), intent(in) :: law
       real(wp), intent(in) :: slip(3), along(3)  !! velocity in the plane [m/s], unit normal of the plane [-]
-      real(wp), intent(in) :: area, push, dt     !! [m2], [N], [s]
+      real(wp), intent(in) :: area, push, dt     !! submerged area [m2], normal force [N], step [s]
       type(memory_t), intent(inout) :: memory
       real(wp) :: square, max_friction
 

@@ -459,7 +459,7 @@ contains
       type(boulder_t), intent(in) :: boulder
       real(wp), intent(in) :: gravity(3)        !! [m/s2]
       type(motion_t), intent(in) :: m
-      real(wp), intent(in) :: last_touch, unit  !! [s]
+      real(wp), intent(in) :: last_touch, unit  !! time of last contact; sqrt(R_b/g) [s]
       logical, intent(out) :: leaves
       real(wp), intent(out) :: time             !! duration from now [s]
       real(wp) :: highest, top
@@ -499,7 +499,7 @@ contains
       type(layer_t), intent(in) :: layer
       real(wp), intent(in) :: radius                      !! [m]
       real(wp), intent(in) :: x(3), v(3), gravity(3)      !! position, floor at 0 [m]; velocity [m/s]; gravity [m/s2]
-      real(wp), intent(out) :: time     !! [s]
+      real(wp), intent(out) :: time     !! time until the contact [s]
       real(wp), intent(out) :: highest  !! maximum gap on the part of the path examined [m]
       real(wp) :: gap, here(3), now(3), speed, pull, ceiling
       integer :: look

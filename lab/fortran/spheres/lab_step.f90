@@ -35,7 +35,7 @@ module lab_step
    type :: base_t
       integer :: body = 0
       real(wp) :: force = 0  !! supporting force at rest, upward [N]
-      real(wp) :: drag = 0   !! [N s/m]
+      real(wp) :: drag = 0   !! drag force over speed of the body [N s/m]
    end type base_t
 
    !> Pairs in contact that are advanced together.
@@ -45,7 +45,7 @@ module lab_step
       real(wp), dimension(batch_size, 3) :: separation        !! between centres, first to second [m]
       real(wp), dimension(batch_size, 3) :: u, pull  !! velocity [m/s], acceleration [m/s2] of the second relative to
                                                      !! the first
-      real(wp), dimension(batch_size, 3) :: spin, other_spin  !! [rad/s]
+      real(wp), dimension(batch_size, 3) :: spin, other_spin  !! spins of first, second [rad/s]
    end type pairs_t
 
    type :: assembly_t

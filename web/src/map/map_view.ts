@@ -187,7 +187,7 @@ export class MapView {
     this.dim(this.preliminary);
   }
 
-  /** Dim the pictures of an older state. */
+  /** Dim the pictures while they show an older state. */
   dim(preliminary: boolean): void {
     this.preliminary = preliminary;
     const factor = preliminary ? 0.45 : 1;
