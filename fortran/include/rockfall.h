@@ -52,7 +52,7 @@ int64_t rockfall_boulders(const rockfall_scene *scene);
 /* Close a scene. Close its runs before. */
 void rockfall_close_scene(rockfall_scene *scene);
 
-/* Open a run of the `boulders` boulders of a scene after the first `before`; threads: 0 for all cores. Fails if a
+/* Open a run of `boulders` boulders of a scene, after the first `before`; threads: 0 for all cores. Fails if a
    source is on unknown terrain, or if a map could overflow. */
 int rockfall_open_run(rockfall_scene *scene, int64_t before, int64_t boulders, int threads, rockfall_run **run,
                       char message[ROCKFALL_MESSAGE]);

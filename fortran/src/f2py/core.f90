@@ -1250,14 +1250,14 @@ contains
       real(c_double), intent(out) :: value
 
       select case (name)
-      case ("any_speed"); value = any_speed          ! end of the range of a set without limit [m/s]
+      case ("any_speed"); value = any_speed          ! stands for no upper limit of a set's speeds [m/s]
       case ("inertia_factor"); value = inertia_factor  ! [-]
       case ("min_normal"); value = min_normal
       case ("shapes"); value = shapes                ! block shapes of boulders
       case ("sphere"); value = sphere                ! default shape of boulders
       case ("first_chunk"); value = real(first_chunk, c_double)  ! boulders in the first chunk
       case ("max_speed"); value = max_speed         ! maximum speed of a boulder [m/s]
-      case ("max_draws"); value = max_draws          ! per rebound
+      case ("max_draws"); value = max_draws          ! maximum number of draws per rebound
       case ("left_window"); value = left_window      ! status of a boulder to be rerun in a larger window
       case ("max_text"); value = max_text            ! [bytes]
       case ("max_elevation"); value = max_elevation  ! [m]

@@ -105,7 +105,7 @@ module rockfall_table_lanes
          integer(c_int), intent(in) :: contact(*)  !! indices of the contacts
          real(wp), dimension(*), intent(in) :: key1, over1, key2, over2, key3  !! as from bin_keys, for each contact
          integer(c_int), intent(in) :: part(*)     !! part of the table for each contact
-         integer(c_int), intent(in) :: count(3), vectors(3)  !! as in bins_t
+         integer(c_int), intent(in) :: count(3), vectors(3)  !! n, vectors of bins_t
          real(wp), dimension(*), intent(in) :: first_edge, second_edge, third_edge  !! as in bins_t
          integer(c_int), intent(inout) :: bin(*)
       end subroutine find_bins
@@ -534,7 +534,7 @@ contains
       type(scene_t), intent(in) :: scene
       integer, intent(in) :: n
       real(wp), dimension(lanes), intent(in) :: x0, y0, x, y  !! ends of the paths [m]
-      real(wp), dimension(lanes), intent(out) :: near         !! 1 or 0
+      real(wp), dimension(lanes), intent(out) :: near         !! 1 if the path may cross a line, else 0
       real(wp) :: low1, low2, high1, high2
       integer :: line, k
 

@@ -203,7 +203,7 @@ contains
       real(wp), intent(in) :: plan2, inverse                !! squared speed in plan [m2/s2]; 1/plan2
       real(wp), intent(in) :: gravity, distance, time       !! [m/s2], [m], [s]
       real(wp), intent(out) :: speed2  !! [m2/s2]
-      real(wp), intent(out) :: meets   !! 1 or 0
+      real(wp), intent(out) :: meets   !! 1 if the path meets the point, else 0
       real(wp) :: outside, along, root2, root, first, last
 
       outside = offset1*offset1 + offset2*offset2 - distance*distance

@@ -272,7 +272,7 @@ contains
    pure subroutine visit_cell(visits, cell, speed2, spin, jump_height)
       type(visits_t), intent(inout) :: visits
       integer, intent(in) :: cell(2)              !! column, row
-      real(wp), intent(in) :: speed2, spin        !! as in visit_path [m2/s2]
+      real(wp), intent(in) :: speed2, spin        !! maximum squared speed; twice the rotational energy per mass [m2/s2]
       real(wp), intent(in) :: jump_height         !! [m]
 
       call enter_cell(visits, cell)

@@ -396,7 +396,7 @@ contains
    !> limit: beyond its fastest record, a contact is a scaled copy of that record.
    elemental real(wp) function speed_scale(ratio, rolling, v1, fastest)
       real(wp), intent(in) :: ratio    !! ratio of the boulder's speed to the record's [-]
-      real(wp), intent(in) :: rolling  !! 1 or 0
+      real(wp), intent(in) :: rolling  !! 1 if rolling, as in approach_t; else 0
       real(wp), intent(in) :: v1       !! V_t [-]
       real(wp), intent(in) :: fastest  !! V_t of the bin's fastest record [-]
       real(wp) :: beyond
@@ -532,7 +532,7 @@ contains
    elemental subroutine bin_keys(v2, v3, speed, height, key, rolling, key1, over1, key2, over2, key3)
       real(wp), intent(in) :: v2, v3              !! V_n, W [-]
       real(wp), intent(in) :: speed, height, key  !! as in approach_t [-]
-      real(wp), intent(in) :: rolling             !! 1 or 0
+      real(wp), intent(in) :: rolling             !! 1 if rolling, as in approach_t; else 0
       real(wp), intent(out) :: key1, key2, key3   !! numerators [-]
       real(wp), intent(out) :: over1, over2       !! denominators [-]
       real(wp) :: speed2
@@ -672,7 +672,7 @@ contains
    elemental real(wp) function exceeds_table(fastest, key3, copies)
       real(wp), intent(in) :: fastest  !! as in impact_table_t
       real(wp), intent(in) :: key3     !! as returned by bin_keys
-      real(wp), intent(in) :: copies   !! 1 or 0
+      real(wp), intent(in) :: copies   !! 1 if the contact copies a record, else 0
 
       exceeds_table = merge(1.0_wp, 0.0_wp, key3 > fastest)
       exceeds_table = merge(0.0_wp, exceeds_table, copies > 0)

@@ -293,7 +293,7 @@ contains
       real(wp), intent(in) :: per_total, left         !! as returned by limit_energy [-]
       real(wp), intent(in) :: along, across, drawn, w, inertia  !! as in limit_energy; V_n as drawn [-]
       real(wp), intent(in) :: cosine                  !! as in find_pull [-]
-      real(wp), intent(in) :: flies                   !! 1 or 0
+      real(wp), intent(in) :: flies                   !! 1 if the boulder takes off, else 0
       real(wp), intent(inout) :: lift                 !! as in touch_t [-]
       real(wp), intent(out) :: velocity_factor        !! factor on the velocity [-]
       real(wp), intent(out) :: normal                 !! remaining V_n [-]

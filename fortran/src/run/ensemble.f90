@@ -61,7 +61,7 @@ contains
       type(crossings_t), intent(inout) :: crossings(:)       !! crossings of each boulder, if there are lines
       type(maps_t), intent(in) :: maps(:)                    !! a single element, or one for each thread
       integer(i8), intent(inout) :: histogram_counts(:, :)   !! counts (bins, quantities)
-      integer(i8), intent(inout) :: by_ground(:)             !! rebounds on each ground, as in n_grounds
+      integer(i8), intent(inout) :: by_ground(:)             !! number of rebounds on each ground, if there are several
       real(wp), intent(in), optional :: seconds              !! time limit [s]; no effect if maps count sources
       integer(i8), intent(out), optional :: done
 

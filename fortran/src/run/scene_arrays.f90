@@ -96,8 +96,8 @@ module rockfall_scene_arrays
       integer, allocatable :: ground_length(:)                   !! length of each text, unless only impact sets apply
       integer, allocatable :: ground_table(:)                    !! impact table of each ground, from 1; 0: none
       type(table_arrays_t) :: tables                             !! impact tables
-      integer(i1), allocatable :: material_ground(:)             !! index of the ground of each material, from 1, or
-      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! ground of each cell; default: the first
+      integer(i1), allocatable :: material_ground(:)             !! index, from 1, of the ground of each material
+      integer(i1), pointer, contiguous :: cell_ground(:, :) => null()  !! of each cell instead; default: first ground
       integer, allocatable :: shape_ground(:, :)                 !! as in shape_mix_t, if impact tables differ by shape
    contains
       procedure :: set_array

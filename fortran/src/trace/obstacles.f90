@@ -26,8 +26,8 @@ module rockfall_obstacles
 
    !> End of a flight in the air.
    type :: obstacle_t
-      integer :: kind = none        !! barrier or tree
-      integer :: number = 0         !! index of the barrier
+      integer :: kind = none        !! none, barrier or tree
+      integer :: number = 0         !! index of the barrier, if it is one
       real(wp) :: time = no_hit_time  !! time since the start of the flight [s]
       type(tree_hit_t) :: hit = tree_hit_t()
    end type obstacle_t
