@@ -10,6 +10,7 @@ import pytest
 import rockfall
 import scenes
 from made import make_layer, refused
+from rockfall.analysis.hazard import combined
 from rockfall.analysis.hazard.classes import (
     CLASSES,
     Frequencies,
@@ -20,9 +21,14 @@ from rockfall.analysis.hazard.classes import (
     intensities,
     unseen,
 )
+from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.validity.remark import Remark
 from rockfall.kernel_rules import fraction_limits
+from rockfall.language import say
+from rockfall.quantities import percent
 from rockfall.result.crossings import at_lines
 from rockfall.studies.hazard import read_study
+from rockfall.tables.hazard import scenario_table
 
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
 
@@ -53,6 +59,51 @@ def run(case):
 
 
 # ---- frequencies
+
+
+def test_the_boulders_of_each_scenario_are_in_its_table(tmp_path):
+    """One of two source points gives a density, both give their drop heights and a velocity."""
+    at = [shapely.Point(x, y) for x, y in zip(RELEASE["x"], RELEASE["y"], strict=True)]
+    make_layer(tmp_path / "points.gpkg", at, crs=None, density=[2400.0, None],
+               drop_height=[2.0, 6.0], velocity_x=[3.0, 0.0], velocity_y=[4.0, 0.0])  # fmt: skip
+    blocks = ONE | {"name": "blocks", "volume": "uniform", "volume_min": 1.5, "volume_max": 5.0}
+    case = make_case(tmp_path, ONE, blocks, boulder={"volume_mean": 0.8, "density": 2800.0})
+    points = {"points": str(tmp_path / "points.gpkg"), "x": None, "y": None}
+    found = hazard(case.replace(release=points))
+    assert found["released_volume_mean"].values[0] == 0.8
+    volumes = {end: found[f"released_volume_{end}"].values[1] for end in ("min", "mean", "max")}
+    assert 1.5 < volumes["min"] < 1.6 and 4.9 < volumes["max"] < 5.0
+    assert volumes["mean"] == pytest.approx(3.25, abs=0.25)
+    table = scenario_table(found)
+    drawn = "{min:.2f} to {max:.2f}, mean {mean:.2f}".format(**volumes)
+    for row, volume in zip(table.rows, ("0.800", drawn), strict=True):
+        assert row[4:] == (volume, "2,400 to 2,800, mean 2,600", "2.00 to 6.00, mean 4.00",
+                           "0 to 5.00, mean 2.50")  # fmt: skip
+    assert table.head[4:] == ["volume [m³]", "density [kg/m³]", "drop height [m]",
+                              "release speed [m/s]"]  # fmt: skip
+
+
+def test_rebounds_out_of_range_are_a_fraction_of_each_scenario(tmp_path):
+    """R_b/R_m is 3.8 and 6.0, by impact sets up to 5.5."""
+    large = ONE | {"name": "large", "volume_mean": 3.0}
+    found = hazard(make_case(tmp_path, ONE, large, surface={"uniform_mean_radius": 0.15}))
+    assert found["fraction_out_of_range"].values.tolist() == [0.0, 1.0]
+
+
+def test_boulders_that_roll_are_reported_at_evaluation_lines(tmp_path, monkeypatch):
+    """Not at the outlines of objects, which are lines of the run, too."""
+
+    def rolling(result, _):
+        for name in result["line_name"].values:
+            attrs = {"line": str(name), "fraction": percent(0.3), "slow": 2.0}
+            yield Remark(say("model.rolling", **attrs), True)
+
+    monkeypatch.setattr(combined, "roll_remarks", rolling)
+    make_layer(tmp_path / "house.gpkg", [shapely.box(130, 150, 150, 170)], crs=None)
+    case = make_case(tmp_path, line=[{"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}])
+    texts = messages_of(hazard(case, objects=tmp_path / "house.gpkg"))["one"]
+    lines = [text.values["line"] for text in texts if text.key == "model.rolling"]
+    assert lines == ["road"]
 
 
 @pytest.mark.parametrize(("sources", "independent"), [("all", 200), ("sample", 2)])

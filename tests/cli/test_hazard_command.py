@@ -332,7 +332,7 @@ def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, few_maps, c
     assert forest in groups[""] and speeds[0] in groups["small"] and speeds[1] in groups["large"]
     assert Path("out/hazard_sheet.pdf").read_bytes().count(b"/Type /Page ") == 2  # with warnings
     found.assign_attrs(hazard_layout=1).to_netcdf("other.nc")
-    with refused("other.nc: has hazard_layout = 1, not 3: run again"):
+    with refused("other.nc: has hazard_layout = 1, not 4: run again"):
         read_hazard("other.nc")
 
 

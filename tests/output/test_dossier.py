@@ -2,6 +2,7 @@
 """Dossier: each value on page 1 is in its tables and comes from Python, a place has the same
 frequency in all products, and pages are few and signed in every language."""
 
+import json
 import re
 import shutil
 import warnings
@@ -21,10 +22,11 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import LANGUAGES, speaking
+from rockfall.language import LANGUAGES, packed, say, speaking
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.hazard import close_map
 from rockfall.plots.hazard.hazard_figures import places_extent
+from rockfall.quantities import part_of_rebounds
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.dataset import write_result
 from rockfall.result.variables import OUTCOME
@@ -297,6 +299,51 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
         (sentence,), (table,) = second_answer(constant), second_tables(constant)
     assert "l'autre modèle de rebond que ce sol admet (coefficients constants)" in sentence
     assert table.caption.endswith(": coefficients constants (constant_a, constant_b)")
+
+
+def test_heights_of_both_models_are_compared(made):
+    """By the second model, energies are equal or lower and heights twice as high."""
+    own = read_hazard(made[0] / "hazard_today.nc")
+    other = own.copy(deep=True)
+    for name, factor in (("frequency", 0.5), ("energy_by_period", 0.5), ("height_by_period", 2.0)):
+        for end in ("", "_low", "_high"):
+            other[f"line_{name}{end}"].values *= factor
+    (table,) = second_tables(Dossier({"": own}, pd.DataFrame(), second=Second("talus", other)))
+    (road,) = [row for row in table.rows if row[0] == "road"]
+    height, higher = (hazard["line_height_by_period"].sel(event_period=100.0).values for hazard in
+                      (own, other))  # fmt: skip
+    assert [cell.value for cell in road[5:7]] == [height[0], higher[0]]
+    governs = "frequency: the case's model, energy: the case's model, height: talus"
+    assert road[7] == governs
+    assert table.head[5] == "height once in 100 years [m]"
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("impact sets, method B", "impact sets, method B: 31.0 % of the rebounds in the worst"),
+        ("talus", "talus: 31.0 % of the rebounds in the worst"),
+        ("constant_talus", None),
+    ],
+)
+def test_rebounds_out_of_range_are_said_next_to_what_governs(made, model, expected):
+    own = read_hazard(made[0] / "hazard_today.nc")
+    other = own.copy(deep=True)
+    other["fraction_out_of_range"].values[:] = (0.07, 0.31) if expected else 0.0
+    said = [*second_answer(Dossier({"": own}, pd.DataFrame(), second=Second(model, other)))]
+    assert "Governs: " in said[0]
+    assert [text[: len(expected or "")] for text in said[1:]] == [expected] * bool(expected)
+
+
+def test_warnings_of_the_second_model_are_those_of_its_worst_run(made):
+    own = read_hazard(made[0] / "hazard_today.nc")
+    other = own.copy(deep=True)
+    parts = (3000, 9000)  # of 10,000 rebounds, by scenario
+    texts = [say("model.outside_angle", part=part_of_rebounds(part, 10_000)) for part in parts]
+    other["scenario_messages"].values[:] = [json.dumps([packed(text)]) for text in texts]
+    dossier = Dossier({"": own}, pd.DataFrame(), second=Second("impact sets, method B", other))
+    found = [text for text in dossier_page.dossier_warnings(dossier) if "angle_range" in text]
+    assert found == [f"impact sets, method B: {texts[1]}"]
 
 
 def test_the_release_frequency_that_was_assumed_is_on_page_1(made):

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
-from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.validity.warnings import in_order, joined_warnings
 from rockfall.case import case_in
 from rockfall.files.segment_files import has_segments
@@ -38,6 +37,7 @@ from rockfall.tables.dossier import (
     answer_table,
     around_ends,
     barrier_answers,
+    model_texts,
     models_apart,
     remaining_tables,
     second_answer,
@@ -247,18 +247,13 @@ def _of_object(hazard: xr.Dataset, k: int, name: str) -> Text:
 def dossier_warnings(dossier: Dossier) -> list[Text]:
     """Warnings on the models of all runs, on the hazards and on their inputs; each appears once,
     with the names of the first runs concerned."""
-    by_run = {
-        f"{name}/{scenario}" if name else scenario: texts
-        for name, hazard in dossier.hazards.items()
-        for scenario, texts in messages_of(hazard).items()
-    }
     by_variant = {name: list(limits_of_hazard(figure)) for name, figure in dossier.hazards.items()}
     doubts = dict.fromkeys(
         say("join.colon", before=where, after=text)
         for hazard in dossier.hazards.values()
         for where, text in doubtful_inputs(hazard, None)
     )
-    return in_order([*joined_warnings(by_run), *joined_warnings(by_variant), *doubts])
+    return in_order([*joined_warnings(model_texts(dossier)), *joined_warnings(by_variant), *doubts])
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:

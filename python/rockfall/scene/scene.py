@@ -23,6 +23,7 @@ from rockfall.scene.layers import Inputs
 from rockfall.scene.parts import Rasters, Sources
 from rockfall.scene.rebounds.coefficients import Coefficients, SetFile
 from rockfall.scene.releases.reach import Survey
+from rockfall.scene.releases.source_attributes import values_of
 from rockfall.scene.stages import FRESH, Stages
 from rockfall.scene.surface import read_window
 from rockfall.scene.windows import Windows
@@ -115,6 +116,22 @@ class Scene(Sources):
             rasters = replace(rasters, grounds=grounds)
             arrays["shape_ground"] = serving if len(grounds) > len(self.grounds) else None
         return KernelScene(self.case, rasters, self.sets.draw, kernel_arrays(arrays))
+
+    @property
+    def release_values(self) -> np.ndarray:
+        """Density [kg/m3], drop height [m] and velocity [m/s] of the boulders (sources, 5); a
+        single row if the sources give none of them."""
+        values, own = values_of(self.case, self.features), self.source_boulders
+        if values is not None and self.features is not None:
+            values = values[self.features.number - 1]
+        else:
+            release = self.case.release
+            usual = [self.case.boulder["density"], release["drop_height"], *release["velocity"]]
+            values = np.array([usual])
+        if own is not None and own.density is not None:
+            rest = np.broadcast_to(values[:, 1:], (own.density.size, 4))
+            values = np.column_stack([own.density, rest])
+        return values
 
     @property
     def source_shape(self) -> np.ndarray | None:

@@ -9,7 +9,6 @@ import numpy as np
 
 from rockfall.kernel_rules import SAMPLE_BINS, SAMPLE_COARSE
 from rockfall.limits import CORES
-from rockfall.scene.releases.source_attributes import values_of
 from rockfall.scene.scene import Scene
 from rockfall.simulation.map_plan import HITS, plan_of
 from rockfall.simulation.memory import BYTES_AT_LINE, BYTES_IN_FILE
@@ -38,7 +37,7 @@ class Pilot:
     seconds: float  # CPU time per boulder [s]
     reading: float  # CPU time to read terrain windows [s]
     cells: float  # number of cells that all boulders of the run would reach
-    density: np.ndarray | float  # densities of the pilot boulders, or of all [kg/m3]
+    density: np.ndarray  # densities [kg/m3] of the pilot boulders, or (1,) of all
     blocks: float  # bin blocks that all boulders of the run would fill, unless all rows are kept
 
     def values(self) -> dict[str, Any]:
@@ -99,7 +98,7 @@ def _follow(scene: Scene, number: int) -> Pilot:
     seconds, blocks = (few.cpu - reading) / few.done, 0.0
     if scene.case.output["kept"] != "all":
         seconds, blocks = _counted(sample, scene.boulders)
-    return Pilot(few, seconds, reading, cells, _densities(sample), blocks)
+    return Pilot(few, seconds, reading, cells, sample.release_values[:, 0], blocks)
 
 
 def _all_cells(few: Tally, boulders: int) -> float:
@@ -141,17 +140,6 @@ def _all_reached(passages: np.ndarray, more: float) -> float:
     best = np.argmin(abs(limit * (1 - spread**-shape) - cells))
     expected = limit[best] * (1 - (1 + (spread[best] - 1) * more) ** -shape[best])
     return float(max(expected, cells))
-
-
-def _densities(scene: Scene) -> np.ndarray | float:
-    """Densities [kg/m3] by source, or a single value."""
-    boulders, features = scene.source_boulders, scene.features
-    if boulders is not None and boulders.density is not None:
-        return boulders.density
-    values = values_of(scene.case, scene.features)
-    if features is not None and values is not None:
-        return values[features.number - 1, 0]
-    return scene.case.boulder["density"]
 
 
 def memory(scene: Scene, pilot: Pilot) -> dict[str, float]:

@@ -13,9 +13,11 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
+from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.objects.at_risk import NOTHING, AtRisk
 from rockfall.analysis.objects.objects import object_hits
+from rockfall.analysis.validity.warnings import worst_warnings
 from rockfall.case import Case, check_all_kept
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
@@ -180,6 +182,7 @@ def run_dossier(
         own_checkpoints = [checkpoints[run] for run in inputs.second_runs if run in checkpoints]
         hazard = run_study(study, progress=progress, threads=threads, checkpoints=own_checkpoints)
         second = Second(name, hazard)
+        engine.limits[name] = worst_warnings(messages_of(hazard))
     costs = {own["name"]: own["cost"] for own in inputs.case.variant if "cost" in own}
     return Dossier(hazards, frequencies, period, engine.warnings, second, costs)
 

@@ -54,7 +54,7 @@ class Study:
         checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
         **how: Any,
     ) -> None:
-        self._limits: dict[Any, list[Text]] = {}  # name of the scene -> warnings
+        self.limits: dict[Any, list[Text]] = {}  # name of the scene -> model warnings
         self._bar = progress_bar(total or 0, progress and total is not None, unit)
         self._advance: Callable[..., None] = lambda *_: None
         self._counts_boulders = unit == "boulders"
@@ -71,7 +71,7 @@ class Study:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Model warnings of all runs, each once."""
-        return tuple(joined_warnings(self._limits))
+        return tuple(joined_warnings(self.limits))
 
     def run(
         self,
@@ -100,8 +100,8 @@ class Study:
                 result = scene
             del scene
             self._advance(simulated(result) if self._counts_boulders else 1)
-            if compared and name not in self._limits:
-                self._limits[name] = model_warnings(result, case_of(result))
+            if compared and name not in self.limits:
+                self.limits[name] = model_warnings(result, case_of(result))
             taken = numbers(name, result)
             del result
             yield name, taken

@@ -2,6 +2,7 @@
 """Sections of a dossier: sentences and tables, identical in the page, Word and Excel versions."""
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,15 +10,18 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES, yearly
+from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.lines.around import MAX_AROUND
+from rockfall.analysis.validity.warnings import worst_warnings
 from rockfall.case import case_in
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import Text, say, word
+from rockfall.language import Text, say, translated, word
+from rockfall.quantities import percent
 from rockfall.result.variables import ENDS
-from rockfall.studies.dossier import Designs, Dossier
+from rockfall.studies.dossier import Designs, Dossier, Second
 from rockfall.studies.model_scenes import BY_SETS, CONSTANT
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
@@ -50,6 +54,7 @@ from rockfall.terrain.polyline import lengths, spaced
 
 MOST = 8  # maximum number of places on page 1
 CHOICES = 2  # maximum lines with a table of barriers
+LEVELS = {"energy": 1e-3, "height": 1.0}  # factor to the unit shown
 STEPS = 10  # points per cell width at which a line is sampled
 
 
@@ -147,21 +152,23 @@ def around_ends(hazard: xr.Dataset) -> Iterator[Text]:
 
 
 def second_tables(dossier: Dossier) -> Iterator[Table]:
-    """Table of both models at each place: frequency, energy for the return period, and the
-    governing model; none without a second model."""
+    """Table of both models at each place: frequency, energy and height for the return period, and
+    the governing model; none without a second model."""
     if dossier.second is None:
         return
     own, other, model = dossier.first, dossier.second.hazard, _shown(dossier.second.model)
     at = own["event_period"].values.tolist().index(dossier.period)
     rows = []
     for place in places_of(own):
-        levels = [_level(hazard, place, "energy", at, 1e-3) for hazard in (own, other)]
-        rates = [_frequency(hazard, place) for hazard in (own, other)]
-        rows.append((place.name, *rates, *levels, _governing(rates, levels, model)))
-    energy = say("variants.energy_by_period", years=f"{dossier.period:g}")
+        pairs = [[_frequency(hazard, place) for hazard in (own, other)]]
+        for name, factor in LEVELS.items():
+            pairs.append([_level(hazard, place, name, at, factor) for hazard in (own, other)])
+        rows.append((place.name, *chain(*pairs), _governing(pairs, model)))
+    years, by_model = dossier.period, say("dossier.by_model", model=model)
     heads = (
-        say("hazard.place"), say("hazard.boulders_a_year"), say("dossier.by_model", model=model),
-        energy, say("dossier.by_model", model=model), say("dossier.governs"),
+        say("hazard.place"), say("hazard.boulders_a_year"), by_model,
+        say("variants.energy_by_period", years=f"{years:g}"), by_model,
+        say("dossier.height_by_period", years=years), by_model, say("dossier.governs"),
     )  # fmt: skip
     name = dossier.second.model
     named = say("dossier.constants_of", grounds=name) if name.startswith(CONSTANT) else model
@@ -177,18 +184,19 @@ def _shown(model: str) -> Text | str:
     return say("dossier.by_sets", method=model.removeprefix(BY_SETS))
 
 
-def _governing(rates: Sequence[Estimate], levels: Sequence[Any], model: Text | str) -> Text:
-    """Names of the models with the higher frequency and with the higher energy."""
-    numbers = [getattr(level, "value", level) for level in levels]
+def _governing(pairs: Sequence[Sequence[Any]], model: Text | str) -> Text:
+    """Names of the models with the higher frequency, energy and height; `pairs` are the values by
+    both models. Unknown values are omitted."""
     names = say("dossier.the_case"), model
-    if "-" in numbers:
-        return say("dossier.governs_one", model=names[rates[1].value > rates[0].value])
-    frequency, energy = (
-        names[other > own] for own, other in ((rates[0].value, rates[1].value), numbers)
-    )
-    if frequency == energy:
-        return say("dossier.governs_one", model=frequency)
-    return say("dossier.governs_each", frequency=frequency, energy=energy)
+    higher = [
+        names[other > own]
+        for own, other in ([getattr(cell, "value", cell) for cell in pair] for pair in pairs)
+        if "-" not in (own, other)
+    ]
+    if len({*map(str, higher)}) == 1:
+        return say("dossier.governs_one", model=higher[0])
+    frequency, energy, height = higher
+    return say("dossier.governs_each", frequency=frequency, energy=energy, height=height)
 
 
 def second_answer(dossier: Dossier) -> Iterator[Text]:
@@ -203,6 +211,30 @@ def second_answer(dossier: Dossier) -> Iterator[Text]:
             "dossier.second", name=name, model=_shown(dossier.second.model),
             own=own.number, other=other.number, governs=governs,
         )  # fmt: skip
+    yield from _out_of_range(dossier.second)
+
+
+def _out_of_range(second: Second) -> Iterator[Text]:
+    """Sentence on rebounds of the second model outside its range of R_b/R_m, in the worst scenario;
+    none without such rebounds."""
+    if fraction := float(second.hazard["fraction_out_of_range"].max()):
+        key = "sets" if second.model.startswith(BY_SETS) else "table"
+        model = _shown(second.model)
+        yield say(f"dossier.{key}_out_of_range", model=model, fraction=percent(fraction))
+
+
+def model_texts(dossier: Dossier) -> dict[str, list[Text]]:
+    """Model warnings by run: those of each scenario of each variant, and the worst of the second
+    model."""
+    by_run = {
+        f"{name}/{scenario}" if name else scenario: texts
+        for name, hazard in dossier.hazards.items()
+        for scenario, texts in messages_of(hazard).items()
+    }
+    if dossier.second:
+        model, hazard = dossier.second
+        by_run[translated(_shown(model))] = worst_warnings(messages_of(hazard))
+    return by_run
 
 
 def models_apart(dossier: Dossier) -> Iterator[Text]:
@@ -229,8 +261,7 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
     for place in places_of(hazard)[:most]:
         rates = [_number(hazard, place, f"frequency{end}") for end in ENDS]
         energy, height = (
-            _level(hazard, place, name, at, factor)
-            for name, factor in (("energy", 1e-3), ("height", 1.0))
+            _level(hazard, place, name, at, factor) for name, factor in LEVELS.items()
         )
         rows.append(
             (place.name, _estimate(rates), years_between(*rates), energy, height,

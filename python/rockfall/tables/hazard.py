@@ -11,6 +11,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES, find_place
+from rockfall.analysis.hazard.released import EXTENT
 from rockfall.analysis.objects.risk import CLASS_ENDS
 from rockfall.analysis.objects.segments import segment_names
 from rockfall.files.hazard_files import object_table as objects_of
@@ -19,11 +20,17 @@ from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, Text, say, unpacked, word
-from rockfall.quantities import QUANTITIES, percent, small
+from rockfall.quantities import QUANTITIES, number, percent, small
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
 
+RELEASED_HEADS = {  # message ids
+    "volume": "inputs.volume_m",
+    "density": "inputs.density_kg_m",
+    "drop_height": "hazard.drop_height",
+    "release_speed": "hazard.release_speed",
+}
 MOST = 20  # maximum objects or segments in a table
 NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # segment columns
 
@@ -41,14 +48,27 @@ def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
 
 
 def scenario_table(hazard: xr.Dataset) -> Table:
-    """Table with the annual frequency and the number of boulders for each scenario."""
+    """Table with the annual frequency, the number of boulders, and the released boulders for each
+    scenario."""
     columns = (hazard[name].values.tolist() for name in ("scenario", "frequency", "boulders"))
+    heads = [f"hazard.{name}" for name in ("scenario", "a_year", "years", "simulated")]
+    shown = dict(RELEASED_HEADS)
+    if not hazard["released_release_speed_max"].values.any():
+        del shown["release_speed"]
     rows = [
-        (name, yearly, 1 / yearly, boulders)
-        for name, yearly, boulders in zip(*columns, strict=True)
+        (name, yearly, 1 / yearly, boulders, *(_released(hazard, k, what) for what in shown))
+        for k, (name, yearly, boulders) in enumerate(zip(*columns, strict=True))
     ]
-    heads = "hazard.scenario", "hazard.a_year", "hazard.years", "hazard.simulated"
-    return Table.of(say("sheet.scenarios"), map(say, heads), rows)
+    return Table.of(say("sheet.scenarios"), map(say, [*heads, *shown.values()]), rows)
+
+
+def _released(hazard: xr.Dataset, k: int, what: str) -> str:
+    """Range and mean of a quantity of the boulders that scenario k releases."""
+    values = (hazard[f"released_{what}_{end}"].values[k] for end in EXTENT)
+    low, mean, high = (number(value, 4 if what == "density" else 3) for value in values)
+    if low == "-":
+        return say("inputs.not_kept")
+    return low if low == high else say("inputs.range", low=low, high=high, mean=mean)
 
 
 def class_table(hazard: xr.Dataset) -> Table:

@@ -13,16 +13,14 @@ if TYPE_CHECKING:
     from rockfall.case import Case
 
 
-def breakage_lines(
-    case: Case, volumes: np.ndarray, density: np.ndarray | float
-) -> list[tuple[str, str]]:
+def breakage_lines(case: Case, volumes: np.ndarray, density: np.ndarray) -> list[tuple[str, str]]:
     """Lines (label and text) on the impacts that break boulders of the median volume [m3] and
     density [kg/m3], and on the fragments; empty if boulders do not break."""
     at = case.breakage["at"]
     if at == "none":
         return []
     volume = float(np.median(volumes))
-    dense = float(np.median(np.atleast_1d(density)))
+    dense = float(np.median(density))
     rows = []
     if at != "impact":
         fall = case.breakage["release_fall"]

@@ -192,7 +192,7 @@ def _attributes(scene: Scene) -> Iterator[tuple[str, str]]:
             yield "", text
 
 
-def _sizes(density: np.ndarray | float, volumes: np.ndarray) -> str:
+def _sizes(density: np.ndarray, volumes: np.ndarray) -> str:
     radii = sphere_radius(volumes)
     masses = density * volumes
     return (

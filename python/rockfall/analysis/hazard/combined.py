@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -23,6 +23,7 @@ from rockfall.analysis.hazard.exceedance import (
 )
 from rockfall.analysis.hazard.finished import layers_checksum
 from rockfall.analysis.hazard.origins import Arrivals, Origins, origin_numbers
+from rockfall.analysis.hazard.released import released_numbers
 from rockfall.analysis.hazard.scenarios import Scenario
 from rockfall.analysis.hazard.variables import (
     CLASS_ENDS,
@@ -45,6 +46,8 @@ from rockfall.analysis.objects.segment_hits import (
 )
 from rockfall.analysis.objects.segments import Segments
 from rockfall.analysis.precision.clusters import Clusters
+from rockfall.analysis.validity.ends import roll_remarks
+from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
@@ -56,7 +59,7 @@ from rockfall.result.samples import simulated
 from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 
-LAYOUT = 3  # version of the file layout
+LAYOUT = 4  # version of the file layout
 
 
 @dataclass
@@ -123,9 +126,13 @@ class ScenarioRun:
         self.places = {axis: result[axis].values for axis in ("x", "y", "threshold")}
         self.attrs = result.attrs
         self.grounds = rebounds_by_ground(result)
+        self.released = released_numbers(result, replace(inputs.scene, case=scenario.case))
+        self.out_of_range = fractions_outside(result)["range"]
         # without crossings, warnings cover exits from the terrain anywhere, as needed for zones
         without_objects = result.drop_vars("row_size", errors="ignore")
         self.warnings = model_warnings(without_objects, case_of(result))
+        rolling = [remark.text for remark in roll_remarks(result, case_of(result))]
+        self.warnings += [text for text in rolling if text.values["line"] in self.lines]
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
         """Read the boulders at lines and barriers; return the indices of these lines: none if only
@@ -242,6 +249,8 @@ def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
         "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
+        **{name: np.array([run.released[name] for run in runs]) for name in runs[0].released},
+        "fraction_out_of_range": np.array([run.out_of_range for run in runs]),
         "scenario_warnings": np.array(["\n".join(run.warnings) for run in runs], dtype=object),
         "scenario_messages": np.array(
             [json.dumps([packed(text) for text in run.warnings]) for run in runs], dtype=object

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rockfall.analysis.hazard.classes import CLASSES, intensity_words
+from rockfall.analysis.hazard.released import EXTENT, RELEASED
 from rockfall.analysis.objects.risk import CLASSES as RISK_CLASSES
 from rockfall.case import Case
 from rockfall.kernel_rules import EAD_ENERGY
@@ -141,6 +142,11 @@ def _table() -> Iterator[tuple[str, Variable]]:
     yield "boulders", Variable(("scenario",), PART, "simulated boulders")
     what = "for sampled sources: boulders that count as one independent boulder in the intervals"
     yield "boulders_per_cluster", Variable(("scenario",), PART, what)
+    for name, (units, what) in RELEASED.items():
+        for end in EXTENT:
+            yield f"released_{name}_{end}", Variable(("scenario",), units, f"{end} {what}")
+    what = "fraction of the rebounds by impact sets or tables outside their range of R_b/R_m"
+    yield "fraction_out_of_range", Variable(("scenario",), PART, what)
     what = "warnings on the model in the scenario, one per line"
     yield "scenario_warnings", Variable(("scenario",), "", what)
     what = "these warnings as message ids with values, a JSON list"

@@ -5,7 +5,7 @@ attribute."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 from rockfall.analysis.validity.remark import STOPS
@@ -37,6 +37,21 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
     """Warnings of several results (by name), each once and ordered by grade. A warning has the
     values of the result with the largest fraction of boulders or rebounds; unless it applies to all
     results, the names of its results precede it."""
+    return in_order(
+        text
+        if len(names) == len(by_name)
+        else say("join.colon", before=", ".join(first_of(names, MAX_NAMED)), after=text)
+        for text, names in _with_names(by_name)
+    )
+
+
+def worst_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
+    """Warnings as in `joined_warnings`, without the names."""
+    return in_order(text for text, _ in _with_names(by_name))
+
+
+def _with_names(by_name: Mapping[str, Iterable[Text]]) -> Iterator[tuple[Text, list[str]]]:
+    """Each warning with its worst values, and the names of its results."""
     texts: dict[tuple[str, ...], Text] = {}
     names: dict[tuple[str, ...], list[str]] = {}
     for name, own in by_name.items():
@@ -44,12 +59,7 @@ def joined_warnings(by_name: Mapping[str, Iterable[Text]]) -> list[Text]:
             what = (text.key, *(str(text.values.get(value)) for value in TELLING))
             texts[what] = max(texts.get(what, text), text, key=_fraction)
             names.setdefault(what, []).append(name)
-    return in_order(
-        text
-        if len(names[what]) == len(by_name)
-        else say("join.colon", before=", ".join(first_of(names[what], MAX_NAMED)), after=text)
-        for what, text in texts.items()
-    )
+    yield from zip(texts.values(), names.values(), strict=True)
 
 
 def in_order(texts: Iterable[Text]) -> list[Text]:
