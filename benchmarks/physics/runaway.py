@@ -27,7 +27,7 @@ from rockfall.analysis.validity.extrapolation import faster_than_observed
 from rockfall.io.rasters.grid import Grid
 
 SLOPES = 30, 34, 38, 42, 45  # slopes [degree]
-LIMIT = 0.8  # [m/s per degree]
+LIMIT = 0.8  # maximum speed observed, over slope [m/s per degree]
 NAMES = {matrix().name: f"vaujany-observed, R_m {ROCKS:g} m"}  # names in the table of evidence
 RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
 

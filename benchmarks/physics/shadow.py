@@ -26,7 +26,7 @@ from benchmarks.evidence import record, with_origin
 from benchmarks.machine import machine
 from rockfall.io.rasters.grid import Grid
 
-ANGLE = 27.5  # [degree]
+ANGLE = 27.5  # minimum shadow angle observed [degree]
 FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree]; height of the talus [m]
 SLOPES = 35.0, 5.0  # slopes of the talus and the plain [degree]
 BEYOND, WIDTH, CELL = 700.0, 400.0, 2.5  # [m]

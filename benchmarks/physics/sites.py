@@ -32,7 +32,7 @@ HALVES = "calibration", "held-out"  # halves of Tschamut
 class Piece(NamedTuple):
     """Tables printed by a script."""
 
-    name: str  # name of their file
+    name: str  # name of the file with the tables
     script: str  # a module of benchmarks.physics
     words: tuple[str, ...]
 

@@ -54,14 +54,14 @@ HALVES = {"calibration": 0, "held-out": 1}  # positions of runs, sorted by traje
 
 @dataclass(frozen=True)
 class Run:
-    """Observed boulder: first position [m] and velocity [m/s], stopping place, block."""
+    """Observed boulder: block, radius [m], mass [kg], first position, velocity and stop."""
 
     block: str
     radius: float
     mass: float
-    start: np.ndarray
-    velocity: np.ndarray
-    rest: np.ndarray
+    start: np.ndarray  # x and y of the first position [m]
+    velocity: np.ndarray  # velocity there (x, y, z) [m/s]
+    rest: np.ndarray  # x and y of the stop [m]
 
 
 def _data(folder: Path) -> Path:

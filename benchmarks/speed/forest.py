@@ -65,7 +65,7 @@ def nanoseconds(case: rockfall.Case, repeat: int) -> tuple[float, float, float]:
 
 
 def resident(trees: int) -> np.ndarray:
-    """Memory of a process for a number of trees: once the scene is built, and at the peak."""
+    """Memory of a process with trees [bytes]: once the scene is built, and at the peak."""
     done = subprocess.run(
         [sys.executable, "-c", MEMORY, str(trees)], capture_output=True, text=True, check=True
     )

@@ -54,7 +54,7 @@ METRES = (None, "m", "metre", "Meter", "metres", "meters")
 
 @dataclass
 class Made:
-    """File, and its expected contents: None if it must be refused."""
+    """File, its expected contents (None: it must be refused), and the function that reads them."""
 
     path: Path
     about: str

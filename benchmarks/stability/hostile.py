@@ -72,8 +72,8 @@ MAPS = "'passages', 'deposits', 'energy_mean', 'energy_q95', 'reach_probability'
 
 @dataclass(frozen=True)
 class Input:
-    """File, the commands that read it (rockfall-batch commands start with its name), and its
-    alteration."""
+    """File, the commands that read it (rockfall-batch commands start with its name), and the
+    functions that alter it."""
 
     kind: str
     file: str
@@ -223,7 +223,7 @@ def _make_checkpoint(base: Path) -> None:
 @dataclass
 class Ran:
     """End of a command: its exit status (negative: the signal that killed it; None: it ran too
-    long), and its output."""
+    long), its output and its duration."""
 
     status: int | None
     said: str

@@ -47,9 +47,9 @@ DIGITS = 9  # bits kept of a record's numbers: noise does not compress
 
 @dataclass(frozen=True)
 class _Contacts:
-    """Dimensionless contacts of boulders of one size: `record` (n, FIELDS), no derived fields."""
+    """Contacts of boulders of one size: dimensionless record, entry code, throw, and order."""
 
-    record: np.ndarray
+    record: np.ndarray  # (n, FIELDS) without derived fields
     entry: np.ndarray
     sequence: np.ndarray
     order: np.ndarray

@@ -56,7 +56,7 @@ NO_COSTS: Mapping[str, float] = {}
 
 
 class Added(NamedTuple):
-    """Optional additions to an export: a QGIS project, table formats, and the language."""
+    """Additions to an export: table formats, or a QGIS project with DEM, hazard and imprint."""
 
     project: bool = False
     tables: Sequence[str] = ()

@@ -63,7 +63,7 @@ UPRIGHT = 0.8  # height-to-width ratio above which there is room for text next t
 
 
 class Front(NamedTuple):
-    """Contents of page 1, and for each part the number of items that appear only on later pages."""
+    """Contents of page 1, and for each part the contents that appear only on later pages."""
 
     facts: list[tuple[str, str]]  # label and value; "" leaves a blank to fill in
     warnings: list[str]
