@@ -240,7 +240,7 @@ def _rate(survey: Survey, threshold: float) -> Rate:
 
 
 def _dispersion(dates: np.ndarray, years: float) -> float:
-    """Variance-to-mean ratio of the yearly numbers; 1 unless a Poisson process is rejected."""
+    """Variance-to-mean ratio of the yearly numbers; 1 if unknown, or if a Poisson process fits."""
     from scipy.stats import chi2
 
     free = math.ceil(years) - 1
@@ -426,7 +426,7 @@ def _warnings(survey: Survey, fit: Fit, rate: Rate, asked: dict[str, Any]) -> It
 
 def _same_volumes(survey: Survey, threshold: float) -> float:
     """p-value of a test for equal distributions of dated and undated blocks above the threshold;
-    NaN if either are too few."""
+    NaN if either has too few."""
     from scipy.stats import ks_2samp
 
     dated, undated = (volumes[volumes > threshold] for volumes in (survey.dated, survey.undated))

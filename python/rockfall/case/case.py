@@ -290,7 +290,7 @@ def check_all_kept(case: Case, needs: str) -> None:
 
 
 def is_given(case: Case, group: str, key: str) -> bool:
-    """Return True if a key is given or not at its default; a reading stage records `group`."""
+    """Return True if a key differs from its default; a reading stage records `group` as read."""
     own = getattr(case, group).get(key)
     read = next(read for read in case._values.groups if read.name == group)
     return key in read.given or own != read.usual.get(key)

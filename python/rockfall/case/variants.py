@@ -46,9 +46,8 @@ def variants(case: Case) -> dict[str, Case]:
 
 
 def chosen_variant(case: Case, name: str | None) -> Case:
-    """Variant with this name, or the case itself if it has no variants. A case with several
-    variants requires a name; BASE selects the case without variants.
-    """
+    """Variant with this name; BASE selects the case without variants. Without a name, the case
+    itself, which must then have no variants."""
     if name is None:
         check_single(case)
         return case

@@ -260,7 +260,7 @@ def possible_shapes(case: Case) -> list[str]:
 
 
 def own_table(case: Case, name: str) -> Path | None:
-    """File of a table that a case names, shipped or next to the case; None if not found."""
+    """File of a table that a case names: shipped for all shapes, or a .nc file; None for others."""
     if name in tables_of_all_shapes():
         return shipped_tables()[name]
     if name.endswith(".nc") and os.path.isfile(case.path(name)):

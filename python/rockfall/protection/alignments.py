@@ -122,7 +122,7 @@ def alignment(
 
 
 def _steps(shift: Shift) -> int:
-    """Number of copies of the line."""
+    """Number of copies of the line; refuse an invalid shift."""
     for name in ("every", "to"):
         if not 0 < getattr(shift, name) < math.inf:
             raise RockfallError(f"{name} = {getattr(shift, name)}: must be > 0 m")

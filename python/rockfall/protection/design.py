@@ -65,7 +65,7 @@ class Design:
     which at most the fraction `residual` passes. `along` is like `demand` for windows of a line, if
     requested, else None. The column `unconfirmed` lists unconfirmed assumptions behind the loads
     (rebounds, forest, logs): a passed check is not proven under such assumptions. `warnings`
-    are model remarks. If a run did not keep all boulders, `kept` describes which ones are used;
+    are model remarks. If a run did not keep all boulders, `kept` is a note on the boulders used;
     else "".
     """
 
@@ -166,7 +166,7 @@ def _block_remarks(result: xr.Dataset, volume: float | None) -> Iterator[str]:
 
 def unconfirmed_of(result: xr.Dataset, case: Case, factors: Factors) -> str:
     """Unconfirmed assumptions behind the loads. The user confirms own grounds by declaring the
-    rebound back-analysed; shipped grounds, forest and lying logs are always unconfirmed."""
+    rebound back-analysed; shipped classical grounds, forest and logs are always unconfirmed."""
     is_fitted = has_own_grounds(case) and factors.conditions.calibration == BACK_ANALYSED
     rebounds = ["rebounds"] if classical_grounds(result) and not is_fitted else []
     forest = ["forest"] if case.has_forest else []

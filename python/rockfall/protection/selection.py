@@ -93,7 +93,7 @@ def cheapest(choices: Iterable[Choice]) -> Choice | None:
 
 
 def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float, float, float]:
-    """Fraction of boulders from these sources that passes a barrier, and its 95 % interval."""
+    """Fraction of True in `passing`, with its 95 % interval; NaN without boulders."""
     if not passing.size:
         return math.nan, math.nan, math.nan
     return fraction_interval(passing, source)

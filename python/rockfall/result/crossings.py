@@ -111,7 +111,7 @@ class AtLine:
 
     @cached_property
     def derived(self) -> np.ndarray:
-        """Quantities derived from stored ones, (quantities, n), in the order of `DERIVED`."""
+        """Quantities derived from stored values, (quantities, n), in the order of `DERIVED`."""
         if not self.boulders.size:
             return np.empty((len(DERIVED), 0))
         mass = masses_of(self._result, self.boulders)

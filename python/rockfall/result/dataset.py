@@ -73,7 +73,7 @@ def provenance(scene: Any) -> dict[str, str]:
 
 
 def feature_names(scene: Any) -> dict[str, str]:
-    """Feature names in the source layer, one per line; empty without a layer."""
+    """Attribute with the feature names of the source layer, one per line; {} without a layer."""
     return {"source_features": "\n".join(scene.features.names)} if scene.features else {}
 
 

@@ -83,7 +83,7 @@ def stochastic_fraction(values: Variables) -> float:
 
 
 def classical_grounds(values: Variables) -> list[GroundRebounds]:
-    """Grounds with coefficients on which boulders rebounded, by decreasing number of rebounds."""
+    """Grounds with classical models on which boulders rebounded, most frequent first."""
     grounds = [
         ground
         for ground in rebounds_by_ground(values)
@@ -93,7 +93,7 @@ def classical_grounds(values: Variables) -> list[GroundRebounds]:
 
 
 def table_grounds(values: Variables) -> list[GroundRebounds]:
-    """Impact tables used for rebounds."""
+    """Grounds with impact tables on which boulders rebounded."""
     return [rule for rule in rebounds_by_ground(values) if rule.rebounds and rule.model in TABLES]
 
 

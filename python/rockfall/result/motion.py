@@ -70,7 +70,7 @@ def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
 
 
 def motion_of(result: Held, number: int | None = None, gravity: float | None = None) -> Motion:
-    """Motion of the recorded boulders, or of at most `number` evenly selected ones. The default
+    """Motion of the recorded boulders, or of at most `number` of them, evenly selected. The default
     gravity [m/s2] is that of the case.
     """
     if "trajectory_boulder" not in result:

@@ -47,7 +47,7 @@ def vertices_of(result: Held, *names: str) -> list[np.ndarray]:
 
 
 def trajectories(result: Held, number: int | None = None) -> list[Trajectory]:
-    """Return the recorded trajectories, or at most `number` evenly selected ones, as curves with
+    """Return the recorded trajectories, or at most `number` evenly selected, as curves with
     parabolas between contacts.
 
     The velocity after a contact, the time and gravity define a parabola. Boulders roll and slide

@@ -36,7 +36,7 @@ FINITE = ("x", "y", "boulder", "crossing", "line_vertex", "trajectory_vertex")
 
 
 def check_result(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse a result that lacks a required variable, or a part of a group of variables."""
+    """Refuse a result that lacks a required variable or attribute, or a part of a group."""
     if "case" not in data.attrs or "boulder" not in data.dims:
         raise RockfallError(f"{path}: is not a rockfall result")
     if "line_time" in data.variables:
@@ -134,7 +134,7 @@ def _check_variable(
 
 
 def check_values(data: xr.Dataset, path: str | Path) -> None:
-    """Refuse missing or infinite required values, and empty bin ranges."""
+    """Refuse missing, infinite or impossible values, and bins that are not contiguous."""
     check_samples(data, path)
     check_crossings(data, path)
     for name, dims in known_variables().items():

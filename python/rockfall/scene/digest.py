@@ -65,6 +65,6 @@ class Digest:
 
 
 def _place(grid: Grid) -> str:
-    """Exact text of a grid's position and cell size."""
+    """Exact text of a grid: position, cell size, numbers of cells, and CRS."""
     crs = "" if grid.crs is None else grid.crs.to_epsg() or grid.crs.to_wkt()
     return f"{grid.west!r} {grid.north!r} {grid.cell!r} {grid.nx} {grid.ny} {crs}"

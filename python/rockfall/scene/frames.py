@@ -180,7 +180,7 @@ def _says_ground(frame: Any, field: str) -> bool:
 
 
 def _naming(case: Case, files: Mapping[str, Path], keys: Mapping[str, tuple[str, str]]) -> Case:
-    """Case with these files, and without the keys that select a layer in the replaced files."""
+    """Case with these files, without the keys that they replace or that select a replaced layer."""
     groups: dict[str, Any] = {}
     if "sources" in files:
         groups["release"] = dict.fromkeys(PLACES & case.release.keys())

@@ -14,7 +14,7 @@ from rockfall.scene.parts import ExtremeCount, Rasters
 SAMPLES = 100_000  # approximate number of evenly spaced cells at which slopes are sampled
 QUANTILES = (0.1, 0.5, 0.9)
 MIDDLE = (20.0, 45.0)  # [degree] slopes between plains, where boulders stop, and cliffs
-MIN_MIDDLE = 0.05  # fraction of the cells; edges of cliffs and terraces have fewer
+MIN_MIDDLE = 0.05  # minimum fraction of cells; edges of cliffs and terraces alone are fewer
 NORMAL_MEDIAN = 0.6745  # median absolute value of the standard normal distribution
 LOWEST_LAND = -450.0  # [m] the shore of the Dead Sea is at -430 m
 SPIKE = (10.0, 5.0)  # [m], [cells]: no rock is this much higher or lower than all eight neighbours

@@ -111,7 +111,7 @@ def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
 
 
 def _whole_numbers(key: str, given: np.ma.MaskedArray, dtype: Any) -> np.ma.MaskedArray:
-    """Return the array; an error if values are not whole numbers in the range of `dtype`."""
+    """Return the array; refuse values that are not whole numbers in the range of `dtype`."""
     limits = np.iinfo(dtype)
     wrong = (given < limits.min + 1) | (given > limits.max) | (given != np.rint(given))
     if np.ma.filled(wrong, False).any():

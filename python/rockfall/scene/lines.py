@@ -49,7 +49,7 @@ def read_lines(inputs: Inputs, stages: Stages = FRESH) -> Case:
 
 
 def with_lines_of(case: Case, read: Case) -> Case:
-    """Case with the line coordinates of another, already read case."""
+    """Case with the lines, barriers and dams of `read`, a case after `read_lines`."""
     return case.replace(**{group: getattr(read, group) for group in _groups()})
 
 

@@ -198,7 +198,7 @@ class Scene(Sources):
         return _core.known_at(self.kernel.handle, x, y).astype(bool)
 
     def lines_outside(self) -> list[str]:
-        """Names of evaluation lines that lie entirely outside the terrain."""
+        """Names of evaluation lines and barriers that lie entirely outside the terrain."""
         grid = self.grid
         place = grid.west, grid.north, grid.cell, (grid.nx, grid.ny)
         return [

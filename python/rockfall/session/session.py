@@ -136,9 +136,9 @@ class Session:
         `changes` are groups of the case as in `case.replace` (`release={"x": [120.0]}`; a key that
         is None is removed; `line=[...]`, `barrier=[...]`, `dam=[...]` replace all groups of the
         name), and rasters and layers as in `rockfall.run` (`lines`, `barriers`, `sources`, `dem`,
-        ...), in place of earlier ones; None removes one. Files modified since they were read are
-        read again, also by `change()` alone. New warnings are issued as UserWarnings. An error
-        leaves the session unchanged.
+        ...), which replace those of the same name; None removes them. Files modified since they
+        were read are read again, also by `change()` alone. New warnings are issued as
+        UserWarnings. An error leaves the session unchanged.
 
         >>> import rockfall
         >>> session = rockfall.open(rockfall.read_case("case.nml"))

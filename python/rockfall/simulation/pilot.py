@@ -60,9 +60,8 @@ class Pilot:
 
 
 def pilot_run(scene: Scene) -> Pilot:
-    """Run a pilot. The number of boulders depends only on the scene, not on time, so that `check`
-    always prints the same values for a case.
-    """
+    """Simulate some boulders of a scene. Their number does not depend on the time they take, so
+    that `check` always prints the same values for a case."""
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))

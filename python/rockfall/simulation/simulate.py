@@ -144,7 +144,7 @@ def check_team(threads: int) -> None:
 
 
 def start(scene: Scene, threads: int, shard: tuple[int, int] = (1, 1)) -> Tally:
-    """Create empty tallies for the outputs of a case."""
+    """Create the empty tally of a run, or of a shard of it."""
     numbers, survey = shard_range(scene, shard), scene.survey()
     check_overflow(scene, survey)
     box = survey.box(scene.kernel)

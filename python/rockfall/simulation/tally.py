@@ -95,7 +95,7 @@ class Tally:
         return self.run.array(file_name)
 
     def differs_in(self, arrays: Mapping[str, np.ndarray], *names: str) -> str:
-        """First of these named arrays that differs in the run; "" if none does."""
+        """First of the arrays `names` that differs from the run's array; "" if none does."""
         own = {array.file_name: array.values for array in self.run.arrays()}
         differ = (
             name for name in names if name in own and not np.array_equal(own[name], arrays[name])
@@ -175,7 +175,7 @@ class Tally:
         return np.arange(self.before + 1, self.before + self.done + 1, dtype="i8")
 
     def go_on(self, scene: Scene) -> None:
-        """Allocate memory for additional boulders of a scene."""
+        """Continue with a scene that has more boulders."""
         self.run, self.scene, self.boulders = self.run.continued(scene), scene, scene.boulders
 
     def sort_rows(self) -> None:

@@ -190,7 +190,7 @@ def _stronger(
 
     highest = max(float(np.nanmax(came.height, initial=barrier.height)) for came in after)
     steps = int((min(most.height, highest + STEP) - barrier.height) / STEP + 1e-9)
-    # above the highest boulder, more height stops no more
+    # heights above the highest boulder stop no more boulders
     heights = [barrier.height + k * STEP for k in range(steps + 1)]
     classes = range(barrier.ead_class, most.ead_class + 1)
     choice = cheapest(least_heights(classes, heights, is_enough, most.prices))
@@ -210,7 +210,7 @@ def _came(
     barrier: Wanted | None,
     progress: bool,
 ) -> list[_Came]:
-    """Boulders in each run or result that reach a line, given the barrier."""
+    """Boulders in each run or result that reach a line, with `barrier` (None: without it)."""
     is_line = barrier is not None and barrier.alignment.name == line
 
     def numbers(name: str, result: xr.Dataset) -> _Came:

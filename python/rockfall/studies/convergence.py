@@ -38,7 +38,7 @@ ERRORS = (0.1, 0.01, 0.001)  # relative errors for which a cost is estimated
 PIECE = 100_000  # approximate boulders in memory
 #: Minimum and maximum number of blocks per size, for measured errors.
 MIN_BLOCKS, MAX_BLOCKS = 32, 1000
-MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source for the errors; each terrain gets a tenth
+MIN_TURNS = 10 * MIN_BLOCKS  # minimum boulders per source for errors; a tenth on each terrain
 MIN_CROSSED = 20  # minimum mean number of boulders per block past the line, and above q95
 PAIRS = 50  # number of blocks that give the standard error of a change
 AS_GIVEN = "as given"  # name of the unchanged terrain among its variants
@@ -86,8 +86,8 @@ def converge(
 
     The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
     by default a million in total, equally from all sources. Statistical errors are measured on
-    blocks of `reference` boulders from each source (default: a million in total), relative to the
-    same number of boulders with different seeds. Numerical errors are changes of the results for a
+    `reference` boulders from each source (default: a million in total) in blocks, relative to as
+    many boulders with different seeds. Numerical errors are changes of the results for a
     tenth of the boulders, the same boulders on each terrain. Only values at the lines need memory:
     24 bytes per line and boulder. Invalid numbers, and cases without lines, raise a RockfallError.
 
@@ -212,7 +212,7 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """Errors of blocks with 100, 200, 500, ... boulders from the `truth` (lines, numbers)."""
+    """Errors of blocks of 100, 200, 500, ... boulders, relative to `truth` (lines, numbers)."""
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:

@@ -119,7 +119,7 @@ def write_variants(
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
     """Write the table as differences.csv, and the maps as GeoTIFF, to a folder: all files or, with
-    a RockfallError, none. `inputs` are files that must not be overwritten."""
+    a RockfallError, none. Return their paths. `inputs` are files that must not be overwritten."""
     folder = Path(folder)
     with atomic_folder(folder, inputs) as part:
         write_csv(table, part / "differences.csv")

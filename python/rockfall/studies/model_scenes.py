@@ -320,6 +320,6 @@ def _filled(numbers: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _choice(scene: Scene, sizes: np.ndarray, small: int, large: int) -> np.ndarray:
-    """Choose between two grounds by rock size; obstacle heights are diameters (Rockyfor3D)."""
+    """Ground number, `small` or `large`, by rock size; the limit is an Rg, as in Rockyfor3D."""
     obstacles = sizes if scene.case.surface["method"] == "A" else sizes / radius_over_rg(scene.case)
     return np.where(obstacles >= LARGE, np.int8(large), np.int8(small))

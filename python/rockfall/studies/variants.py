@@ -226,7 +226,7 @@ def check_variants(results: Mapping[str, xr.Dataset]) -> None:
 
 
 def at_line(result: xr.Dataset, line: str) -> dict[str, np.ndarray] | None:
-    """Values of each boulder at a line, NaN if it does not pass; None if the line is missing."""
+    """Values of the boulders at a line, by quantity; NaN if not passing. None without the line."""
     names = line_names(result)
     if line not in names:
         return None

@@ -17,8 +17,8 @@ class Weights(NamedTuple):
 
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
-    """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN without a
-    near point. Elevations at the points, and constant elevations, are reproduced exactly.
+    """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN where no
+    point is near. Elevations at the points, and constant elevations, are reproduced exactly.
     """
     from scipy.spatial import cKDTree
 
@@ -35,7 +35,7 @@ def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray
 
 def left_out(points: np.ndarray, weights: Weights, every: int = 1) -> np.ndarray:
     """Leave-one-out errors (n,) [m] at one in `every` points: elevation interpolated from the other
-    points minus measured elevation; NaN without another near point."""
+    points minus measured elevation; NaN if no other point is near."""
     from scipy.spatial import cKDTree
 
     tree, asked = cKDTree(points[:, :2]), np.arange(0, len(points), every)

@@ -77,7 +77,7 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Resample bilinearly to cells with edges at multiples of the cell side."""
+    """Elevations and grid, resampled bilinearly to cells with edges at multiples of `cell` [m]."""
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell

@@ -93,7 +93,7 @@ def smoothed(z: np.ndarray, std: float) -> np.ndarray:
 
 
 def lowered(z: np.ndarray, grid: Grid, shape: Any, depth: float, floor: float) -> np.ndarray:
-    """Lower the cells in a polygon by `depth` [m], then at least to `floor` [m] (NaN: none)."""
+    """Lower the cells in a polygon by `depth` [m], then at least to `floor` [m] (NaN: unused)."""
     inside = held_cells([(shape, 1)], grid, np.zeros(z.shape, np.uint8)) > 0
     done = z.copy()
     done[inside] -= 0.0 if np.isnan(depth) else depth

@@ -57,6 +57,6 @@ def is_finished(path: Path, case: Case, scene: Scene, objects: Objects, segments
 
 
 def is_same_case(case: Case, other: Case, **without: Any) -> bool:
-    """Return True if two cases are equal, apart from threads and the keys changed by `without`."""
+    """Return True if two cases are equal, apart from threads and the keys in `without`."""
     changes = {"case": {"threads": 0}} | without
     return case.replace(**changes).text() == other.replace(**changes).text()

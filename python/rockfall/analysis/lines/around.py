@@ -64,8 +64,8 @@ def _uphill(result: xr.Dataset, line: int, vertices: np.ndarray) -> list[int]:
 def around_by_line(
     result: xr.Dataset, lines: Sequence[int]
 ) -> Iterator[tuple[int, list[int], np.ndarray]]:
-    """Lines for which more than `MAX_AROUND` of the boulders that reach the line or a barrier pass
-    around the barriers above: line, barriers, and the mask of `goes_around`."""
+    """Yield each line for which more than `MAX_AROUND` of the boulders at the line or its barriers
+    pass around these barriers: line, barriers, and the mask of `goes_around`."""
     for line in lines:
         if barriers := barriers_above(result, line):
             around = goes_around(result, line, barriers)

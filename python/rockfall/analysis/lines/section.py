@@ -151,7 +151,7 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Trajectories of `boulders` near a section, clipped to its ends."""
+    """At most `PATHS` trajectories of `boulders` in the corridor; NaN outside (see `Section`)."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):

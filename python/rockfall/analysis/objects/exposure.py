@@ -91,7 +91,7 @@ def read_exposure(
 def curve_remarks(
     path: str | Path, curves: Mapping[str, Curve], exposed: Exposure
 ) -> Iterator[Text]:
-    """Remarks on curves in a table that are probably in other units, or that no object uses."""
+    """Remarks if objects use no curve of a table, or curves that are probably in other units."""
     used = [
         (harm.curve, quantity == "damage")
         for quantity in QUANTITIES

@@ -170,7 +170,7 @@ def _joined(parts: Sequence[Objects]) -> Objects:
 
 
 def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
-    """Mask of shapes that extend into missing elevations, where boulders stop."""
+    """Mask of shapes with a vertex off the known terrain, where boulders stop."""
     import shapely
 
     grid, cells, is_beyond = scene.grid, scene.rasters, []
@@ -186,7 +186,7 @@ def beyond_elevations(shapes: Iterable[Any], scene: Scene) -> np.ndarray:
 
 
 def beyond_remarks(objects: Objects, scene: Scene) -> Iterator[Text]:
-    """Remark on objects that extend into missing elevations."""
+    """Remark on objects with a vertex off the known terrain."""
     beyond = beyond_elevations(objects.shapes, scene)
     names = [name for name, lies in zip(objects.names, beyond, strict=True) if lies]
     if names:
@@ -224,7 +224,7 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
 
 
 def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
-    """Add the evaluation line or the cell of an object. `width` is NaN if not given."""
+    """Add the evaluation lines, or the cell, of an object on the terrain; `width` may be NaN."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south

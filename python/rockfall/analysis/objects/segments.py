@@ -276,7 +276,7 @@ def _outlines(ground: Any) -> Iterator[Any]:
 def _on_terrain(
     pieces: Sequence[_Piece], scene: Scene, path: str, remarks: list[str]
 ) -> list[_Piece]:
-    """Segments that are at least partly on the terrain."""
+    """Segments at least partly on the terrain, with a remark on others; an error if none is."""
     import shapely
 
     grid = scene.grid

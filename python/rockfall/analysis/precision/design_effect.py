@@ -58,9 +58,9 @@ def informative_clusters(with_chosen: ArrayLike, with_others: ArrayLike) -> np.n
 
 @lru_cache(maxsize=2 * MOST_FREEDOM)
 def student(freedom: float) -> float:
-    """97.5 % quantile of Student's t for n >= 1. With t = sqrt(n) tan(a) the density in a is
-    cos(a)**(n - 1), integrated by Simpson's rule; Newton's method finds the quantile from below.
-    (Importing scipy.special takes as long as a small run.)"""
+    """97.5 % quantile of Student's t for n = `freedom` >= 1. With t = sqrt(n) tan(a) the density in
+    a is cos(a)**(n - 1), integrated by Simpson's rule; Newton's method finds the quantile from
+    below. (Importing scipy.special takes as long as a small run.)"""
     half = freedom / 2
     density = math.exp(math.lgamma(half + 0.5) - math.lgamma(half)) / math.sqrt(math.pi)
     angle = math.atan(Z / math.sqrt(freedom))

@@ -20,7 +20,7 @@ History = dict[str, list[dict[str, float]]]  # quantity -> statistics after each
 SHOWN = ("speed", "passing_height", "energy_total")
 NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
 FIRST = 30  # smallest number of boulders
-STEPS = 24  # maximum count of the numbers of boulders
+STEPS = 24  # maximum length of the list from `sizes`
 
 
 def sizes(source: Sources) -> list[int]:

@@ -41,7 +41,7 @@ class Estimate(NamedTuple):
 
 
 def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
-    """Mean of the known values (not NaN); without influences if there are less than `fewest`."""
+    """Mean of the known values (not NaN); without influences if there are fewer than `fewest`."""
     has = ~np.isnan(values)
     if has.sum() < fewest:
         return Estimate(float(np.mean(values[has])) if has.any() else math.nan)
@@ -97,7 +97,7 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
     """Difference between the fractions of the boulders chosen in each run (masks). If all changes
-    are in one direction, this is the fraction that changed, with an interval between 0 and 1."""
+    are in one direction, this is the fraction that changed (negative: lost), with its limits."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)

@@ -11,7 +11,7 @@ PASSED = ("reach_probability", "passages")  # alternative maps of how many bould
 
 
 def passed_map(result: xr.Dataset) -> str | None:
-    """Map of the number or fraction of boulders that pass, if the result has one."""
+    """Name of the map of how many boulders pass, or which fraction; None if there is none."""
     return next((name for name in PASSED if name in result), None)
 
 

@@ -34,7 +34,7 @@ from rockfall.scene.layers import Inputs
 PART = re.compile(r"(?P<name>[^\d%]*[^\d%\s])\s*(?P<percent>\d+(\.\d+)?)?\s*%?")
 STAND = "stems", "dbh_mean", "dbh_std", "conifers", "species", "name"  # attributes of a stand layer
 WHOLE = 1.0  # tolerance for the sum of a stand's species [%]
-SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # less may be in 1/m2, m, fractions
+SMALLEST = {"stems": 1.0, "dbh_mean": 4.0, "conifers": 1.0}  # smaller values: 1/m2, m, fractions?
 
 
 class Mixture(NamedTuple):
@@ -177,7 +177,7 @@ def _check_given_once(
 
 
 def _mixture(table: Species, attributes: Attributes, k: int, text: str | None) -> Mixture | None:
-    """Species mixture of a stand from a text: a name, or percentages as `spruce 60, beech 40`."""
+    """Species mixture of a stand from a text: a name, or percentages: `spruce 60, beech 40`."""
     if text is None:
         return None
     parts = [PART.fullmatch(part.strip()) for part in re.split(r"[,;/]", text)]

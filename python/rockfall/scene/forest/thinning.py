@@ -19,7 +19,7 @@ from rockfall.scene.layers import Inputs
 
 
 def is_thinned(case: Case) -> bool:
-    """Return True if some stems are removed."""
+    """Return True if clearings or a density factor remove stems."""
     return "clearings" in case.forest or case.forest["density_factor"] < 1
 
 

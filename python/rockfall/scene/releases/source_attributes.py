@@ -216,7 +216,8 @@ def _volume(table: Table, k: int, name: str, value: Any) -> float:
 
 def _check_laws(case: Case, table: Table, law: np.ndarray, given: np.ndarray) -> None:
     """Check that each distribution has exactly the numbers that it needs, by the rules of &boulder.
-    Only one feature per set of keys is checked, and those with extreme spreads and ranges."""
+    Checked are the first feature with each set of keys, the widest normal distribution, and the
+    narrowest range, because the others then pass, too."""
     patterns = np.vstack([law, ~np.isnan(given)]).T
     firsts = np.unique(patterns[law > 0], axis=0, return_index=True)[1]
     given_features = set(np.flatnonzero(law > 0)[firsts].tolist())

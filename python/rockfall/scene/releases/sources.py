@@ -285,8 +285,8 @@ def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
 
 
 def _block_shapes(inputs: Inputs, axes: np.ndarray) -> np.ndarray | None:
-    """Number of the block shape nearest to the axes (3, n) of each source's boulders. If the case
-    gives shapes: None, with a remark on different axes."""
+    """Number of the block shape nearest to the axes (3, n) of each source's boulders. None if the
+    case gives the shapes; a remark then counts the axes that are nearer to other shapes."""
     case, given = inputs.case, inputs.case.boulder["block_shape"]
     shape = _core.shapes_of_axes(axes)
     if BY_SOURCE in given:

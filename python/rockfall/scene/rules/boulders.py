@@ -41,7 +41,7 @@ CLEAR = 100.0  # [m] maximum clear_of_sources
 TALL = 60.0  # [m] maximum stem_height
 LOW = 2.0  # [m] minimum stem_height: boulders bounce this high, and thickets are taller
 DENSE = 20_000.0  # stems per hectare in thickets
-ORDERED = 0.9  # fraction of places; in published zone tables half of the rows lack the usual order
+ORDERED = 0.9  # minimum fraction of places in the wrong order; half of the rows in published tables
 #: [degree] On steeper ground without rocks no boulder may stop (theory, chapter 8).
 SMOOTH_REST = 27.0
 OF_ROCKS = "talus", "scree"  # ground names that imply rocks, although rock sizes are optional

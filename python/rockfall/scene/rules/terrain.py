@@ -43,7 +43,7 @@ def dem_rules(scene: Scene) -> Iterator[InputWarning]:
 
 
 def _nodata(scene: Scene) -> Iterator[Text]:
-    """Warning on undeclared nodata values."""
+    """Warnings on undeclared nodata values, and on elevations above Everest."""
     ground = scene.ground
     ends = (
         (ground.low, 1, LOW, "input.elevation_below"),

@@ -103,7 +103,7 @@ class Part:
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
 
     def empty_run(self, before: int, boulders: int) -> Run:
-        """Kernel run with room for all boulders of this part's run."""
+        """Kernel run with room for `boulders` of this part's run, after the first `before`."""
         origin = self.origin
         layout = (self.arrays.get(name, np.zeros(1, "i4")) for name in LAYOUT_OF.values())
         return Run.joined(

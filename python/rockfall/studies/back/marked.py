@@ -97,7 +97,7 @@ class Marked(Witnesses):
         return -both[:, 0], -both[:, 1]
 
     def remarks(self, runs: np.ndarray, weight: np.ndarray) -> list[str]:
-        """Remarks on marks that few boulders of the weighted runs pass."""
+        """Notes on the boulders of the weighted runs that pass the marks, and on marks with few."""
         crossed = weight @ self._sums(runs)[3]
         notes = [f"{count(self.n, 'mark')}, {crossed.min():,.0f} to {crossed.max():,.0f} boulders "
                  "of a run pass there."]  # fmt: skip
@@ -119,8 +119,8 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-densities (2, AGAIN) of a mark and of simulated hits, each given the other hits; 0 with
-    fewer than two."""
+    """Log-densities (2, AGAIN) of a mark and of simulated hits, each given the other hits; 0 for
+    fewer than two boulders."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

@@ -129,7 +129,7 @@ def back_analysis(
 
 
 def _check_request(case: Case, members: int, enough: int) -> None:
-    """Raise a RockfallError for too few members, or a case whose members have no likelihood."""
+    """Raise a RockfallError for invalid numbers, or a case whose members have no likelihood."""
     if members < 2 * ROUND:
         raise RockfallError(f"--members {members}: must be at least {2 * ROUND}")
     if not 2 <= enough <= members:

@@ -320,7 +320,7 @@ class Uncertain:
         return self._pairs_by(np.exp(deviations * normal_scores(numbers.reshape(-1, 2))))
 
     def _pairs_by(self, factors: np.ndarray) -> Draw:
-        """Grounds after applying factors (grounds, 2) to strength and relief."""
+        """Draw of grounds with factors (grounds, 2) on strength and relief."""
         scene = self.scene
         grounds = [*scene.grounds]
         for k, (strength, relief) in zip(self.pairs, factors.tolist(), strict=True):
@@ -345,7 +345,7 @@ class Uncertain:
         )
 
     def _shifted(self, east: float, north: float) -> Draw | None:
-        """Shifted sources [m]; None if any would leave the known terrain."""
+        """Draw of sources shifted by these distances [m]; None if one leaves the known terrain."""
         x, y = self.scene.x + east, self.scene.y + north
         if not self.scene.known_at(x, y).all():
             return None
