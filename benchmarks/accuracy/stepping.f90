@@ -30,7 +30,7 @@ program stepping
       integer(i8) :: missed = 0            !! number of flights whose first contact was missed by the steps
       real(wp) :: place2 = 0.0_wp          !! squared distance of the landings [m2]
       real(wp) :: normal = 0.0_wp          !! difference of normal speed at the landing [m/s]
-      real(wp) :: normal2 = 0.0_wp         !! its square [m2/s2]
+      real(wp) :: normal2 = 0.0_wp         !! square of this difference [m2/s2]
       real(wp) :: gained = 0.0_wp          !! energy at the landing minus energy at the start, per mass [m2/s2]
       real(wp) :: kinetic = 0.0_wp         !! exact kinetic energy at the landing, per mass [m2/s2]
       real(wp) :: deepest = 0.0_wp         !! maximum depth below the ground at a landing [m]

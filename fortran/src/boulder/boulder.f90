@@ -95,7 +95,7 @@ contains
       end do
    end function source_of
 
-   !> First boulder of a source.
+   !> Number of the first boulder of a source.
    pure integer(i8) function first_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..
@@ -104,7 +104,7 @@ contains
       if (source > 1) first_of = last_of(release, source - 1) + 1
    end function first_of
 
-   !> Last boulder of a source.
+   !> Number of the last boulder of a source.
    pure integer(i8) function last_of(release, source)
       type(release_t), intent(in) :: release
       integer(i8), intent(in) :: source  !! 1..

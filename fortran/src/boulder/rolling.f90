@@ -248,7 +248,7 @@ contains
       type(terrain_t), intent(in) :: dem
       real(wp), intent(in) :: x, y           !! start of the path [m]
       real(wp), intent(in) :: heading(2)     !! heading of any length
-      real(wp), intent(inout) :: length      !! path length over that of the heading; on return of its known part [-]
+      real(wp), intent(inout) :: length      !! path length over |heading|; on return, that of the known part [-]
       type(patch_t), intent(inout) :: patch  !! patch at the start; on return at the end
       type(patch_t), intent(out) :: beyond   !! the unknown patch, if any
       logical, intent(out) :: known          !! the whole path is known

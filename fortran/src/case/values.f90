@@ -173,7 +173,7 @@ contains
       if (k > 0) has_comma = comma_number(group%entry(k)) > 0
    end function has_comma
 
-   !> Format `case.nml: &group key`.
+   !> Format `case.nml: &group key`, with the line of the group if it is repeated.
    pure function key_location(group, name) result(text)
       type(group_t), intent(in) :: group
       character(len=*), intent(in) :: name

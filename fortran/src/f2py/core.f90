@@ -727,7 +727,7 @@ contains
       integer(c_int), intent(in) :: n, m, nt
       integer(c_int64_t), intent(in) :: seed
       integer(c_int), intent(in) :: nx, row
-      integer(c_int32_t), intent(in) :: counts(n)       !! their sum is nt
+      integer(c_int32_t), intent(in) :: counts(n)       !! number of stems in each cell, nt in all
       real(c_double), intent(out) :: numbers(m, nt)     !! m: 4 or 2
       integer :: i, k, stem
 
@@ -884,7 +884,7 @@ contains
       high = fraction_limit(fraction, boulders, 1)
    end subroutine fraction_limits
 
-   !> Sources of boulders, from 1.
+   !> Index, from 1, of the source of each boulder.
    subroutine sources_of_boulders(handle, boulder, source, n)
       integer(c_int), intent(in) :: n
       integer(c_int64_t), intent(in) :: handle, boulder(n)

@@ -24,7 +24,7 @@ module rockfall_netcdf_file
    character(len=*), parameter :: head = char(137)//"HDF"
    integer, parameter :: cache = int(2*8*piece/2**20)  !! cache of a variable [MiB]: two pieces; the default is ten
 
-   !> Open file.
+   !> Open NetCDF file.
    type :: netcdf_file_t
       character(len=:), allocatable :: name
       integer :: id = -1

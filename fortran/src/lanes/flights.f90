@@ -49,7 +49,7 @@ module rockfall_flights
       real(wp), dimension(lanes) :: t = 0, d0 = 0, d1 = 0             !! time [s]; height [m] and its rate [m/s]
       real(wp), dimension(lanes) :: jump_height = 0                   !! maximum height so far [m]
       real(wp), dimension(lanes) :: next_i = 0, next_j = 0            !! indices of the next patch [-]
-      real(wp), dimension(lanes) :: next_t = 0                        !! time at which it is entered, or of contact [s]
+      real(wp), dimension(lanes) :: next_t = 0                        !! time of entering that patch, or of contact [s]
       real(wp), dimension(lanes) :: contact = 0                       !! 1 if the flight has a contact, else 0
       real(wp), dimension(lanes) :: known = 1                         !! 1 if the next patch is known, else 0
       real(wp), dimension(lanes) :: z10 = 0, z01 = 0, z11 = 0         !! other corners of the next patch [m]

@@ -86,7 +86,7 @@ module rockfall_maps
    !> Cells under a straight path, along one axis.
    type :: axis_t
       integer :: cell = 0, step = 1       !! current cell; step to the next: 1 or -1
-      real(wp) :: cut = no_hit_time       !! time since its start at which the path leaves the cell [s]
+      real(wp) :: cut = no_hit_time       !! time from the start of the path to its exit from the cell [s]
       real(wp) :: x = 0.0_wp, size = 1.0_wp, inverse = 0.0_wp  !! start, cell size [m], 1/v [s/m], 0 at rest
    end type axis_t
 

@@ -45,7 +45,7 @@ contains
 
    contains
 
-      !> Cells of a row.
+      !> Return which cells of a row were reached.
       pure function reached(j)
          integer, intent(in) :: j
          logical :: reached(tallies%nodes(1))

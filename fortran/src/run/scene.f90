@@ -36,7 +36,7 @@ module rockfall_scene
    type :: ground_text_t
       character(len=:), allocatable :: name
       character(len=:), allocatable :: text, file  !! as in read_ground, or row of a ground table; its file; "": none
-      integer :: table = 0                         !! number of its impact table. 0 and no text: the case's impact sets
+      integer :: table = 0                         !! number of the impact table. 0 and no text: the case's impact sets
    end type ground_text_t
 
 contains

@@ -15,7 +15,7 @@ module rockfall_state_table
       type(variable_t) :: variable        !! files have no variables of group "work"
       character(len=2) :: kind = ""       !! i1, i4, i8, f4, f8
       integer :: rank = 0
-      character(len=40) :: axis(max_rank) = ""  !! names of its dimensions; the first varies fastest
+      character(len=40) :: axis(max_rank) = ""  !! names of the dimensions; the first varies fastest
       integer(i8) :: length(max_rank) = 1
       type(c_ptr) :: at = c_null_ptr
    end type array_t

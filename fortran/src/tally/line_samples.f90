@@ -192,7 +192,7 @@ contains
    !> Point of a line at a distance [m] along it, the inverse of `place_along`.
    pure function point_along(line, along) result(point)
       type(line_t), intent(in) :: line
-      real(wp), intent(in) :: along  !! from its first vertex [m]
+      real(wp), intent(in) :: along  !! distance from the first vertex [m]
       real(wp) :: point(2), start(2), side(2), length, before
       integer :: k
 

@@ -379,7 +379,7 @@ contains
       end do
    end function sample_size
 
-   !> Sum of a sample, in units.
+   !> Sum of the values in a sample, in the unit of the sample.
    pure real(wp) function sample_sum(samples, quantity, place)
       type(samples_t), intent(in) :: samples
       integer, intent(in) :: quantity, place

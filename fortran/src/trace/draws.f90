@@ -18,7 +18,7 @@ contains
    !> Shape of a boulder: given by its source or by its volume in a list, or drawn; 0 if the scene has only one shape.
    pure integer function block_shape_of(scene, volumes, source, number) result(shape)
       type(scene_t), intent(in) :: scene
-      type(volume_distribution_t), intent(in) :: volumes  !! volume distribution of its source
+      type(volume_distribution_t), intent(in) :: volumes  !! volume distribution of the source
       integer, intent(in) :: source
       integer(i8), intent(in) :: number
       integer(i8) :: word(words_per_block)

@@ -57,7 +57,7 @@ module rockfall_scratch
       type(touch_t) :: touch                     !! state on ground with an impact table
       ! Only if boulders may break:
       type(piece_t), allocatable :: start        !! piece to be traced
-      integer :: room = 1                        !! number of fragments that it may become
+      integer :: room = 1                        !! maximum number of fragments of this piece
       type(piece_t), allocatable :: broken       !! state of the piece when it broke, and its fragments
       type(split_t) :: split
       type(gathered_t), allocatable :: gathered

@@ -55,7 +55,7 @@ contains
       start%rate = launch_rate(dem, start%patch, u, w, v)
    end function flight_from
 
-   !> Random numbers between two bounds.
+   !> Random number between two bounds.
    real(wp) function between(low, high)
       real(wp), intent(in) :: low, high
 

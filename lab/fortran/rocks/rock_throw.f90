@@ -66,9 +66,9 @@ module lab_rock_throw
       type(facet_t) :: facet
       type(instant_t) :: first, last    !! first and last instant of the current contact so far
       integer :: entry = from_flight
-      logical :: landed = .false.       !! touched the layer since it was placed
-      real(wp) :: slow_since = 0        !! time since which it has been slow [s]
-      real(wp) :: wait = 0              !! time until which it cannot leave the layer [s]
+      logical :: landed = .false.       !! the boulder touched the layer since it was placed
+      real(wp) :: slow_since = 0        !! time since which the boulder has been slow [s]
+      real(wp) :: wait = 0              !! time until which the boulder cannot leave the layer [s]
       integer :: steps = 0              !! number of steps since the landing
       integer(i8) :: landings = 0
    end type course_t
@@ -348,7 +348,7 @@ contains
       type(boulder_t), intent(in) :: boulder
       type(facet_t), intent(in) :: facet
       type(motion_t), intent(in) :: m
-      integer, intent(in) :: first        !! index of its first sphere
+      integer, intent(in) :: first        !! index of the clump's first sphere
       real(wp), intent(in) :: x(3), v(6)  !! in the frame of the facet [m], [m/s] and [rad/s]
 
       clump = make_clump(boulder%shape, boulder%radius, boulder%density, first, x, &

@@ -130,7 +130,7 @@ contains
    pure type(clump_t) function make_clump(shape, radius, density, first, x, q) result(clump)
       type(clump_shape_t), intent(in) :: shape
       real(wp), intent(in) :: radius, density  !! radius of the sphere of equal volume [m]; density [kg/m3]
-      integer, intent(in) :: first             !! index of its first sphere
+      integer, intent(in) :: first             !! index of the clump's first sphere
       real(wp), intent(in) :: x(3), q(4)       !! position [m]; orientation, a unit quaternion
 
       clump%first = first

@@ -25,7 +25,7 @@ module lab_ensemble
 
    !> Identity of an impact.
    type :: identity_t
-      integer :: place = 1        !! index of its layer in the array
+      integer :: place = 1        !! index of the layer in the array
       integer(i8) :: layer = 1    !! number of the layer, below 2**31
       integer(i8) :: point = 1    !! number of the point on the layer, below 2**32
       integer(i8) :: impact = 1   !! number of the impact at the point, below 2**32

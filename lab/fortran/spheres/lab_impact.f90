@@ -21,7 +21,7 @@ module lab_impact
    integer, parameter :: rebounded = 1  !! left upwards on a clear path
    integer, parameter :: lifted = 2     !! lost contact upwards, but touched the layer again
    integer, parameter :: rolled_on = 3  !! stayed in contact: rolled or ploughed
-   integer, parameter :: exploded = 4   !! unstable, see `trouble`; its numbers are meaningless
+   integer, parameter :: exploded = 4   !! unstable, see `trouble`; the outcome has no meaning
    integer, parameter :: misfit = 5     !! the sphere is too large for the periodic layer
    character(len=9), parameter :: status_names(5) = [character(len=9) :: &
       "rebounded", "lifted", "rolled_on", "exploded", "misfit"]
@@ -54,9 +54,9 @@ module lab_impact
       integer :: status = 0
       integer :: trouble = sound
       real(wp) :: incoming(3) = 0       !! (V_t, V_n, W) at the first contact [m/s]
-      type(state_t) :: peak             !! at maximum upward kinetic energy; at the end if it never moved up
+      type(state_t) :: peak             !! at maximum upward kinetic energy; at the end if there is none
       type(state_t) :: loss             !! at the first upward loss of contact; if none, as peak
-      type(state_t) :: clear            !! when its path was clear; if never, as peak
+      type(state_t) :: clear            !! when the path was clear; if never, as peak
       real(wp) :: duration = 0          !! time from the first contact to the peak [s]
       real(wp) :: travel = 0            !! distance along the heading, up to the peak [m]
       real(wp) :: depth = 0             !! maximum depth of the sphere's lowest point below the mean surface [m]

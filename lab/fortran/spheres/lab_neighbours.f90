@@ -10,7 +10,7 @@ module lab_neighbours
 
    !> Box that is periodic in x and y, with or without a floor at z = 0.
    type :: box_t
-      real(wp) :: width = 1     !! length of its sides in x and y [m]; 0: not periodic
+      real(wp) :: width = 1     !! length of the sides in x and y [m]; 0: not periodic
       logical :: floor = .true.
    end type box_t
 
