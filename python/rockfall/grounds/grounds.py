@@ -338,8 +338,8 @@ def ensemble_names() -> list[str]:
 
 
 def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
-    """Find a file of impact sets or of an impact table, shipped or next to the case (None if not
-    found). Return it, and True if it is a table."""
+    """File with the impact sets or tables of a name, shipped or next to the case (for a shipped
+    ground or ensemble its CSV table); None if not found. Also return True for impact tables."""
     if name in ensemble_names():
         return _draws(), True
     if name in shipped_rows().yielding:

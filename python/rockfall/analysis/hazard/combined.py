@@ -313,7 +313,7 @@ def _objects(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.n
 
 
 def _lines(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
-    """Frequencies, energies and heights at lines and barriers, and boulders past each barrier."""
+    """Frequencies, energies and heights at lines, and boulders that pass or go around barriers."""
     counts = [np.array([[at.energy.size for at in run.at_lines]]) for run in runs]
     rates = _rates("line", runs, counts, inputs.case.hazard["frequency_factor"])
     values = {f"line_frequency{end}": rate[0] for end, rate in zip(ENDS, rates, strict=True)}

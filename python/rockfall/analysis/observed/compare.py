@@ -117,7 +117,7 @@ def compare(result: xr.Dataset, *observed: str | Path | Observed) -> Comparison:
     source = sources(result)
     distances, notes = _observed_distances(result, seen, source)
     which, difference = compared(result, seen)
-    ours = result.isel(boulder=np.flatnonzero(which))  # all run-out statistics share resamples
+    ours = result.isel(boulder=np.flatnonzero(which))  # boulders from the observed starts
     stopped = samples(result, seen)
     share = np.ones(which.sum()) if stopped is None else weights(*stopped)
     errors = _errors(result, seen, method, source, names)

@@ -26,7 +26,7 @@ STEEP = 60.0  # [degree] maximum median slope; 28 degrees become this if elevati
 #: mountains of 21 and 37 degrees do if their elevations are in feet.
 FEET = (52.0, 68.0)
 SCALE = 0.03  # maximum scale error; national projections have less
-STEPS = 0.05  # fraction of places with bends in integer elevations: the elevations are rounded
+STEPS = 0.05  # minimum fraction of places with bends in integer elevations that are rounded
 FINE = (0.2, 2.5)  # [m] coarser cells follow the slope; finer cells come from a laboratory
 #: [degree] Turns this large between cells, on a slope of 34 degrees, reduce the number of boulders
 #: that pass the gentle ground below by 8 to 36 % (matrix) or 21 to 60 % (tables).

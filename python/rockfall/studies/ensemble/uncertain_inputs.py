@@ -31,8 +31,8 @@ from rockfall.scene.releases.source_attributes import VALUES, VOLUMES
 from rockfall.scene.scene import Scene
 
 INPUTS = ("volume", "drop_height", "source", "sets", "dem", "radius", "draws", "ground")
-#: Random numbers for a draw of an input; radius: one for each zone; ground: two for each ground
-#: with strength and relief.
+#: Random numbers for a draw of each of the first INPUTS; the others need one for each zone
+#: (radius), one (draws), and two for each ground with strength and relief (ground).
 NUMBERS = (2, 1, 2, 1, 0)
 PAIR = ("strength", "relief")
 PAIR_FACTORS = tuple(f"{key}_factor" for key in PAIR)
