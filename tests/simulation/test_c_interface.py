@@ -52,7 +52,7 @@ class Library:
         self.check(self.calls.rockfall_advance(self.run, ctypes.c_int64(n), self.message))
 
     def results(self):
-        """Arrays by their names in files, and their dimensions."""
+        """Arrays by their names in files, in their shapes."""
         text, length = ctypes.create_string_buffer(TEXT), (ctypes.c_int64 * 4)()
         at, k, found = ctypes.c_void_p(), 0, {}
         while self.calls.rockfall_array(self.run, k, text, length, ctypes.byref(at)):

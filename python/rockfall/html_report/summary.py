@@ -133,7 +133,7 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 
 
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
-    """Sentences on the Monte Carlo error of the answer, and on other errors."""
+    """Sentences on Monte Carlo and other errors; with `is_inside`, on the range of the model."""
     boulders, samples = simulated(result), LineSamples(result)
     limits = [cell.interval for numbers in rows.values() for cell in key_numbers(numbers)]
     if is_ensemble(result):  # its answer is the range over the draws
@@ -189,7 +189,7 @@ def angle(result: xr.Dataset) -> Iterator[str]:
 
 
 def technical(result: xr.Dataset) -> Iterator[str]:
-    """Technical details of the random numbers, needed to repeat the run."""
+    """Sentences on rebounds that were redrawn, and on those limited after too many draws."""
     rebounds, redrawn, forced = (
         int(result[f"rebounds{suffix}"]) for suffix in ("", "_redrawn", "_forced")
     )

@@ -91,7 +91,7 @@ def _files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
 
 
 def _check_forest(inputs: Path, no_forest: bool) -> None:
-    """Refuse forest rasters: a structure index or a friction gives no stems."""
+    """Refuse forest rasters, which give no stems, unless the user gave `--no-forest`."""
     for path in _files(inputs / "RES", RASTERS):
         if not no_forest:
             raise RockfallError(

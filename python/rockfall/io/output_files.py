@@ -119,7 +119,7 @@ def why_unwritten(error: Exception, folder: Path) -> str:
 
 
 def check_folder(folder: Path, *, tries: bool = True) -> None:
-    """Refuse an output folder that is a file or lacks write permission; it may not exist yet."""
+    """Refuse an output folder that is a file or, with `tries`, not writable; it may be missing."""
     if folder.exists() and not folder.is_dir():
         raise RockfallError(f"{folder}: is a file: give a folder")
     if tries:

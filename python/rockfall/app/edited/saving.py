@@ -57,8 +57,8 @@ class Saved(NamedTuple):
 
 
 def save(site: Site, document: Document, name: str, overwrite: bool) -> Saved:
-    """Write NAME.nml and, if anything is drawn, its layers to NAME.gpkg: all files or none, and
-    never over a file that the case reads."""
+    """Write NAME.nml and, if anything is drawn, its layers to NAME.gpkg: all files or none, never
+    over a file that the case reads, and over other files only with `overwrite`."""
     made = runnable(site, document)
     case, inline, remark = _with_variants(site, document, made, f"{name}.gpkg")
     drawn = {name: layer for name, layer in made.layers.items() if name not in inline}

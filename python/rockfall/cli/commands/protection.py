@@ -44,10 +44,10 @@ from rockfall.tables.design_block import design_block_text, scenario_text
 from rockfall.tables.siting import siting_text
 from rockfall.tables.yearly_design import yearly_design_text
 
-YEARLY_TABLES = ("loads", "choices", "checks")  # tables of hazards
+YEARLY_TABLES = ("loads", "choices", "checks")  # tables of a design from hazards
 TABLES = ("loads", "demand", "checks", "choices", "along")
 OPTIONS = ("along", "width", "min_boulders", "residual", "volume", "factors", "costs")
-BLOCK_OPTIONS = ("years", "events", "threshold", "volume_max")  # of a return period only
+BLOCK_OPTIONS = ("years", "events", "threshold", "volume_max")  # for a return period only
 SITING = ("every", "to", "direction", "candidates", "candidates_layer", "max_height", "max_class",
           "max_bypass", "space", "acceptable", "volume", "factors", "costs",
           *sorted(CONDITIONS))  # fmt: skip

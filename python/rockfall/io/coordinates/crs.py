@@ -240,7 +240,7 @@ def _plan_refusal(
     grid: Grid, path: str, plan: Unit, heights: Unit | None, is_stated: bool, cure: Cure | None
 ) -> RockfallError:
     """Error for plan coordinates not in metres, with the command that converts them. `heights` is
-    the elevation unit if it must be converted too."""
+    the elevation unit if it must be converted too; `is_stated`: the file gives that unit."""
     assert grid.crs is not None
     both = f", elevations in {heights.name}" if heights else ""
     problem = (
