@@ -11,7 +11,7 @@ module rockfall_line
    type :: line_t
       real(wp), allocatable :: x(:), y(:)     !! vertices, local coordinates [m]
       real(wp) :: low(2), high(2)             !! bounding box of the centres of boulders that meet the line [m]
-      real(wp) :: half_width = -1.0_wp        !! half width of an object [m]; negative for a line, which centres cross
+      real(wp) :: half_width = -1.0_wp        !! half width of an object [m]; < 0: a line, crossed by centres
    end type line_t
 
 contains

@@ -131,11 +131,11 @@ contains
       patch_position = fraction_of(dem%per_cell, x, real(k, wp))
    end function patch_position
 
-   !> Position 0..1 [cells] of a coordinate in an interval, from scalars.
+   !> Position 0..1 [cells] of a coordinate in patch interval k, for vectorised loops.
    elemental real(wp) function fraction_of(per_cell, x, k)
       real(wp), intent(in) :: per_cell  !! [1/m]
       real(wp), intent(in) :: x         !! [m]
-      real(wp), intent(in) :: k         !! an integer [-]
+      real(wp), intent(in) :: k         !! number of the interval, an integer [-]
 
       fraction_of = max(0.0_wp, min(1.0_wp, x*per_cell - (k - 1)))
    end function fraction_of
@@ -274,9 +274,9 @@ contains
       at(2) = dem%ny + 1 - int(nearest_node(real(patch%j, wp), w))
    end function cell_of
 
-   !> Node nearest to a position in a patch interval, from scalars.
+   !> Node nearest to a position in patch interval k, for vectorised loops.
    elemental real(wp) function nearest_node(k, u)
-      real(wp), intent(in) :: k  !! an integer [-]
+      real(wp), intent(in) :: k  !! number of the interval, an integer [-]
       real(wp), intent(in) :: u  !! 0..1 [cells]
 
       nearest_node = k + merge(1.0_wp, 0.0_wp, u >= 0.5_wp)

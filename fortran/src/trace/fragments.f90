@@ -279,7 +279,7 @@ contains
       gathered%stop_cell(:, gathered%stops) = cell
    end subroutine add_stop
 
-   !> Add the crossing of a line by a piece; only the crossing with the highest energy is kept.
+   !> Add the crossing of a line by a piece: keep the crossing with the highest energy, and the maximum heights of all.
    pure subroutine add_crossing(result, piece, all, energy, raised)
       type(boulder_result_t), intent(in) :: result
       type(crossing_t), intent(in) :: piece

@@ -19,7 +19,7 @@ program test_table_contact
    real(wp), parameter :: cell = 100.0_wp, gravity = 9.81_wp, near = 1.0e-12_wp
    real(wp), parameter :: lab_radius = 0.4_wp, density = 2700.0_wp, strength = 2.0e6_wp, pi = acos(-1.0_wp)
    real(wp), parameter :: radii(*) = [0.05_wp, 0.2_wp, 0.57_wp, 3.0_wp]
-   real(wp), parameter :: speeds(*) = [1.0e-7_wp, 1.0e-3_wp, 0.02_wp, 0.3_wp, 1.0_wp, 2.5_wp, 30.0_wp]  ! speeds over U
+   real(wp), parameter :: speeds(*) = [1.0e-7_wp, 1.0e-3_wp, 0.02_wp, 0.3_wp, 1.0_wp, 2.5_wp, 30.0_wp]  ! V/sqrt(g R_b)
    real(wp), target :: z(n, n)
    type(terrain_t) :: dem
    type(impact_table_t) :: table
@@ -246,7 +246,7 @@ contains
          call set_table(record, mod(k, 2) == 0)
          touch = touch_t()
          touch%rolling = mod(k/2, 2) == 0
-         speed = 10**(10.5_wp*x(12) - 9)  ! speed over U
+         speed = 10**(10.5_wp*x(12) - 9)  ! speed over sqrt(g R_b)
          associate (radius => radii(1 + mod(k, size(radii))))
             unit = sqrt(gravity*radius)
             time = real(table%record(duration_out, 1), wp)*unit/gravity
