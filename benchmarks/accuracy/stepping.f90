@@ -106,7 +106,7 @@ contains
       if (status /= 0) number = 0
    end function number
 
-   !> Repeat each flight of the first boulders of the exact run by the scheme.
+   !> Repeat by the scheme each flight of the exact run of the first `boulders` boulders.
    subroutine compare(scheme, step, inputs, boulders)
       character(len=*), intent(in) :: scheme
       real(wp), intent(in) :: step  !! [s]

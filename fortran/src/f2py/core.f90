@@ -1094,7 +1094,7 @@ contains
       ranks = [limit_rank(level, n, per_cluster, -1), limit_rank(level, n, per_cluster, 1)]
    end subroutine limit_ranks
 
-   !> Model for an impact table, given its number of columns and the strength of its ground [Pa].
+   !> Name of the model for an impact table, given its number of columns and the strength of its ground [Pa].
    subroutine table_model(columns, strength, text)
       integer(c_int), intent(in) :: columns
       real(c_double), intent(in) :: strength

@@ -17,7 +17,7 @@ module rockfall_map_overflow
 
    !> Maximum sum [J], [mm/s], [mm]: below 2**63 with a margin for rounding to integers.
    real(wp), parameter :: max_sum = 9.0e18_wp
-   real(wp), parameter :: rounding = 0.5_wp  !! per tree hit [J], [mm]; the number of hits fits in 63 bits
+   real(wp), parameter :: rounding = 0.5_wp  !! maximum rounding error per tree hit [J], [mm]; number of hits < 2**63
    !> Maps computed from the sums of a plan.
    character(len=*), parameter :: names(10) = [character(len=23) :: "energy_mean", "speed_mean", "jump_height_mean", &
                                                "passing_height_mean", "tree_impact_height_mean", "tree_energy", &
