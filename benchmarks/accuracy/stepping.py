@@ -195,7 +195,7 @@ def examine(title: str, runs: list[Run], places: dict[str, list[Samples]]) -> It
 
 
 def flights(title: str, runs: list[Run]) -> Iterator[dict]:
-    """Print the errors of single flights that have the same start as exact flights."""
+    """Print and yield the errors of single flights with the same start as exact flights."""
     number = int(runs[1].printed["flights"])
     print(
         f"\nErrors of one flight from the same start, over {number} flights: place of the landing,"
@@ -246,7 +246,7 @@ def plane(program: Path, folder: Path, repeat: int) -> tuple[list[Run], list[flo
 
 
 def examine_plane(runs: list[Run], errors: list[float]) -> Iterator[dict]:
-    """Print the errors on the plane, and the order of a single flight's error in the step."""
+    """Print errors on the plane, and the order of a flight's error in the step; yield rows."""
     title = "cases/plane"
     print(f"\n{title}\n{'':22}{'CPU ns a rebound':>18}{'one landing [m]':>18}", end="")
     print(f"{'100th contact [m]':>20}")

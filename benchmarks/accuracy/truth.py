@@ -67,7 +67,7 @@ def real(path: Path, boulders: int, slope: float) -> Scene:
 
 
 def both(number: int) -> tuple[replay.Replay, replay.Retrace]:
-    """Trace a boulder with the reference, contact by contact and from its release."""
+    """Comparisons of a boulder with the reference: by contact, and from its release."""
     world, rows = shared["world"], shared["tracks"][number - 1]
     return replay.replay(world, number, rows, shared["result"]), replay.retrace(world, number, rows)
 

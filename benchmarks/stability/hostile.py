@@ -454,7 +454,7 @@ def _spoil(random: np.random.Generator, one: Input, path: Path) -> str:
 
 
 def attempts(folder: Path, seed: int, numbers: range, kind: str | None = None) -> Iterator[Tried]:
-    """Process all inputs with the given numbers, in folders inside `folder`."""
+    """Process inputs with the given numbers in folders inside `folder`; yield the outcomes."""
     _import_all()
     for program in (PROGRAM, SANITIZED):  # copies, because the programs may be rebuilt meanwhile
         if program.exists():

@@ -388,7 +388,7 @@ def test_a_cancel_ends_a_run_and_the_session_goes_on(case):
         same(last_of(session).dataset(), rockfall.run(case.replace(output={"trajectories": 0})))
 
 
-@pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # tick of the computing clock; on Windows
+@pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # [s] clock ticks; 1/64: Windows
 @pytest.mark.parametrize("maps", [[], ["sources"]])
 def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, maps, tick):
     """Cancelling works between pieces. Each piece has as many boulders as take 12 ms at the slowest

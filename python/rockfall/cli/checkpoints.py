@@ -68,7 +68,7 @@ def new_checkpoint(
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
-    """Report saved checkpoints after Ctrl-C and return the status; KeyboardInterrupt if none."""
+    """Report checkpoints after Ctrl-C and return the status; KeyboardInterrupt without any."""
     kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt

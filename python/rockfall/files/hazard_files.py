@@ -57,7 +57,7 @@ NO_CELL = 255  # nodata value of yes-no rasters
 def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
     """Write a hazard to a folder: hazard.nc; a GeoTIFF and a QGIS style (.qml) for each map;
     hazard.gpkg with zones, objects and segments; and CSV tables of objects, segments, return
-    periods and risk. Either all files are written or none, with a RockfallError.
+    periods and risk. Return the files; all are written or none, with a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -94,9 +94,8 @@ def in_folder(path: Path) -> Path:
 
 
 def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) -> list[Path]:
-    """Write the zones and objects of a hazard (a file hazard.nc) to a folder as KML and DXF.
-    Either all files are written or none, with a RockfallError.
-    """
+    """Write the zones and objects of a hazard (a file hazard.nc) to a folder in `formats` (kml,
+    dxf): all files, which are returned, or none, with a RockfallError."""
     folder, chosen, hazard = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
     need("zones need", "vector", "pyogrio", "shapely")
     with atomic_folder(folder, [path, *files_behind(hazard)]) as part:
