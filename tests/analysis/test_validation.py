@@ -143,12 +143,14 @@ def test_what_cannot_be_compared_is_refused(small, made, tmp_path, capsys, monke
     (tmp_path / "marks.csv").write_text("impact,x,y,speed\n1,40,40,3\n")
     printed = f"line,method,quantity,unit,mean,std\n{made[1]},A,speed,m/s,9,1\n"
     (tmp_path / "printed.csv").write_text(printed)
+    (tmp_path / "source.csv").write_text("x,y,source\n40,40,east\n60,60,moon\n")
     name, stops = small.name, folder / "stops.csv"
     few = ["--table", "talus", "--seeds", "2"]
     with monkeypatch.context() as patch:
         patch.setattr(Study, "run", lambda *_, **__: pytest.fail("refused after a run"))
         for path, why in (
             ("apart.csv", r"apart.csv.*: line nowhere: is not in the case \(lines: .*\)"),
+            ("source.csv", "source.csv: line 2: source = east: not a source of the run, .*"),
             ("marks.csv", ".*: no observation to compare with.*"),
             ("printed.csv", ".*: no observation to compare with.*"),
         ):

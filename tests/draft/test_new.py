@@ -387,3 +387,31 @@ def test_a_table_of_zones_is_not_overwritten():
     assert new("zones.gpkg", "-o", "case.nml") == 2
     assert table.read_text() == "zone,mean_radius\n1,0.15\n2,0.2\n"
     assert not Path("case.nml").exists()
+
+
+def test_cells_in_no_polygon_and_their_zone_are_reported(capsys):
+    """600 or 120 of the 4,800 cells, by `new` and by `check`."""
+    low = BOX(W, N - 350, W + 300, N - 200)
+    make_layer("some.gpkg", [HALVES[0], low], ground=["talus", "meadow"])
+    make_layer("most.gpkg", HALVES, ground=["talus", "meadow"])
+    make_layer("cliff.gpkg", [CLIFF])
+    for name, outside in (("some", 600), ("most", 120)):
+        assert new(f"{name}.gpkg", "cliff.gpkg", "-o", f"{name}.nml", ground=()) == 0
+        notes = [line for line in capsys.readouterr().out.splitlines() if "default_zone" in line]
+        said = f"default_zone = 1, the most frequent zone, for {outside} cells in no polygon: check"
+        assert [line[: len(said)] for line in notes] == [said]
+        assert main(["check", f"{name}.nml"]) == 0
+        share = f", {outside} cells ({outside / 48:.1f} %) in no polygon get default_zone = 1"
+        assert share in capsys.readouterr().out
+
+
+def test_all_layers_are_checked_before_one_is_refused(capsys):
+    """GeoJSON in metres without a CRS."""
+    make_layer("road.geojson", [across(300)], crs=None)
+    make_layer("cliff.geojson", [CLIFF], crs=None)
+    make_layer("house.gpkg", [BOX(W, N - 320, W + 9, N - 310)])
+    assert new("road.geojson", "house.gpkg", "cliff.geojson", "-o", "case.nml") == 2
+    lines = capsys.readouterr().err.splitlines()
+    starts = [f"rockfall: {name}.geojson: has no CRS" for name in ("road", "cliff")]
+    assert [line[: len(start)] for line, start in zip(lines, starts, strict=True)] == starts
+    assert not Path("case.nml").exists()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +28,12 @@ from rockfall.draft.recognise import (
     may_be_sources,
     read_layers,
 )
-from rockfall.draft.zones import zones_of
-from rockfall.errors import RockfallError
+from rockfall.draft.zones import Zones, zones_of
+from rockfall.errors import FAULT_MARK, RockfallError
 from rockfall.io.atomic import atomic_folder
 from rockfall.io.files import relative_name
 from rockfall.io.rasters.dem import read_dem
+from rockfall.io.rasters.grid import Grid
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import threshold
 from rockfall.scene.rules.plausible import implausible
@@ -77,9 +78,7 @@ def new_case(
             raise RockfallError(f"{path}: already exists; not overwritten")
     z, grid = read_dem(dem)
     new = New(dem, out, grid)
-    doubtful = [
-        layer for file in files for layer in read_layers(file, grid) if not _take(new, layer)
-    ]
+    doubtful = [layer for layer in _layers(files, grid) if not _take(new, layer)]
     if doubtful and SOURCES not in new.used:
         _check_steep(new, doubtful)
     chosen = Grounds(ground, grounds or {}, ask)
@@ -89,13 +88,27 @@ def new_case(
     with atomic_folder(out.parent, [dem, *files], last=out.name) as place:
         if ZONES in new.used:
             new.zones = zones_of(new.used[ZONES][0], grid, z, out.stem, place, chosen)
-            new.notes += chosen.notes()
+            new.notes += [*chosen.notes(), *_default_zone(new.zones)]
             new.remarks += new.used[ZONES][0].remarks if new.zones.copy else []
         seen = [(kind, layer) for kind in (BLOCKS, SCARS) for layer in new.used.get(kind, ())]
         angles = dict(zip(ANGLES, (energy_line_angle, shadow_angle), strict=True))
         new.observed = observed_of(seen, grid, out, place, angles, ask_angle)
         _write(new, place, files)
     return new
+
+
+def _layers(files: Sequence[Path], grid: Grid) -> list[Layer]:
+    """Layers of all files. The RockfallError for files that cannot be read has a line for each."""
+    layers: list[Layer] = []
+    faults: list[str] = []
+    for file in files:
+        try:
+            layers += read_layers(file, grid)
+        except RockfallError as error:
+            faults += error.faults
+    if faults:
+        raise RockfallError(FAULT_MARK.join(faults))
+    return layers
 
 
 def _take(new: New, layer: Layer) -> bool:
@@ -114,6 +127,15 @@ def _take(new: New, layer: Layer) -> bool:
         new.used.setdefault(kind, []).append(layer)
     new.notes.append(f"{layer}: {kind or 'left out'} ({why})")
     return not doubtful
+
+
+def _default_zone(zones: Zones) -> Iterator[str]:
+    """Note on the zone of cells outside all polygons, if there are any."""
+    if zones.rest is not None:
+        yield (
+            f"default_zone = {zones.rest}, the most frequent zone, for {zones.outside:,} cells in "
+            "no polygon: check it, or draw polygons there"
+        )
 
 
 def _check_steep(new: New, doubtful: list[Layer]) -> None:

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.observed.compare import check_lines
-from rockfall.analysis.observed.deposits import agreement
+from rockfall.analysis.observed.deposits import agreement, blocks_from
 from rockfall.analysis.observed.observations import Observed
 from rockfall.analysis.observed.observed_doubts import check_exchanged, unit_notes
 from rockfall.analysis.observed.run_out import (
@@ -22,6 +22,7 @@ from rockfall.analysis.observed.run_out import (
     kolmogorov_smirnov,
     moments,
     pooled_samples,
+    scene_starts,
     weights,
 )
 from rockfall.case import Case
@@ -88,8 +89,8 @@ def validate(
     statistics at lines. Models replace the same ground as in `run_models`; the notes list
     exceptions.
 
-    Raises a RockfallError if no observation can be compared, a line is not in the case, no ground
-    can have another model, or a table needs rock sizes that the case lacks.
+    Raises a RockfallError if no observation can be compared, a line or source is not in the case,
+    no ground can have another model, or a table needs rock sizes that the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: must be at least {FEWEST} to estimate errors")
@@ -108,6 +109,7 @@ def validate(
     if not at_lines and seen.stops is None and seen.distances is None:
         raise nothing
     check_exchanged(seen, own_scene.grid)
+    blocks_from(scene_starts(own_scene), seen)  # raises errors before the first run
     notes += unit_notes(seen)
     first = int(case.case["seed"]) + 1
     numbers = tuple(range(first, first + seeds))

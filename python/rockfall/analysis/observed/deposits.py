@@ -104,16 +104,21 @@ class Sums(NamedTuple):
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     """Blocks at rest without a known release, by source; blocks of unknown source come last. Empty
-    if all releases are known, from columns or because there is only one source.
+    if all releases are known, from columns or because there is only one source. Errors as in
+    `blocks_from`."""
+    return blocks_from(starts(result), seen)
 
-    Raises a RockfallError for a source that the result lacks, or a block outside the mapped area.
+
+def blocks_from(origins: Starts, seen: Observed) -> list[Blocks]:
+    """Blocks as in `witnesses`, given the release groups.
+
+    Raises a RockfallError for a source that the run lacks, or a block outside the mapped area.
     """
     if seen.stops is None or seen.starts is not None:
         return []
     volume = np.full(len(seen.stops), np.nan) if seen.volumes is None else seen.volumes
     shape = np.zeros(len(seen.stops), int) if seen.shapes is None else seen.shapes
     sources = np.array(seen.sources or [ALL] * len(seen.stops), object)
-    origins = starts(result)
     if len(origins.places) == 1:
         return []
     for k in np.flatnonzero(~np.isin(sources, [ALL, *origins.names]))[:1].tolist():

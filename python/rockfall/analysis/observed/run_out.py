@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rockfall.result.contents import Held
+    from rockfall.scene.scene import Scene
 
 RESAMPLES = 200
 LIMITS = (0.025, 0.975)
@@ -212,19 +213,36 @@ class Starts(NamedTuple):
 
 def starts(result: xr.Dataset) -> Starts:
     """Release groups of a result."""
+    is_points, at = "x" in case_of(result).release, result["start_x"].values
+    feature = result["source_feature"].values if "source_feature" in result else None
+    names = result["feature_name"].values.tolist() if feature is not None else []
+    cell = None if is_points else cell_of(result)
+    return _starts(at + 1j * result["start_y"].values, feature, names, cell)
+
+
+def scene_starts(scene: Scene) -> Starts:
+    """Release groups of a scene, each source once."""
+    features, cell = scene.features, None if "x" in scene.case.release else scene.grid.cell
+    feature, names = (None, []) if features is None else (features.number, features.names)
+    return _starts(scene.x + 1j * scene.y, feature, names, cell)
+
+
+def _starts(
+    at: np.ndarray, feature: np.ndarray | None, feature_names: Sequence[str], cell: float | None
+) -> Starts:
+    """Release groups: the features (numbers from 1), else adjacent cells, else (`cell` is None)
+    points."""
     import pandas as pd
 
-    number, place = pd.factorize(result["start_x"].values + 1j * result["start_y"].values)
+    number, place = pd.factorize(at)
     places = np.column_stack([place.real, place.imag])
-    if "source_feature" in result:
-        group, features = pd.factorize(result["source_feature"].values)
-        names = [str(result["feature_name"].values[k - 1]) for k in features]
+    if feature is not None:
+        group, features = pd.factorize(feature)
+        names = [str(feature_names[k - 1]) for k in features]
         group_at = np.zeros(len(places), int)
         group_at[number] = group
         return Starts(group, names, places, group_at)
-    group_at = np.arange(len(places))
-    if "x" not in case_of(result).release:
-        group_at = _touching(places, cell_of(result))
+    group_at = np.arange(len(places)) if cell is None else _touching(places, cell)
     names = [str(k + 1) for k in range(group_at.max(initial=-1) + 1)]
     return Starts(group_at[number], names, places, group_at)
 
