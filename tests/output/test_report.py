@@ -497,7 +497,7 @@ def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     again = "Reproduces bit-identical results"
     text = report(ReportInputs(whole))
     assert f"{again} in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
-    assert "the case file below" in text  # the file may have changed since
+    assert "the case is as below" in text  # the file may have changed since
     text = report(ReportInputs(interrupted(whole, 4)))
     assert f"{again} and adds missing boulders, with files" in text
 
