@@ -129,7 +129,7 @@ def test_one_command_makes_results_comparison_and_page(here, capsys, blank_figur
     assert not {*here.glob("*.checkpoint"), *here.glob("*.lock")}
     page = (here / "out" / "variants.html").read_text(encoding="utf-8")
     assert re.search("<h1>(.*?)</h1>", page)[1] == "Über &#39;alles&#39;"
-    rows = dict(re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", page, re.S))
+    rows = dict(re.findall(r"<tr><th scope=.row.[^>]*>(.*?)</th>(.*?)</tr>", page, re.S))
     cells = {label: re.findall("<td>(.*?)</td>", row, re.S) for label, row in rows.items()}
     assert cells["cost"] == ["-", "90,000", "-"] and cells["forest"] == ["-", "-", "200/ha\n× 0.5"]
     found = rockfall.read_result(here / "out" / "net.nc")

@@ -38,7 +38,7 @@ def results(tmp_path_factory):
 
 
 def cells_of(page):
-    rows = re.findall(r"<tr><th scope=.row.>(.*?)</th>(.*?)</tr>", page, re.S)
+    rows = re.findall(r"<tr><th scope=.row.[^>]*>(.*?)</th>(.*?)</tr>", page, re.S)
     found = {}
     for label, cells in rows:  # the first table is for the road
         found.setdefault(label, re.findall(r"<td>(.*?)</td>", cells, re.S))
