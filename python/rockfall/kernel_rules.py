@@ -22,7 +22,7 @@ USUAL_WEIGHT = _core.constant("usual_weight")  # unit weight of boulders on impa
 decimal = _core.decimal  # parse a number as in all input files; NaN if invalid
 EAD_ENERGY = tuple(kernel_numbers("ead_energy").tolist())  # barrier classes 0 to 7 [J]
 barrier_outcomes = _core.barrier_outcomes  # outcomes of boulders that reach a barrier
-line_quantities = _core.line_quantities  # arguments: motion (6, n), volumes, masses
+line_quantities = _core.line_quantities  # arguments: motion (n, 6), volumes, masses
 points_along = _core.points_along  # points on a line at given distances
 # Constants of the sample sums (rockfall_samples):
 SAMPLE_BINS = int(_core.constant("sample_bins"))

@@ -6,12 +6,14 @@ import shutil
 import subprocess
 from html import unescape
 
+import numpy as np
 import pytest
 
 import rockfall
 from made import leave_pictures_blank
 from rockfall.analysis.return_levels import return_levels
 from rockfall.cli import main
+from rockfall.result.crossings import line_names
 from scenes import grid, make_case, rough, sets
 
 pytest.importorskip("matplotlib", reason="the report extra is not installed")
@@ -53,7 +55,7 @@ def levels(result):
 def bare(monkeypatch, levels):
     """Page without the figures that follow page 1."""
     leave_pictures_blank(monkeypatch)
-    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda *_, **__: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
 
@@ -76,7 +78,7 @@ def full_page(result, levels, monkeypatch):
     """Function that makes the page in a language, with more warnings than page 1 can hold; for
     `without`, the German page on paper without warnings."""
     leave_pictures_blank(monkeypatch)
-    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda _: levels)
+    monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda *_, **__: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
 
@@ -165,3 +167,28 @@ def test_the_command_states_the_checksum_of_the_result(result, bare, tmp_path, m
     page = text_of((tmp_path / "out.html").read_text())
     assert hashlib.sha256((tmp_path / "out.nc").read_bytes()).hexdigest() in page
     assert "P 17" in page
+
+
+def test_many_lines_share_one_table_and_the_most_passed_have_their_own(tmp_path, monkeypatch):
+    """25 lines: three above the release, 21 across the slope below it, one aside."""
+    leave_pictures_blank(monkeypatch)
+    monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
+    monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
+    ends = [(0.0, 300.0, y) for y in [396.0, 397.0, 398.0, *np.linspace(370.0, 330.0, 21)]]
+    ends.append((0.0, 5.0, 330.0))
+    lines = [{"name": f"L{k:02}", "x": [west, east], "y": [y, y]}
+             for k, (west, east, y) in enumerate(ends)]  # fmt: skip
+    groups = {"case": {"boulders": 150}, "release": {"x": 150.0, "y": 380.0}}
+    case = make_case(tmp_path, *sets(), line=lines, terrain={}, **groups)
+    result = rockfall.run(case, dem=rough(), transform=grid(rough()))
+    passed = dict(zip(line_names(result), result["row_size"].values.tolist(), strict=True))
+    most = sorted(passed, key=lambda name: -passed[name])[:20]
+    page = page_1(result)
+    first, rest = page.split('<section id="inputs">')
+    assert all(name in text_of(first) for name in passed)
+    tables = re.findall(r"<caption>(L\d\d): [0-9,]+ boulders cross it", rest)
+    assert sorted(tables) == sorted(most)
+    assert "the 20 lines with the most passing boulders. Tables of all 25" in text_of(rest)
+    few = [name for name, n in passed.items() if n < 100]
+    said = f"{len(few)} of 25 lines: fewer than 100 boulders passed (none at 4)"
+    assert said in text_of(rest)

@@ -97,7 +97,7 @@ def result(tmp_path_factory):
     return run(tmp_path_factory.mktemp("case"))
 
 
-def no_levels(result):
+def no_levels(result, **_):
     """Return levels as returned by `rockfall.analysis.return_levels`, of which one is refused."""
     lines = line_names(result)
     rows = {"line": lines, "quantity": "speed", "n": 100, "max": 31.0, "level_1000": 30.0,

@@ -531,18 +531,20 @@ contains
    !> Compute the line quantities, except the last, of boulders or fragments that crossed a line.
    subroutine line_quantities(motion, volume, mass, quantities, n)
       integer(c_int), intent(in) :: n
-      real(c_double), intent(in) :: motion(6, n)   !! velocity [m/s], omega [rad/s], jump and passing height [m]
+      real(c_double), intent(in) :: motion(n, 6)   !! velocity [m/s], omega [rad/s], jump and passing height [m]
       real(c_double), intent(in) :: volume(n), mass(n)  !! [m3], [kg]
-      real(c_double), intent(out) :: quantities(n_line_quantities, n)
+      real(c_double), intent(out) :: quantities(n, n_line_quantities)
+      real(c_double) :: row(6)
       type(boulder_t) :: boulder
       integer :: k
 
       do k = 1, n
          boulder = boulder_t(volume(k), sphere_radius(volume(k)), mass(k))
-         associate (v => motion(:3, k), omega => motion(4, k))
-            quantities(:, k) = all_quantities([0.0_c_double, 0.0_c_double, 0.0_c_double, &
+         row = motion(k, :)  ! a copy: gfortran 12 loses the stride of an associated row that is an argument
+         associate (v => row(:3), omega => row(4))
+            quantities(k, :) = all_quantities([0.0_c_double, 0.0_c_double, 0.0_c_double, &
                                                sqrt(v(1)**2 + v(2)**2 + v(3)**2), &
-                                               motion(:, k), kinetic_energy(boulder, v, omega)], boulder%radius)
+                                               row, kinetic_energy(boulder, v, omega)], boulder%radius)
          end associate
       end do
    end subroutine line_quantities

@@ -25,7 +25,7 @@ from rockfall.result.maps.passages import passed_map
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import Terrain
 from rockfall.table import Table, in_line
-from rockfall.tables.lines import Rows
+from rockfall.tables.lines import Rows, most_passed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,9 +90,7 @@ def front_of(
     west, east, south, north = reached(result)
     beside = (north - south) > UPRIGHT * (east - west)
     warnings, more_warnings = _fitted(texts["warnings"], "warning", WARNING_LINES)
-    order = _most_passed(rows)
-    sentences = [texts["answers"][k] for k in order] + list(texts["answers"][len(rows) :])
-    answers, more_answers = _fitted(sentences, "answer", ANSWER_LINES)
+    answers, more_answers = _fitted(texts["answers"], "answer", ANSWER_LINES)
     sure = "narrow" if beside else "sure"
     most = BESIDE_LINES if beside else SURE_LINES
     certainty, more_certainty = _fitted(texts["certainty"], sure, most)
@@ -108,6 +106,8 @@ def front_of(
     used += BETWEEN * len([*warnings, *answers, *([] if beside else certainty)])
     used += MORE * sum(map(bool, (more_warnings, more_answers)))
     used += BOX if warnings else 0.0
+    places = {line: k for k, line in enumerate(rows)}
+    order = [places[line] for line in most_passed(rows)]
     shown, more_tables = _cut(tables, order, int((SHEET - used - LOWEST[beside]) / ROW))
     used += ROW * sum(HEAD + sum(map(_high, row.rows)) for row in shown)
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM
@@ -133,12 +133,6 @@ def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list
     return texts, []
 
 
-def _most_passed(rows: Rows) -> list[int]:
-    """Line indices by decreasing number of passing boulders; a page may lack space for all."""
-    passed = [numbers["speed"]["n"] for numbers in rows.values()]
-    return sorted(range(len(passed)), key=lambda k: -passed[k])
-
-
 def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Table], list[Table]]:
     """Tables cut to a number of rows, with single-line cells and at least one row of the first
     table; also the complete versions of tables that are cut or omitted."""
@@ -151,7 +145,8 @@ def _cut(tables: Sequence[Table], order: list[int], left: int) -> tuple[list[Tab
             more.append(table)
             if k:
                 continue
-            rows = [rows[k] for k in order[: max(1, room // max(map(_high, rows)))]]
+            most = max(1, room // max(map(_high, rows)))
+            rows = [rows[k] for k in (order or range(len(rows)))[:most]]
         shown.append(table._replace(rows=rows))
         left -= HEAD + sum(map(_high, rows))
     return shown, more

@@ -72,7 +72,15 @@ from rockfall.tables.comparison import comparison_tables, notes
 from rockfall.tables.design import check_tables, factor_lines, load_tables
 from rockfall.tables.ensemble import PER_LINE, range_headline, range_tables
 from rockfall.tables.hazard import hazard_tables
-from rockfall.tables.lines import Rows, headline, level_table, line_tables, precision_table, rows_of
+from rockfall.tables.lines import (
+    Rows,
+    headline,
+    key_rows,
+    level_table,
+    line_tables,
+    precision_table,
+    rows_of,
+)
 from rockfall.tables.models import (
     missing_spread,
     model_tables,
@@ -94,7 +102,8 @@ PDF = ".pdf"
 NOBODY = Parties()
 GROUNDS = "page.grounds_radii_of_their_rocks"
 GROUND_PART = "page.part_grounds"
-DRAWN_LINES = 8  # maximum number of lines with figures; tables show all lines
+DRAWN_LINES = 8  # maximum number of lines with figures
+DETAILED_LINES = 20  # maximum number of lines with tables of their own
 
 
 @dataclass(frozen=True)
@@ -179,10 +188,15 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     left = inputs.left
     drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES, left)
     shown = [figure for figure in drawn if figure.name not in zoomed]
-    lines = len(line_names(result))
-    add_steps(3 * lines + len(shown) + min(lines, DRAWN_LINES))
-    rows, levels = rows_of(result), return_levels(result)
-    sheet = design(result, factors=inputs.factors) if rows and has_rows(result) else None
+    names, which = line_names(result), drawn_lines(result, DETAILED_LINES)
+    designed = [names[k] for k in sorted({*which, *barriers_of(result)})]
+    add_steps(
+        len(names) + 2 * len(which) + len(designed) + len(shown) + min(len(which), DRAWN_LINES)
+    )
+    key, rows, levels = key_rows(result), rows_of(result, which), return_levels(result, lines=which)
+    sheet = (
+        design(result, line=designed, factors=inputs.factors) if rows and has_rows(result) else None
+    )
     ranges = range_tables(result, rows)
     if inputs.section is not None:
         shown.insert(0, section_entry(inputs.section))
@@ -213,21 +227,21 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         "warnings": outside,
         "answers": [
             *yearly_answers(hazard),
-            *(range_answers(result) if ranges else answers(result, rows)),
+            *(range_answers(result, rows) if ranges else answers(result, rows)),
         ],
         "certainty": [
-            *certainty(result, rows, not outside),
+            *certainty(result, key, not outside),
             *range_words(result, ranges),
             *spread_words(models),
         ],
     }
     shown_first = [
-        *([range_headline(result) if ranges else headline(rows)] if rows else ()),
+        *([range_headline(result) if ranges else headline(key)] if rows else ()),
         *spread_table(models),
         *endangered[:1],
         *ranges[::PER_LINE],
     ]
-    front = front_of(result, rows, parties, texts, shown_first)
+    front = front_of(result, key, parties, texts, shown_first)
     stops = None if observed is None else observed.stops
     drawn_first = list(overview(result, terrain, stops, hazard, inputs.look, front.room))
     return rendered(
@@ -249,9 +263,12 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         ground_map=picture(grounds, say(GROUNDS), "", on_paper) if grounds else None,
         ends=[ends_table(result)],
         angle=list(angle(result)),
-        cautions=cautions(result, rows, levels),
+        cautions=cautions(result, key, levels),
         map_section=None if on_paper else map_section(result, terrain, inputs.look),
         view=embedded(inputs.view) if inputs.view else None,
+        lines_shown=[]
+        if len(which) == len(names)
+        else [say("page.lines_shown", part=len(which), n=len(names))],
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(chain(load_tables(sheet), check_tables(sheet)) if sheet else ()),
@@ -296,11 +313,12 @@ def _convergence(
     of_several = LineSamples(result).sources > 1
     key = "page.numbers_after_so_many_boulders_with"
     caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")
+    names = line_names(result)
     which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
-    for k, (line, numbers) in enumerate(rows.items()):
+    for line, numbers in rows.items():
         if numbers["speed"]["n"]:
             figure = None
-            if k in which:
+            if (k := names.index(line)) in which:
                 drawn = history_figure(result, k)
                 figure = picture(drawn, say("page.convergence_at", line=line), caption, on_paper)
             yield line, figure, precision_table(line, numbers, simulated(result))

@@ -30,7 +30,7 @@ from rockfall.tables.ensemble import (
     orders_reversed,
 )
 from rockfall.tables.hazard import places_of
-from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers
+from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers, most_passed
 
 YEARS = 100.0  # return period on page 1
 MOST_LINES = 3  # maximum lines with a sentence
@@ -47,9 +47,10 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line, then boulders that pass around barriers, and the run-out."""
+    """A sentence for each line, most passages first; then boulders that pass around barriers, and
+    the run-out."""
     nets = {line_names(result)[k] for k in barriers_of(result)}
-    lines = (_line(line, rows[line], line in nets) for line in rows)
+    lines = (_line(line, rows[line], line in nets) for line in most_passed(rows))
     return [*lines, *around_ends(result, rows), *run_out(result)]
 
 
@@ -103,11 +104,11 @@ def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[
         yield say("summary.once_in", line=line, years=years, **words)
 
 
-def range_answers(result: xr.Dataset) -> list[str]:
-    """A sentence for each line (range over the draws, value of the unchanged case), then the
-    run-out."""
+def range_answers(result: xr.Dataset, rows: Rows) -> list[str]:
+    """A sentence for each line (range over the draws, value of the unchanged case), most passages
+    first; then the run-out."""
     answers = []
-    for line in line_names(result):
+    for line in most_passed(rows):
         passing, energy, height, _ = headline_numbers(result, line)
         values = dict(zip(("low", "high", "fraction"), passing, strict=True))
         values |= zip(("e_low", "e_high", "energy"), energy, strict=True)

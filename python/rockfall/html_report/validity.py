@@ -20,6 +20,7 @@ from rockfall.result.trajectories import ended, gone
 from rockfall.tables.lines import Rows
 
 FEW = 100  # with fewer boulders at a line, its upper quantiles are uncertain
+FEW_LINES = 3  # maximum number of lines with a caution of their own
 FEW_IN_CELL = 30  # with fewer boulders in a cell, Monte Carlo error dominates
 SHIPPED = {  # impact sets described in docs/impact_sets.md
     "laboratory-spheres": "validity.the_rebound_comes_from_simulated_impacts",
@@ -93,12 +94,17 @@ def missing(result: xr.Dataset) -> Iterator[str]:
 
 def _few(rows: Rows) -> Iterator[str]:
     """Caution on lines crossed by few boulders."""
-    for line, numbers in rows.items():
-        if (n := int(numbers["speed"]["n"])) < FEW:
-            if n:
-                yield say_count("validity.few_at_line", n, line=line, few=FEW)
-            else:
-                yield say("validity.none_at_line", line=line, n=n, few=FEW)
+    passed = {line: int(numbers["speed"]["n"]) for line, numbers in rows.items()}
+    few = {line: n for line, n in passed.items() if n < FEW}
+    if len(few) > FEW_LINES:
+        none = list(few.values()).count(0)
+        yield say("validity.few_at_lines", part=len(few), n=len(rows), few=FEW, none=none)
+        return
+    for line, n in few.items():
+        if n:
+            yield say_count("validity.few_at_line", n, line=line, few=FEW)
+        else:
+            yield say("validity.none_at_line", line=line, n=n, few=FEW)
 
 
 def _ended(result: xr.Dataset) -> Iterator[str]:

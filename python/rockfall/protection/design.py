@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,7 @@ class Design:
 def design(
     result: xr.Dataset,
     *,
-    line: str | None = None,
+    line: str | Collection[str] | None = None,
     along: str | None = None,
     width: float = 10.0,
     min_boulders: int = 50,
@@ -97,7 +97,7 @@ def design(
 ) -> Design:
     """Requirements for a barrier on each line of a result, and checks of its barriers.
 
-    `line` selects a single line or barrier for the sheet. `along` selects a line to be cut into
+    `line` selects lines and barriers for the sheet by name. `along` selects a line to be cut into
     windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
     the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
     with the factors of the standard; without it, no requirements are computed. `costs` is a table
@@ -108,7 +108,8 @@ def design(
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
     >>> sheet = rockfall.design(result, survey="good")
     """
-    _check(result, line, along, width, min_boulders, residual, volume)
+    lines = [line] if isinstance(line, str) else line
+    _check(result, lines, along, width, min_boulders, residual, volume)
     standard = read_factors(conditions_of(conditions), factors)
     if along is not None:
         standard.require(f"along {along}")
@@ -119,7 +120,7 @@ def design(
     names, nets, samples = line_names(result), barriers_of(result), LineSamples(result)
     asked, barriers, chosen = [], [], []
     loads: list[dict[str, Any]] = []
-    shown = [(k, name) for k, name in enumerate(names) if line in (None, name)]
+    shown = [(k, name) for k, name in enumerate(names) if lines is None or name in lines]
     for k, name in stepped(shown):  # with the boulders of one line in memory at a time
         came = crossings(result, k)
         _, *percents = passing_percent(result, k)
@@ -188,7 +189,7 @@ def conditions_of(given: dict[str, str]) -> Conditions:
 
 def _check(
     result: xr.Dataset,
-    line: str | None,
+    lines: Collection[str] | None,
     along: str | None,
     width: float,
     min_boulders: int,
@@ -201,9 +202,8 @@ def _check(
     check_rows(result, "design")
     if not result.sizes["boulder"]:
         raise RockfallError("design: the result has no boulders")
-    for name in (line, along):
-        if name is not None:
-            line_number(result, name)
+    for name in (*(lines or ()), *([] if along is None else [along])):
+        line_number(result, name)
     if not 0 <= residual < 1:
         raise RockfallError(f"residual = {residual}: must be >= 0 and < 1")
     if not 0 < width < np.inf:

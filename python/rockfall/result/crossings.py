@@ -117,8 +117,8 @@ class AtLine:
         mass = masses_of(self._result, self.boulders)
         if "crossing_volume" in self._result:
             mass = mass * (self.volumes / np.asarray(self._held["volume"])[self.boulders])
-        motion = np.array([self.stored(name) for name in MOTION], "f8", order="F")
-        return np.ascontiguousarray(line_quantities(motion, self.volumes, mass))
+        motion = np.array([self.stored(name) for name in MOTION], "f8")
+        return line_quantities(motion.T, self.volumes, mass).T
 
     def values(self, quantity: str) -> np.ndarray:
         """Values of a quantity, in the order of `boulders`; requires a result with rows."""

@@ -40,17 +40,28 @@ OF_GROUPS = (
 ALONG = (("energy_total", "mean"), ("energy_total", "q95"), ("passing_height", "q95"))
 
 
-def rows_of(result: Held) -> Rows:
-    """`line_statistics` by line and quantity."""
-    return rows_in(line_statistics(result))
+def rows_of(result: Held, lines: Sequence[int] | None = None) -> Rows:
+    """`line_statistics` by line and quantity, for all lines or for those with these indices."""
+    return rows_in(line_statistics(result, lines=lines))
+
+
+def key_rows(result: Held) -> Rows:
+    """Rows of all lines with the quantities of `headline` only."""
+    quantities = dict.fromkeys(name.replace("fraction", "speed") for name, _ in HEADLINE.values())
+    return rows_in(line_statistics(result, quantities=list(quantities)))
+
+
+def most_passed(rows: Rows) -> list[str]:
+    """Names of the lines by decreasing number of passing boulders."""
+    return sorted(rows, key=lambda line: -rows[line]["speed"]["n"])
 
 
 def rows_in(statistics: pd.DataFrame) -> Rows:
     """Rows of `line_statistics` by line and quantity."""
-    return {
-        str(line): {row["quantity"]: row for row in part.to_dict("records")}
-        for line, part in statistics.groupby("line", sort=False)
-    }
+    rows: dict[str, dict[str, Row]] = {}
+    for row in statistics.to_dict("records"):
+        rows.setdefault(str(row["line"]), {})[row["quantity"]] = row
+    return rows
 
 
 def in_unit(value: float, quantity: str) -> Number:
