@@ -194,7 +194,7 @@ POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"
         ("x,y\n1,2\n", [], "points.csv: line 1: must have exactly one column z (columns: x, y)"),
         ("x,y,z\n1,2,up\n", [], "line 2: z = up: must be a number"),
         ("x,y,z\n1,2,nan\n", [], "line 2: z = nan: must be a number"),
-        ("x,y,z\n1,2,3\n", [], "all points lie on a line along an axis: give --cell, --within"),
+        ("x,y,z\n1,2,3\n", [], "all points lie on a line along an axis: give --cell and --within"),
         (POINTS, ["--cell", "nan"], "--cell nan: must be > 0"),
         (
             POINTS,
@@ -204,7 +204,7 @@ POINTS = "x,y,z\n0,0,1\n10,5,2\n3,9,4\n"
         (POINTS, ["--within", "0.001"], "all cells are nodata"),
         (POINTS, ["--neighbours", "0"], "--neighbours 0: must be > 0"),
         (POINTS, ["--crs", "EPSG:4326"], "cells are in degrees"),
-        (POINTS, ["--crs", "moon"], "--crs moon: is not known"),
+        (POINTS, ["--crs", "moon"], "--crs moon: is not a known CRS"),
         (POINTS, ["--smooth", "-1"], "--smooth -1: must be > 0 [m]"),
         (POINTS, ["--dam", "none.gpkg"], "none.gpkg"),
         (POINTS, ["--cut", "none.gpkg"], "none.gpkg"),

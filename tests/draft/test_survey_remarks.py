@@ -118,7 +118,7 @@ def quarry():
     ([("pits", 1.5)], None),
     ([("pits", 100.0)], "--pits 100: raises 10[01] cells by up to 10 m and also fills ditches"),
     ([("fill", 40.0)], None),
-    ([("fill", 500.0)], "--fill 500: fills 400 cells from up to 500 m away, where the ground"),
+    ([("fill", 500.0)], "--fill 500: fills 400 cells from up to 500 m away, where the terr"),
     ([("smooth", 4.0)], None),
     ([("smooth", 50.0)], "--smooth 50: smooths over 25 cells, and removes edges, ditches and d"),
 ])  # fmt: skip

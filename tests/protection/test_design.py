@@ -349,7 +349,8 @@ def test_prices_decide_on_the_cheapest(tmp_path):
 
 
 @pytest.mark.parametrize(("language", "cost"), [
-    ("en", "cost of 1 m"), ("de", "Kosten pro m"), ("fr", "coût de 1 m"), ("it", "costo di 1 m"),
+    ("en", "cost per metre"), ("de", "Kosten je Meter"), ("fr", "coût par mètre"),
+    ("it", "costo al metro"),
 ])  # fmt: skip
 def test_only_prices_are_called_a_cost(language, cost, result, tmp_path):
     table = tmp_path / "costs.csv"

@@ -118,7 +118,7 @@ def dem_of_points(
         spacing = nodes.grid.cell
     elif not spacing and (cell is None or within is None):
         raise RockfallError(
-            f"{path}: all points lie on a line along an axis: give --cell, --within"
+            f"{path}: all points lie on a line along an axis: give --cell and --within"
         )
     weights = Weights(power, neighbours, FAR * spacing if within is None else within)
     cell = (_nice(spacing) if nodes is None else spacing) if cell is None else cell
@@ -272,7 +272,7 @@ def _crs(text: str | None) -> Any:
     try:
         return None if text is None else CRS.from_user_input(text)
     except CRSError as error:
-        raise RockfallError(f"--crs {text}: is not known; such as EPSG:2056") from error
+        raise RockfallError(f"--crs {text}: is not a known CRS, such as EPSG:2056") from error
 
 
 def _positive(option: str, value: float) -> float:

@@ -33,7 +33,7 @@ class KernelScene:
         self._box: Box | None = None
 
     def __reduce__(self) -> NoReturn:
-        raise TypeError("a scene in the kernel belongs to its process; copies make their own")
+        raise TypeError("a scene in the kernel belongs to its process and cannot be copied")
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays, by the names used in the kernel and in scene files."""

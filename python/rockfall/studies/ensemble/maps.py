@@ -56,13 +56,14 @@ class MemberMaps:
             attrs = self.attrs[name]
             return dict(self._quantiles(name, members, attrs["long_name"], attrs["units"]))
         members /= self.boulders
+        what = "reach probability"
         spread = "standard deviation over the runs, including the Monte Carlo error"
         reached = f"fraction of the runs in which more than {REACHED:.0%} of the boulders passed"
         return {
-            "reach_probability_mean": (members.mean(axis=0), "mean over the runs", "1"),
-            "reach_probability_std": (members.std(axis=0, ddof=1), spread, "1"),
+            "reach_probability_mean": (members.mean(axis=0), f"{what}: mean over the runs", "1"),
+            "reach_probability_std": (members.std(axis=0, ddof=1), f"{what}: {spread}", "1"),
             "reached_runs": ((members > REACHED).mean(axis=0), reached, "1"),
-            **dict(self._quantiles("reach_probability", members, "reach probability", "1")),
+            **dict(self._quantiles("reach_probability", members, what, "1")),
         }
 
     def _quantiles(
