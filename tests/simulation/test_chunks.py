@@ -50,9 +50,9 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
     whole = run(case)
     assert np.array_equal(whole["start_x"], np.repeat(X, EACH))
     found = run(case, chunk=chunk)
-    xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
+    xr.testing.assert_equal(found, whole)
     parts = [run(case, chunk=chunk, shard=(k, 4)) for k in range(1, 5)]
-    xr.testing.assert_identical(rockfall.merge(parts).drop_attrs(), whole.drop_attrs())
+    xr.testing.assert_equal(rockfall.merge(parts), whole)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -73,7 +73,7 @@ def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch
     monkeypatch.setattr(Run, "advance", count)
     found = run(case, chunk=10**6, threads=threads)
     assert sum(sizes) == 40 * X.size and 1 <= max(sizes) <= 16 * threads
-    xr.testing.assert_identical(found.drop_attrs(), whole.drop_attrs())
+    xr.testing.assert_equal(found, whole)
 
 
 def test_the_last_source_is_refused_before_the_first_boulder_flies(tmp_path, monkeypatch):

@@ -172,6 +172,18 @@ def _limits_are_those_of_the_lines(result, alone, name):
                 assert 0.8 * below - lowest <= map_[cell] <= 1.25 * above + lowest
 
 
+def _quantiles(values, level):
+    """Quantiles of each column as at the lines, and the order statistics around them, without NaN;
+    much faster than `np.nanquantile`."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    place = level * ((~np.isnan(values)).sum(axis=0) - 1)
+    below, above = (
+        np.take_along_axis(ordered, ends(place).astype(int)[None], axis=0)[0]
+        for ends in (np.floor, np.ceil)
+    )
+    return below + (place % 1) * (above - below), below, above
+
+
 def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
     """Each boulder alone gives its maxima in each cell."""
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
@@ -193,25 +205,22 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
         shown = count > 0
         assert np.array_equal(shown, ~np.isnan(mean)) and mean.attrs["thin_below"] == 10
         expected = np.nanmean(alone[:, k][:, shown], axis=0)
-        assert mean.values[shown] == pytest.approx(expected, rel=1e-5, abs=1e-3)
+        np.testing.assert_allclose(mean.values[shown], expected, rtol=1e-5, atol=1e-3)
         std, several = result[f"{quantity}_std"].values, count > 1
         assert np.array_equal(several, ~np.isnan(std))
         expected = np.nanstd(alone[:, k][:, several], axis=0, ddof=1)
-        assert std[several] == pytest.approx(expected, rel=1e-5, abs=1e-3 * (1 + 999 * (k == 0)))
+        slack = 1e-3 * (1 + 999 * (k == 0))
+        np.testing.assert_allclose(std[several], expected, rtol=1e-5, atol=slack)
         for percent in (50, 90, 95, 98, 99):
             about = result[f"{quantity}_q{percent}"]
             assert np.array_equal(count > 0, ~np.isnan(about))
             _limits_are_those_of_the_lines(result, alone[:, k], f"{quantity}_q{percent}")
             shown = count >= (10 if percent == 50 else about.attrs["thin_below"])
             values = alone[:, k][:, shown]
-            below, above = (
-                np.nanquantile(values, percent / 100, axis=0, method=method)
-                for method in ("lower", "higher")
-            )
+            linear, below, above = _quantiles(values, percent / 100)
             lowest = {"energy": 64, "speed": 0.25}.get(quantity, 0.0625)
             assert (about.values[shown] >= 0.8 * below - lowest).all()
             assert (about.values[shown] <= 1.25 * above + lowest).all()
-            linear = np.nanquantile(values, percent / 100, axis=0)  # as at the lines
             off = (about.values[shown] / linear)[linear > 4 * lowest] - 1
             if off.size > 20:  # a mean over fewer cells is too uncertain
                 assert abs(off.mean()) < 0.07 and np.sqrt((off**2).mean()) < 0.09

@@ -243,7 +243,7 @@ def _write(table: ImpactTable, path: Path) -> None:
         data[name] = ("record", table.record[:, k])
     scales = {"inertia": table.inertia, **table.ground._asdict()}
     dataset = xr.Dataset(data, attrs={"title": "impact table", **scales, **table.attrs})
-    write_compressed(dataset, path, 9)
+    write_compressed(dataset, path, 6)  # 9 takes four times as long for 0.5 % less
 
 
 @cache
