@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rockfall
-from made import UTM, make_layer, refused
+from made import UTM, every_third, make_layer, refused
 from rockfall.analysis.line_statistics import sample_numbers
 from rockfall.analysis.lines.envelopes import envelopes, fewest_for
 from rockfall.analysis.lines.section import COLUMNS, section_of
@@ -482,7 +482,7 @@ def test_the_command_says_that_a_layer_was_reprojected(place, capsys):
     assert "warning: " + str(layer) + ": reprojected from EPSG:4326" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("language", ["de", "fr", "it"])
+@pytest.mark.parametrize("language", every_third(["de", "fr", "it"]))
 def test_every_text_of_the_figure_is_translated(language, wide):
     with speaking(language):
         texts = section_figure(wide).findobj(lambda one: hasattr(one, "get_text"))

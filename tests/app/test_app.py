@@ -560,7 +560,7 @@ DOCUMENTS = {
 
 @pytest.mark.parametrize(
     "about",
-    [one if one in ("points", "nets", "zones by radius", "settings")
+    [one if one in ("nets", "zones by radius", "settings")
      else pytest.param(one, marks=pytest.mark.all) for one in DOCUMENTS],
 )  # fmt: skip
 def test_what_is_run_is_what_is_saved(place, about):

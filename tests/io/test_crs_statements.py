@@ -7,7 +7,7 @@ import pytest
 import rasterio
 import xarray as xr
 
-from made import PLACE, hill, refused
+from made import PLACE, every_third, hill, refused
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.crs import same_crs
 from rockfall.io.rasters.arrays import from_array
@@ -50,7 +50,7 @@ DIFFERENT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("what", DIFFERENT)
+@pytest.mark.parametrize("what", every_third(DIFFERENT))
 def test_different_systems_are_refused(what):
     mapping, *names = DIFFERENT[what]
     data = write(**mapping)
@@ -63,7 +63,7 @@ def test_different_systems_are_refused(what):
         assert text.startswith(path) and text.endswith("remove the wrong one") and "\n" not in text
 
 
-@pytest.mark.parametrize("mapping", [
+@pytest.mark.parametrize("mapping", every_third([
     {"crs_wkt": wkt(UTM), "spatial_ref": wkt(UTM, "WKT1_GDAL")},
     {"crs_wkt": wkt(UTM), "spatial_ref": wkt(UTM, "WKT1_ESRI")},
     {"crs_wkt": wkt("EPSG:32632+5773"), "spatial_ref": wkt(UTM, "WKT1_GDAL")},  # heights in metres
@@ -71,7 +71,7 @@ def test_different_systems_are_refused(what):
     {"crs_wkt": wkt(UTM), "epsg_code": UTM, "spatial_ref": wkt(UTM, "WKT1_GDAL")},
     {"crs_wkt": wkt(UTM), "epsg_code": "none", "proj4": ""},
     {"spatial_ref": wkt(UTM, "WKT1_GDAL")}, {"crs_wkt": wkt(UTM)},
-])  # fmt: skip
+]))  # fmt: skip
 def test_equal_systems_are_read(mapping):
     data = write(**mapping)
     for z, grid in read_dem("dem.nc"), from_array(data):

@@ -7,7 +7,7 @@ import pytest
 
 import rockfall
 from crossed import SINGLE
-from made import refused
+from made import every_third, refused
 from rockfall.files.trajectory_layers import flight_features
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import at_lines
@@ -131,7 +131,9 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
     assert (z.min(axis=1) >= ends.min(axis=0) - 1e-6).all()
 
 
-@pytest.mark.parametrize("moved", ["matrix", "table", "trees"], indirect=True, scope="module")
+@pytest.mark.parametrize(
+    "moved", every_third(["matrix", "table", "trees"]), indirect=True, scope="module"
+)
 def test_a_curve_has_the_kernels_speed_where_it_passes_a_line(moved):
     """Squared speed, quadratic in time, is interpolated with an error of at most g^2 h^2/4. (With
     breakage, a line has its most energetic fragment, which may not be the recorded one.)"""

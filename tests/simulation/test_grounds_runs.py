@@ -133,7 +133,12 @@ def test_a_written_result_is_read_as_it_was(whole, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "way", ["zones", "map", pytest.param("everywhere", marks=pytest.mark.all), "windows"]
+    "way",
+    [
+        "zones",
+        "windows",
+        *(pytest.param(one, marks=pytest.mark.all) for one in ("map", "everywhere")),
+    ],
 )
 def test_both_programs_give_the_same_bits(batch, tmp_path, way):
     """Grounds by zones with their own set, by a raster, everywhere, and in windows."""
@@ -249,7 +254,7 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
     assert "Rebounds by ground" in page and "<td>constant</td>" in page.replace("th>", "td>")
 
 
-@pytest.mark.parametrize("lanes", [0, 1])
+@pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
     """On a plane of 33 degrees: on talus, not on meadow; the case's rest angle has priority."""

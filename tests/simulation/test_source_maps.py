@@ -56,7 +56,9 @@ def check(result, sources, released):
     assert np.array_equal(found, share.astype("f4"), equal_nan=True)
 
 
-@pytest.mark.parametrize(("n", "of"), [(1, 400), (7, 50), (2000, 2)])
+@pytest.mark.parametrize(
+    ("n", "of"), [(1, 400), pytest.param(7, 50, marks=pytest.mark.all), (2000, 2)]
+)
 def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
     case, arrays = case_of(tmp_path, n), scattered(of)
     sources, released = by_brute_force(case, arrays)

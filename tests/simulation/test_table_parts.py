@@ -173,7 +173,7 @@ def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
             assert near((rows == k).sum(), len(rows), row)
 
 
-@pytest.mark.parametrize(("k", "m"), [(3.0, 1.0), (1.0, 0.7), (5.0, 1.2)])
+@pytest.mark.parametrize(("k", "m"), every_third([(3.0, 1.0), (1.0, 0.7), (5.0, 1.2)]))
 def test_size_density_and_strength_are_one_axis(tmp_path, k, m):
     """R_b times k, density times m, strength times k m: the same parts."""
     found = []
@@ -196,7 +196,7 @@ def test_gravity_is_part_of_the_axis(tmp_path):
 # ---- strength between boulders
 
 
-@pytest.mark.parametrize("sigma", [0.3, 1.0])
+@pytest.mark.parametrize("sigma", every_third([0.3, 1.0]))
 def test_strengths_are_lognormal(tmp_path, sigma):
     """Columns are used as often as by a lognormal strength, by each boulder one of the two adjacent
     columns."""
