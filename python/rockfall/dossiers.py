@@ -20,8 +20,12 @@ from rockfall.io.atomic import atomic_folder
 from rockfall.io.output_files import check_folder, check_outputs
 from rockfall.io.tables import write_csv
 from rockfall.language import catalogue, speaking
-from rockfall.office.dossier import write_dossier_document, write_dossier_workbook
-from rockfall.office.tables import FORMATS, check_tables
+from rockfall.office.tables import (
+    FORMATS,
+    check_tables,
+    write_dossier_document,
+    write_dossier_workbook,
+)
 from rockfall.plots.terrain import terrain_of
 from rockfall.protection.yearly import YEARS, check_period, yearly_design
 from rockfall.result.dataset import put_netcdf

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import pandas as pd
 import xarray as xr
 
-from rockfall.analysis.lines.drawn_line import drawn_line
 from rockfall.analysis.lines.section import Section, section_of
-from rockfall.analysis.lines.stations import SectionLine
+from rockfall.analysis.lines.stations import SectionLine, drawn_line
 from rockfall.analysis.observed.compare import site_observations
 from rockfall.analysis.observed.deposits import grid_for
 from rockfall.analysis.observed.observations import Observed, read_observed

@@ -21,6 +21,7 @@ from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import NO_ID
 from rockfall.io.tables import decimal
 from rockfall.io.vectors.layers import burn_polygons, plain, read_features
+from rockfall.scene.rebounds.rebound import sphere_radius
 
 ROCKS, SOILS, FOREST, CHECKPOINTS = "rocks", "soils", "forest", "checkpoints"
 SOURCES, ZONES, STANDS, LINES = "sources.gpkg", "soils.tif", "stands.gpkg", "checkpoints.gpkg"
@@ -293,12 +294,8 @@ def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]
     )
     mean = float(np.average((low + high) / 2, weights=number))
     boulder = Group("boulder", [Entry("volume", "source", "from the polygons")])
-    return (boulder, Group("release", [Entry("polygons", SOURCES)])), _radius(mean), total
-
-
-def _radius(volume: float) -> float:
-    """Radius [m] of a sphere with this volume [m3]."""
-    return (3 * volume / (4 * math.pi)) ** (1 / 3)
+    release = Group("release", [Entry("polygons", SOURCES)])
+    return (boulder, release), sphere_radius(mean), total
 
 
 def _surface(made: Import, layer: Layer | None, radius: float) -> Group:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables of results and designs for workbooks and documents."""
+"""Tables of results, designs and dossiers for workbooks and documents."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +20,7 @@ from rockfall.result.samples import has_rows, kept_note
 from rockfall.table import Table, data_table
 from rockfall.tables.design import check_tables as barrier_checks
 from rockfall.tables.design import factor_lines, load_tables
+from rockfall.tables.dossier import Section
 from rockfall.tables.lines import level_table, line_tables, rows_of
 from rockfall.tables.run import barrier_table, provenance
 
@@ -87,6 +88,32 @@ def put_design(
                 parts.append(Part(f"{name}", notes, shown))
             title = _title(next(iter(results.values())))
             yield write_document(title, parts, folder / "design.docx")
+
+
+def write_dossier_document(title: str, sections: Sequence[Section], path: Path) -> Path:
+    """Write all sentences and tables of a dossier as a Word document, in the current language."""
+    return write_document(
+        title, [Part(section.heading, section.notes, section.tables) for section in sections], path
+    )
+
+
+def write_dossier_workbook(title: str, sections: Sequence[Section], path: Path) -> Path:
+    """Write each table of a dossier to a sheet of a workbook, after a sheet with the sentences, in
+    the current language. Numbers have all digits; interval limits have separate columns."""
+    rows: list[tuple[str, str]] = [("", title)]
+    sheets, number = [], 0
+    for section in sections:
+        rows += [
+            ("", ""),
+            ("", section.heading),
+            *(("", translated(note)) for note in section.notes),
+        ]
+        for table in section.tables:
+            number += 1
+            rows.append((f"{number}", translated(table.caption)))
+            sheets.append(Sheet(f"{number}", table))
+    first = Sheet(say("section.answer"), Table.of("", ("", ""), rows), is_table=False)
+    return write_workbook([first, *sheets], path)
 
 
 def _result_sheets(result: xr.Dataset) -> Iterator[Sheet]:

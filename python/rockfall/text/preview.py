@@ -21,6 +21,7 @@ from rockfall.quantities import first_of, percent
 from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.scene.ground import Ground
+from rockfall.scene.rebounds.breakage import breaking_speed, split_blocks
 from rockfall.scene.rebounds.coefficients import ANY_SPEED
 from rockfall.scene.rebounds.rebound import sphere_radius
 from rockfall.scene.releases.sources import threshold
@@ -29,7 +30,6 @@ from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.pilot import Pilot, cpu_seconds, memory, pilot_run
 from rockfall.table import as_text
 from rockfall.tables.run import dam_tables, stand_tables
-from rockfall.text.breakage import breakage_lines
 from rockfall.text.summary import MOST_STANDS, NO_CRS
 
 MAX_LINES = 20  # maximum number of names listed by `check`
@@ -55,7 +55,7 @@ def preview(scene: Scene) -> str:
         *(("", line) for line in _rocks(scene, values["volume"])),
         *_sets(scene, values),
         *_forest(scene),
-        *breakage_lines(case, values["volume"], pilot.density),
+        *_breakage(case, values["volume"], pilot.density),
         ("boulders", _boulders(scene)),
         *_attributes(scene),
         ("speed", _speed(scene)),
@@ -325,6 +325,41 @@ def _memory(scene: Scene, pilot: Pilot) -> str:
 
 def _bytes(number: float) -> str:
     return f"{number / 1e9:.1f} GB" if number >= 1e9 else f"{max(1, number / 1e6):.0f} MB"
+
+
+def _breakage(case: Case, volumes: np.ndarray, density: np.ndarray) -> list[tuple[str, str]]:
+    """Lines (label and text) on the impacts that break boulders of the median volume [m3] and
+    density [kg/m3], and on the fragments; empty if boulders do not break."""
+    at = case.breakage["at"]
+    if at == "none":
+        return []
+    volume = float(np.median(volumes))
+    dense = float(np.median(density))
+    rows = []
+    if at != "impact":
+        fall = case.breakage["release_fall"]
+        energy = dense * volume * case.flight["gravity"] * fall
+        rows.append(f"at release by a fall of {fall:g} m, {_split_outcome(case, volume, energy)}")
+    if at != "release":
+        speed = breaking_speed(case, volume, dense)
+        if np.isfinite(speed):
+            outcome = _split_outcome(case, volume, 0.5 * dense * volume * speed**2)
+            rows.append(f"at impacts above {speed:.3g} m/s normal to the ground, {outcome}")
+        else:
+            rows.append(f"at impacts: a block of {volume:.3g} m3 is too small to break")
+    return [("breakage" if not k else "", row) for k, row in enumerate(rows)]
+
+
+def _split_outcome(case: Case, volume: float, energy: float) -> str:
+    split = split_blocks(case, np.array([volume]), np.array([energy]))
+    block, ratio = f"a block of {volume:.3g} m3", f"area ratio {split.area_ratio[0]:.2f}"
+    largest = split.volumes[0, 0]
+    if largest == volume:
+        return f"{block} stays whole: {ratio}"
+    return (
+        f"{block} breaks into {np.count_nonzero(split.volumes)} fragments, the largest "
+        f"{largest:.3g} m3, and {split.fines[0]:.2g} m3 of fines: {ratio}"
+    )
 
 
 def _time(scene: Scene, pilot: Pilot) -> str:

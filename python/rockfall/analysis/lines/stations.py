@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stations of a section along a drawn line."""
+"""Line of a section given by the user (coordinate pairs, or a line layer), and its stations."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rockfall.errors import RockfallError
+from rockfall.io.rasters.grid import Grid
+from rockfall.io.vectors.layers import read_lines
 from rockfall.quantities import round_step
 from rockfall.terrain.polyline import lengths
 
@@ -32,6 +35,33 @@ class Stations(NamedTuple):
     place: np.ndarray
     direction: np.ndarray
     within: float
+
+
+def drawn_line(drawn: Any, layer: str | None, grid: Grid, remarks: list[str]) -> np.ndarray:
+    """Vertices x + iy [m] of a section, from pairs x, y (n, 2) or from a file with a single line
+    (in `layer`, if it has several). Lines are reprojected to the CRS of the terrain grid, with a
+    note in `remarks`. Other input raises a RockfallError."""
+    if isinstance(drawn, str | Path):
+        features, _ = read_lines(drawn, layer, grid, remarks)
+        parts = [part for feature in features for part in feature]
+        if len(parts) > 1:
+            raise RockfallError(
+                f"{drawn}: has {len(parts):,} lines: a section requires exactly one"
+            )
+        return _vertices(parts[0])
+    if layer is not None:
+        raise RockfallError(f"section: layer = '{layer}': requires a file with a line")
+    try:
+        pairs = np.asarray(drawn, float)
+    except (TypeError, ValueError):
+        pairs = np.empty(0)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise RockfallError("section: a line must be pairs x, y, or a file with a line")
+    return _vertices(pairs)
+
+
+def _vertices(pairs: np.ndarray) -> np.ndarray:
+    return pairs[:, 0] + 1j * pairs[:, 1]
 
 
 def stations_of(line: SectionLine) -> Stations:

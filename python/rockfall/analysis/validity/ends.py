@@ -19,6 +19,7 @@ from rockfall.result.crossings import AtLine, has_crossed, line_names
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import STATUS
+from rockfall.scene.rebounds.rebound import sphere_radius
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables
@@ -46,21 +47,16 @@ def roll_remarks(values: Variables, case: Case) -> Iterator[Remark]:
     lowest = LOWEST_REST if rebounds_by_ground(values) else repose()
     cosine = np.cos(np.radians(case.impact.get("rest_angle", lowest)))
     breaks = "crossing_volume" in values  # boulders break: each crossing has its own radius
-    radii = np.zeros(0) if breaks else _radius(np.asarray(values["volume"]))
+    radii = np.zeros(0) if breaks else sphere_radius(np.asarray(values["volume"]))
     for k, name in enumerate(line_names(values)):
         at = AtLine(values, k)
         above = at.stored("passing_height") - at.stored("jump_height")
-        radius = radii[at.boulders] if radii.size else _radius(at.volumes)
+        radius = radii[at.boulders] if radii.size else sphere_radius(at.volumes)
         slow = sum(at.stored(f"velocity_{axis}") ** 2 for axis in "xyz") < SLOW**2
         rolls = (radius < above * cosine) & slow
         if rolls.size and (fraction := float(rolls.mean())) > MAX_SLOW:
             attrs = {"line": name, "fraction": percent(fraction), "slow": SLOW}
             yield Remark(say("model.rolling", **attrs), True)
-
-
-def _radius(volumes: np.ndarray) -> np.ndarray:
-    """Radii [m] of spheres with these volumes [m3]."""
-    return np.cbrt(0.75 / np.pi * volumes)
 
 
 def end_remarks(values: Variables, case: Case) -> Iterator[Remark]:
