@@ -499,7 +499,7 @@ def test_how_to_run_it_again_promises_what_holds(tmp_path, monkeypatch):
     assert f"{again} in the run folder" in text and "rockfall run &#39;my case.nml&#39;" in text
     assert "the case is as below" in text  # the file may have changed since
     text = report(ReportInputs(interrupted(whole, 4)))
-    assert f"{again} and adds missing boulders, with files" in text
+    assert f"{again} and adds the missing boulders, if the files" in text
 
 
 NET = {"name": "net", "x": [0.0, 300.0], "y": [360.0, 360.0], "height": 3.0, "capacity": 9.0}
