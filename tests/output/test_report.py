@@ -182,7 +182,7 @@ def test_a_dash_on_page_1_is_explained(result):
 def test_one_boulder_is_spoken_of_as_one(tmp_path):
     one = run(tmp_path, boulders=1)
     text = words(one)
-    assert "One boulder is an example" in text and "nan" not in text.lower()
+    assert "One boulder is only an example" in text and "nan" not in text.lower()
     assert "The run-out of the boulder in plan is" in text
     assert any(caution.startswith("1 boulder is an example") for caution in warned(one))
 
