@@ -540,7 +540,7 @@ contains
 
       do k = 1, n
          boulder = boulder_t(volume(k), sphere_radius(volume(k)), mass(k))
-         row = motion(k, :)  ! a copy: gfortran 12 loses the stride of an associated row that is an argument
+         row = motion(k, :)  ! a copy: gfortran 12 to 14 lose the stride of an associated row that is an argument
          associate (v => row(:3), omega => row(4))
             quantities(k, :) = all_quantities([0.0_c_double, 0.0_c_double, 0.0_c_double, &
                                                sqrt(v(1)**2 + v(2)**2 + v(3)**2), &
