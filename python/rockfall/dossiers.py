@@ -32,7 +32,7 @@ from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.dossier import Designs, Dossier, DossierInputs, read_dossier, run_dossier
-from rockfall.studies.yearly_variants import yearly_table
+from rockfall.studies.yearly_variants import frequency_file, yearly_table
 
 PAGES = "dossier.pdf"
 FREQUENCIES = "frequencies.csv"
@@ -168,7 +168,7 @@ def put_dossier(
     for path, hazard in zip(hazards, results, strict=True):
         put_netcdf(hazard, path, path)
         yield path
-    write_csv(made.frequencies, folder / FREQUENCIES)
+    write_csv(frequency_file(made.frequencies), folder / FREQUENCIES)
     yield folder / FREQUENCIES
     given = Given(parties._replace(result=file_checksum(hazards[0])), terrain)
     write_dossier_page(made, designs, given, folder / PAGES, language)

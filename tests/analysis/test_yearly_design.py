@@ -12,7 +12,9 @@ from rockfall.analysis.hazard.exceedance import Passing, class_behind
 from rockfall.analysis.hazard.variables import CLASS_ENERGY, EXCEEDED
 from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.variables import OUTCOME
-from rockfall.tables.yearly_design import advice, verdicts, yearly_design_text
+from rockfall.table import Estimate
+from rockfall.tables.design import design_text
+from rockfall.tables.yearly_design import advice, times_more, verdicts, yearly_design_text
 
 Z, GRID = scenes.cut_below(scenes.rough(gradient=0.6, relief=0.3), 180.0)
 PLACE = {"dem": Z, "transform": GRID}
@@ -112,3 +114,24 @@ def test_other_periods_and_hazards_without_lines_are_refused(case, hazard):
         rockfall.yearly_design(hazard, 50.0)
     with refused("design: the hazard has no lines: give the case a &line and run it again"):
         rockfall.yearly_design(rockfall.hazard(case.replace(line=[]), **PLACE))
+
+
+@pytest.mark.parametrize(
+    ("rate", "low", "high", "expected"),
+    [
+        (0.012, 0.008, 0.018, "4"),  # 0.004 to be halved
+        (0.009, 0.005, 0.014, "30"),  # 0.005 to be reduced to a fifth: 25, rounded up
+        (0.0099999, 0.009, 0.011, "over 1,000"),
+        (0.01, 0.009, 0.011, "over 1,000"),
+    ],
+)
+def test_how_many_more_boulders_decide_on_a_barrier(rate, low, high, expected):
+    assert times_more(Estimate(rate, low, high), 0.01) == expected
+
+
+def test_each_design_names_the_criterion_of_the_other(case, hazard):
+    other = "in the design of a single run by the fraction of arriving boulders that pass"
+    assert other in yearly_design_text(rockfall.yearly_design(hazard))
+    result = rockfall.run(case.replace(scenario=[]), **PLACE)
+    text = " ".join(design_text(rockfall.design(result)).split())
+    assert "`design` of a hazard, judge them by boulders that pass per year" in text

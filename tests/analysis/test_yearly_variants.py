@@ -8,7 +8,7 @@ import rockfall
 import scenes
 from rockfall.analysis.hazard.variables import PERIODS
 from rockfall.case.variants import variants
-from rockfall.studies.yearly_variants import yearly_variants
+from rockfall.studies.yearly_variants import frequency_file, yearly_variants
 
 Z = scenes.rough()
 PLACE = {"dem": Z, "transform": scenes.grid(Z)}
@@ -108,3 +108,14 @@ def test_the_sum_over_scenarios_is_the_whole(case, table):
     whole = table.xs("frequency", level="quantity")["value"]
     added = sum(part.xs("frequency", level="quantity")["value"] for part in parts)
     assert np.allclose(whole, added.loc[whole.index], rtol=1e-12)
+
+
+def test_the_file_has_units_and_no_empty_differences(case):
+    table = yearly_variants(case, **PLACE).table
+    units = {"frequency": "1/year", "frequency_behind": "1/year", "energy_by_period": "J"}
+    several, alone = (frequency_file(own) for own in (table, table[table["variant"] == "bare"]))
+    assert (several["unit"] == several["quantity"].map(units)).all()
+    assert {*several["quantity"]} == {*units}
+    assert "difference" in several and "verdict" in several
+    assert [*alone] == ["line", "variant", "quantity", "unit", "statistic", "n", "value",
+                        "value_low", "value_high"]  # fmt: skip

@@ -380,7 +380,7 @@ def test_variants_and_their_differences(sheets, project):
         "-", 120000,
     ]  # fmt: skip
     for place, (_, net) in (
-        (place, row) for place, row in table(sheets, "the difference from").items()
+        (place, row) for place, row in table(sheets, "difference from the first").items()
     ):
         if place in rows:
             number, difference = net.split("\n")[:2]

@@ -84,7 +84,7 @@ def run_scene(scene: Scene, **how: Any) -> xr.Dataset:
 def simulate(
     scene: Scene,
     *,
-    progress: bool = False,
+    progress: bool | str = False,
     threads: int | None = None,
     chunk: int | None = None,
     shard: tuple[int, int] = (1, 1),
@@ -92,7 +92,7 @@ def simulate(
     keep: bool = True,
     spill: Path | None = None,
 ) -> Contents:
-    """Run a scene and return its results; see `run`.
+    """Run a scene and return its results; see `run`. A text as `progress` is shown with it.
 
     The run resumes from `checkpoint` and updates it at intervals. If the folder `spill` is given,
     line crossings are stored there in an unnamed file, which limits memory. Unless `keep`, the
@@ -111,7 +111,8 @@ def simulate(
         if checkpoint:
             checkpoint.check_space(tally)
             checkpoint.restore(tally)
-        with progress_bar(tally.boulders, shown=progress) as advance:
+        what = f"boulders, {progress}" if isinstance(progress, str) else "boulders"
+        with progress_bar(tally.boulders, bool(progress), what) as advance:
             advance(tally.done)
 
             def step(boulders: int) -> None:

@@ -30,7 +30,7 @@ from rockfall.scene.stages import KeptStages
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.studies.model_scenes import second_model
-from rockfall.studies.study import NO_CHECKPOINTS, Study
+from rockfall.studies.study import NO_CHECKPOINTS, Study, run_labels
 from rockfall.studies.variants import COLUMNS, check_variant_scenes, verdict_on
 from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, yearly_table
 
@@ -149,7 +149,8 @@ def run_dossier(
     checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
 ) -> Dossier:
     """Run the scenarios of each variant once, and combine them."""
-    engine = Study(progress=progress, threads=threads, checkpoints=checkpoints)
+    labels = run_labels(inputs.runs, inputs.second_runs)
+    engine = Study(progress=progress, threads=threads, checkpoints=checkpoints, labels=labels)
     hazards, yearly = {}, {}
     lines = {
         own["name"]
@@ -180,7 +181,10 @@ def run_dossier(
     if inputs.second:
         name, study = inputs.second
         own_checkpoints = [checkpoints[run] for run in inputs.second_runs if run in checkpoints]
-        hazard = run_study(study, progress=progress, threads=threads, checkpoints=own_checkpoints)
+        hazard = run_study(
+            study, progress=progress, threads=threads, checkpoints=own_checkpoints,
+            labels=[labels[run] for run in inputs.second_runs],
+        )  # fmt: skip
         second = Second(name, hazard)
         engine.limits[name] = worst_warnings(messages_of(hazard))
     costs = {own["name"]: own["cost"] for own in inputs.case.variant if "cost" in own}

@@ -52,7 +52,7 @@ from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.back.places import check_on_terrain
-from rockfall.studies.study import Study
+from rockfall.studies.study import Study, run_labels
 
 FARTHEST = 1e12  # limit of coordinates in a case [m]
 WIDTH = "hazard", "object_width"  # key of the default width of a place
@@ -222,14 +222,17 @@ def run_study(
     progress: bool = False,
     threads: int | None = None,
     checkpoints: Sequence[Checkpoint] = (),
+    labels: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Run the scenarios in turn, each from its checkpoint, or read its result file."""
+    """Run the scenarios in turn, each from its checkpoint, or read its result file. Progress shows
+    `labels` (default: their names)."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: give one for each, in this order")
     by_name = {scenario.name: scenario for scenario in study.scenarios}
     saved = dict(zip(by_name, checkpoints, strict=False))
-    engine = Study(progress=progress, threads=threads, checkpoints=saved)
+    shown = dict(zip(by_name, labels, strict=True)) if labels else run_labels([*by_name])
+    engine = Study(progress=progress, threads=threads, checkpoints=saved, labels=shown)
     scenes = (
         (name, _read_scenario(study, scenario, results[k]) if results
          else replace(study.scene, case=scenario.case))

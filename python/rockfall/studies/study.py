@@ -9,7 +9,7 @@ result is freed before the next run, unless the study keeps it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -35,14 +35,23 @@ ROWS_ONLY: dict[str, Any] = {"maps": None, "rebounds": False, "trajectories": 0,
 #: Options of `Study.run` for many small runs, each with its own seed.
 LEAN_RUNS: dict[str, bool] = {"compared": False, "as_dataset": False}
 NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
+NO_LABELS: Mapping[Any, str] = {}
+
+
+def run_labels(names: Sequence[str], second: Sequence[str] = ()) -> dict[str, str]:
+    """Text on the position and name of each run, for progress; `second` are the names of runs with
+    a second model."""
+    shown = [f"second model{name}" if name in second else name for name in names]
+    numbered = enumerate(zip(names, shown, strict=True), start=1)
+    return {name: f"run {k} of {len(names)} ({text})" for k, (name, text) in numbered}
 
 
 class Study:
     """Runs of named scenes; within a `with` block they share a progress bar.
 
     The bar counts to `total`, in boulders or another unit; without a total, each run has a
-    separate bar. A run resumes from the checkpoint of its name. For `how` see
-    `rockfall.simulation.simulate.simulate`.
+    separate bar, with the text of its name in `labels`. A run resumes from the checkpoint of its
+    name. For `how` see `rockfall.simulation.simulate.simulate`.
     """
 
     def __init__(
@@ -52,13 +61,14 @@ class Study:
         *,
         progress: bool = False,
         checkpoints: Mapping[Any, Checkpoint] = NO_CHECKPOINTS,
+        labels: Mapping[Any, str] = NO_LABELS,
         **how: Any,
     ) -> None:
         self.limits: dict[Any, list[Text]] = {}  # name of the scene -> model warnings
         self._bar = progress_bar(total or 0, progress and total is not None, unit)
         self._advance: Callable[..., None] = lambda *_: None
         self._counts_boulders = unit == "boulders"
-        self._checkpoints = checkpoints
+        self._checkpoints, self._labels = checkpoints, labels
         self._how = how | {"progress": progress and total is None}
 
     def __enter__(self) -> Self:
@@ -95,7 +105,10 @@ class Study:
                 seed = scene.case.case["seed"] if seed is None or not compared else seed
                 scene = with_numbers(scene, seed=seed)
                 run = run_scene if as_dataset else simulate
-                result = run(scene, checkpoint=self._checkpoints.get(name), **self._how)
+                how = dict(self._how)
+                if how["progress"]:
+                    how["progress"] = self._labels.get(name, True)
+                result = run(scene, checkpoint=self._checkpoints.get(name), **how)
             else:
                 result = scene
             del scene

@@ -29,6 +29,7 @@ from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, stopped_at, verdict_on
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
+UNITS = {"frequency": "1/year", "frequency_behind": "1/year", "energy_by_period": "J"}
 VALUES = "value", "value_low", "value_high"
 Three = tuple[float, float, float]  # value and interval limits
 
@@ -108,6 +109,15 @@ def yearly_table(
         for row in _rows(line, runs, None if runs is first else first, hazard)
     ]
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def frequency_file(frequencies: pd.DataFrame) -> pd.DataFrame:
+    """Table as in files: with the unit of each row, and without differences if there are none."""
+    made = frequencies.copy()
+    made.insert(made.columns.get_loc("quantity") + 1, "unit", made["quantity"].map(UNITS))
+    if made["difference"].isna().all():
+        made = made.drop(columns=["difference", "difference_low", "difference_high", "verdict"])
+    return made
 
 
 def run_name(variant: str, scenario: str) -> str:

@@ -21,8 +21,9 @@ CHECKED = (  # message ids
 )  # fmt: skip
 ABOUT = """\
 Boulders that reach each line; brackets: 95 % confidence intervals. Heights are above the ground,
-vertical (as for &barrier) and normal to the slope. A sheet is not a complete design: see
-docs/design.md for what it omits."""
+vertical (as for &barrier) and normal to the slope. Barriers are judged by the fraction of arriving
+boulders that pass; `rockfall dossier`, and `design` of a hazard, judge them by boulders that pass
+per year. A sheet is not a complete design: see docs/design.md for what it omits."""
 
 
 def design_text(design: Design) -> str:

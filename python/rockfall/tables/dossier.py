@@ -109,7 +109,7 @@ def _protection(dossier: Dossier, designs: Designs) -> Section:
         for table in check_tables(sheet):
             caption = say("join.colon", before=name, after=table.caption) if name else table.caption
             tables.append(table._replace(caption=caption))
-    notes = [*barrier_answers(designs), *second_demands(dossier, designs)]
+    notes = [*barrier_answers(designs), *second_demands(dossier, designs), say("yearly.criterion")]
     return Section("protection", say("section.protection"), notes, tables)
 
 

@@ -10,17 +10,19 @@ import numpy as np
 
 from rockfall.language import Text, say, word
 from rockfall.protection.yearly import HIGHEST, YearlyDesign
-from rockfall.quantities import DESIGN
+from rockfall.quantities import DESIGN, number
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.tables.hazard import level_cell
 
 Row = Mapping[Any, Any]
+MOST_TIMES = 1000  # larger factors are not worth a run
 
 
 def yearly_design_text(sheet: YearlyDesign) -> str:
     """Text with the advice and all tables."""
-    parts: list[str] = [say("yearly.about", years=sheet.period), *advice(sheet), *verdicts(sheet)]
+    parts: list[str] = [say("yearly.about", years=sheet.period), say("yearly.criterion")]
+    parts += [*advice(sheet), *verdicts(sheet)]
     for table in yearly_design_tables(sheet):
         parts += ["", table.caption, as_text(table)]
     return "\n".join(parts)
@@ -94,11 +96,22 @@ def verdicts(sheet: YearlyDesign) -> Iterator[Text]:
     for row in sheet.checks.to_dict("records"):
         behind = Estimate.of(row, "behind", digits=2)
         answer = "undecided" if not row["certain"] else "holds" if row["holds"] else "fails"
+        more = {"times": times_more(behind, 1 / sheet.period)} if answer == "undecided" else {}
         yield say(
             f"yearly.{answer}", line=row["line"], height=row["height"],
             capacity=row["capacity"] / 1000, behind=behind.number, limits=behind.interval,
-            years=sheet.period,
+            years=sheet.period, **more,
         )  # fmt: skip
+
+
+def times_more(rate: Estimate, most: float) -> str:
+    """Factor, rounded up, by which more boulders make the interval of a frequency exclude the
+    frequency `most`, if the frequency stays. The width of the interval decreases with the square
+    root of their number."""
+    end = rate.high if rate.value < most else rate.low
+    apart = abs(rate.value - most)
+    factor = ((end - rate.value) / apart) ** 2 if apart else np.inf
+    return number(factor, 1, up=True) if factor < MOST_TIMES else say("yearly.over", n=MOST_TIMES)
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:

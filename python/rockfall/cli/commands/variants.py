@@ -49,7 +49,7 @@ from rockfall.studies.difference_maps import (
     write_variants,
 )
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
-from rockfall.studies.yearly_variants import run_name, yearly_variants
+from rockfall.studies.yearly_variants import frequency_file, run_name, yearly_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
 
@@ -134,7 +134,7 @@ def _write(
         made += write_variants(compare_variants(results), maps, part)
         if frequencies is not None:
             made.append(part / YEARLY)
-            write_csv(frequencies, made[-1])
+            write_csv(frequency_file(frequencies), made[-1])
         for name in _pages(arguments):
             made.append(part / name)
             with warnings_told():
