@@ -150,11 +150,12 @@ def test_source_polygons_beyond_the_dem_are_counted(tmp_path, shapes, said):
 
 ALL = shapely.box(0, 0, 300, 400)
 ZONES = {  # polygons: expected remark
-    "narrow": ([ALL, NARROW], "1 of 2 polygons or parts have no cell"),
+    "narrow": ([ALL, NARROW], "1 of 2 polygons or parts (zone 2) are too narrow to have a cell"),
     "a narrow part": (
-        [ALL, shapely.MultiPolygon([CLIFF, NARROW])], "1 of 3 polygons or parts have no cell",
+        [ALL, shapely.MultiPolygon([CLIFF, NARROW])],
+        "1 of 3 polygons or parts (zone 2) are too narrow to have a cell",
     ),
-    "covered": ([CLIFF, ALL], "1 of 2 polygons or parts have no cell"),
+    "covered": ([CLIFF, ALL], "1 of 2 polygons or parts (zone 1) are covered by later polygons"),
     "beyond": (
         [ALL, shapely.box(290, 0, 390, 400)], "1 of 2 polygons extend beyond the DEM by",
     ),
@@ -171,7 +172,7 @@ def test_zones_without_a_cell_or_beyond_the_dem_are_counted(tmp_path, name):
     make_layer(tmp_path / "cliff.gpkg", [CLIFF])
     surface = {"uniform_mean_radius": None, "zones": "zones.gpkg"}
     texts = texts_of(scene_of(tmp_path, terrain(), surface=surface))
-    texts = [text for text in texts if "no cell" in text or "beyond" in text]
+    texts = [text for text in texts if "no effect" in text or "beyond" in text]
     assert len(texts) == (said is not None) and all(text.startswith(said) for text in texts)
 
 
@@ -201,3 +202,12 @@ def test_overlaps_of_sources_with_attributes_are_counted(tmp_path, second, cells
     texts = [text for text in texts_of(scene_of(tmp_path, terrain())) if "overlap" in text]
     said = f"polygons overlap in {cells} cells: the later polygon's attributes are used there"
     assert texts == [said] * (cells > 0)
+
+
+def test_a_covered_zone_is_reported_by_its_name(tmp_path):
+    make_layer(tmp_path / "zones.gpkg", [CLIFF, ALL], mean_radius=[0.1, 0.2], name=["wall", "all"])
+    make_layer(tmp_path / "cliff.gpkg", [CLIFF])
+    surface = {"uniform_mean_radius": None, "zones": "zones.gpkg"}
+    texts = texts_of(scene_of(tmp_path, terrain(), surface=surface))
+    said = "1 of 2 polygons or parts (wall) are covered by later polygons and have no effect"
+    assert [text for text in texts if "no effect" in text][0].startswith(said)

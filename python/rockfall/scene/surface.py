@@ -184,6 +184,7 @@ def _read_zones(
         ids = burn_polygons(
             path, inputs.grid, surface["zone_field"], inputs.remarks,
             layer=surface.get("zones_layer"), key="zones_layer", numbers=numbers,
+            names={number: zone.name for number, zone in zones.items()},
         )  # fmt: skip
         blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
         inputs.note_layer("zones", path, surface.get("zones_layer"))

@@ -14,7 +14,7 @@ import os
 import re
 import shlex
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -64,6 +64,8 @@ _FEATURES = {*_POINTS, *_LINES, *_POLYGONS}
 _TYPES = (  # sorted by type number
     "Point", "LineString", "LinearRing", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"
 )  # fmt: skip
+MAX_NAMED = 5  # maximum polygons listed in a remark
+NO_NAMES: Mapping[int, str] = {}
 SHORT = 10  # maximum length of attribute names in shapefiles
 REPROJECTED = "reprojected from"
 _INDEX = re.compile(r'CREATE\s+VIRTUAL\s+TABLE\s+("[^"]*"|\w+)\s+USING\s+rtree\b', re.IGNORECASE)
@@ -78,10 +80,11 @@ def burn_polygons(
     layer: str | None = None,
     key: str = "",
     numbers: np.ndarray | None = None,
+    names: Mapping[int, str] = NO_NAMES,
 ) -> np.ndarray:
     """Integer `field`, or value in `numbers`, of the polygon that contains each cell centre (int32;
-    `NO_ID` outside). Where polygons overlap, the last polygon counts. Other arguments as in
-    `_on_terrain`."""
+    `NO_ID` outside). Where polygons overlap, the last polygon counts. `names` of the values
+    are used in remarks. Other arguments as in `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
     need("polygons need", "vector", "pyogrio", "shapely")
     import shapely
@@ -96,9 +99,14 @@ def burn_polygons(
     if twice := np.count_nonzero(ids[cells[differ]] != ids[first[differ]]):
         remarks.append(remark(path, "input.polygons_overlap", field=field, n=int(twice)))
     empty = empty_polygons(cells, parts, grid) & (shapely.area(on_terrain(parts, grid)) > 0)
-    if empty.any():
-        count = {"part": int(empty.sum()), "n": empty.size}
-        remarks.append(remark(path, "input.polygons_empty", **count))
+    covered = empty & ~empty_polygons(first, parts, grid)
+    for why, lost in (("covered", covered), ("empty", empty & ~covered)):
+        if lost.any():
+            found = dict.fromkeys(ids[1:][lost].tolist())
+            shown = [names.get(number) or f"{field} {number}" for number in found]
+            shown = [*shown[:MAX_NAMED], *["..."][: len(shown) > MAX_NAMED]]
+            values = {"part": int(lost.sum()), "n": lost.size, "names": shown}
+            remarks.append(remark(path, f"input.polygons_{why}", **values))
     note_outside(str(path), polygons.shapes, grid, HALF, remarks)
     return ids[cells]
 
