@@ -254,7 +254,7 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
     assert said == f"rockfall: warning: {line} larger DEM (far)\n"
 
 
-def test_commands_repeat_the_warnings_of_a_hazard_and_of_a_result(hazard_case, capsys):
+def test_commands_repeat_the_warnings_of_a_hazard_and_of_a_result(hazard_case, few_maps, capsys):
     """A line of which 40 of 160 m lies beyond the cell centres, and a classical model."""
     text = Path("case.nml").read_text(encoding="utf-8").replace("x = 600000.0,", "x = 599960.0,")
     surface = "zones = 'zones.tif', table = 'zones.csv'"

@@ -146,8 +146,8 @@ def pieces():
 
 
 def run(case, scenario, shapes):
-    """Energies [kJ] and heights [m] of the crossings of each boulder, by place, and the houses
-    touched by its path in plan."""
+    """Boulder, energy [kJ] and height [m] of each crossing, by place, and the numbers of boulders
+    whose path in plan touches each house."""
     _, low, high = SCENARIOS[scenario]
     lines = [
         {"name": name, "x": list(x), "y": list(y), "object_width": 0.0}
@@ -169,11 +169,7 @@ def run(case, scenario, shapes):
     height = result["crossing_passing_height"].values
     names = np.array([str(name) for name in result["line_name"].values])
     line = names[np.searchsorted(result["line"].values, result["crossing_line"].values)]
-    at = {
-        name: [(energy[line == name][own], height[line == name][own])
-               for own in (k[line == name] == b for b in range(mass.size))]
-        for name in names
-    }  # fmt: skip
+    at = {name: tuple(values[line == name] for values in (k, energy, height)) for name in names}
     return at | {"touches": touched(result, shapes, (3 * volume / (4 * np.pi)) ** (1 / 3))}
 
 
@@ -204,7 +200,8 @@ def rates(counts):
 
 def count(at, place, test):
     """Number of boulders of each scenario with a crossing at a place for which `test` is true."""
-    return [sum(bool(np.any(test(*own))) for own in at[name][place]) for name in SCENARIOS]
+    crossings = (at[name][place] for name in SCENARIOS)
+    return [np.unique(boulder[test(*own)]).size for boulder, *own in crossings]
 
 
 def reached(boulders, place, index, least):
@@ -427,19 +424,18 @@ def test_segments(sheets, boulders):
             counts = count(today, name, lambda energy, _, least=least: energy > least)
             assert row[3 * k : 3 * k + 3] == pytest.approx(rates(counts), rel=CLOSE)
         assert row[9].split("\n")[0] == class_of(row[0:9:3])
-        energies = [[*at[name]] for at in today.values()]
+        energies = [pd.Series(at[name][1]).groupby(at[name][0]).max() for at in today.values()]
         weights = [rate for rate, _, _ in SCENARIOS.values()]
         assert row[10] == pytest.approx(weighted_q95(energies, weights), rel=CLOSE)
-    once = [sum(any(at[name][b][0].size for name in rows) for b in range(BOULDERS))
-            for at in today.values()]  # fmt: skip
+    hits = (np.concatenate([at[name][0] for name in rows]) for at in today.values())
+    once = [np.unique(boulder).size for boulder in hits]
     assert sum(row[0] for row in rows.values()) >= rates(once)[0] * (1 - CLOSE)
     assert max(row[0] for row in rows.values()) <= rates(once)[0]
 
 
 def weighted_q95(energies, weights):
     """95 % quantile of the highest energies of boulders with unequal weights (Hazen's rule)."""
-    each = sorted((own[0].max(), weight) for of, weight in zip(energies, weights, strict=True)
-                  for own in of if own[0].size)  # fmt: skip
+    each = sorted((own, weight) for of, weight in zip(energies, weights, strict=True) for own in of)
     values, weight = np.array(each).T
     return np.interp(0.95, (np.cumsum(weight) - weight / 2) / weight.sum(), values)
 
