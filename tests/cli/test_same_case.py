@@ -146,7 +146,7 @@ def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
     text, first = page("--models", "models/models.nc")
     assert "is missing" not in first and "without calibration" in first
     found = read_models("models/models.nc")
-    assert f"Lowest and highest of {len(found.names)} rebound models" in first
+    assert f"Lowest and highest values of {len(found.names)} rebound models" in first
     assert "Depending on the rebound model, one boulder in 20 travels farther" in first
     assert "L: by each rebound model" in text
 
