@@ -76,9 +76,12 @@ def contours_of(terrain: Terrain, extent: Extent) -> Contours:
 
 
 def draw_relief(axes: Axes, terrain: Terrain, extent: Extent) -> None:
-    """Draw the shaded terrain within an extent."""
+    """Draw the shaded terrain within an extent, in colours: Matplotlib draws numbers half as
+    fast."""
+    from matplotlib import colormaps
+
     z, grid = cropped(*terrain, extent, np.add)
-    draw_image(axes, shade(z, grid.cell), grid, cmap="gray", vmin=0, vmax=1)
+    draw_image(axes, colormaps["gray"](shade(z, grid.cell), bytes=True), grid)
 
 
 def draw_contours(axes: Axes, contours: Contours) -> None:
