@@ -102,8 +102,8 @@ def burn_polygons(
     covered = empty & ~empty_polygons(first, parts, grid)
     for why, lost in (("covered", covered), ("empty", empty & ~covered)):
         if lost.any():
-            found = dict.fromkeys(ids[1:][lost].tolist())
-            shown = [names.get(number) or f"{field} {number}" for number in found]
+            numbers_lost = dict.fromkeys(ids[1:][lost].tolist())
+            shown = [names.get(number) or f"{field} {number}" for number in numbers_lost]
             shown = [*shown[:MAX_NAMED], *["..."][: len(shown) > MAX_NAMED]]
             values = {"part": int(lost.sum()), "n": lost.size, "names": shown}
             remarks.append(remark(path, f"input.polygons_{why}", **values))
