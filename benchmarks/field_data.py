@@ -149,7 +149,7 @@ def _local(file: RemoteFile, folder: Path, name: str) -> Path:
 
 
 def _downloaded(file: RemoteFile, archive: Archive, name: str) -> Path:
-    """File in the user's cache, downloaded if missing."""
+    """File in the user's cache, downloaded if missing. Raises a RockfallError if that fails."""
     import pooch
 
     text = f"{archive.title} (doi:{archive.doi}): {file.url}"

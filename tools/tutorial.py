@@ -35,7 +35,8 @@ KEY = re.compile(r"^ *(\w+) = ([^!\n]*?) *$", re.MULTILINE)
 
 
 def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield page, text and actual output of each block of output on the tutorial's pages."""
+    """Yield page, text and actual output of each block of output on the tutorial's pages. Raises a
+    ValueError for other blocks."""
     shutil.copy(LAYERS, folder)
     with contextlib.chdir(folder):
         for page in sorted(PAGES.glob("[0-9]*.md")):
@@ -54,7 +55,7 @@ def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def run(command: str) -> str:
-    """Output of a command, without trailing spaces."""
+    """Output of a command, without trailing spaces; raises an error if it is unknown or fails."""
     name, *arguments = shlex.split(command, comments=True) or [""]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
@@ -71,7 +72,8 @@ def run(command: str) -> str:
 
 
 def edited(case: str, block: str) -> str:
-    """Case with the keys of a block set in existing groups, and new groups added."""
+    """Case with the keys of a block set in existing groups, and new groups added. Refuses keys that
+    do not occur once."""
     had = set(re.findall(r"^&(\w+)", case, re.MULTILINE))
     for group in GROUP.finditer(block):
         name, keys = group.groups()

@@ -68,7 +68,7 @@ def rows(scores: dict[str, Score], wanted: list[Target], ensemble: Score | None)
 
 
 def beside(scores: dict[str, Score]) -> list[str]:
-    """Statistics without a target; planes.md has the neutral slopes."""
+    """Statistics without a target, except the neutral slopes, which planes.md lists."""
     text = [f"| | {' | '.join(scores)} |", "| --- |" + " --: |" * len(scores)]
     for name, label in BESIDE.items():
         if not name.startswith("neutral_"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Field sites compared with the program by every rebound model: the tables of
+"""Compare simulations with observations at field sites, for each rebound model: the tables of
 docs/validation/field.
 
     python -m benchmarks.physics.field [--site tschamut vaujany impacts mel-de-la-niva]
@@ -15,7 +15,7 @@ or ? if errors do not decide. Statistics are those of `rockfall validate`.
 
 Data are downloaded (pip install 'rockfall[field]') or taken from FOLDER (see
 benchmarks/field_data.py). Only the calibration half of Tschamut is run unless --half selects
-another; docs/archive/field_protocol.md has the choices made in advance. PYTHON is an interpreter
+another; docs/archive/field_protocol.md lists the choices made in advance. PYTHON is an interpreter
 with PlatRock (benchmarks.speed.platrock); without it, that row is omitted with a note. --write
 stores the tables in docs/archive/field_tables.md and the impacts in
 docs/validation/field/impacts.md.
@@ -223,7 +223,8 @@ def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number
 
 
 def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Rows for every rebound model at the Mel de la Niva, with inputs from its `make_case.py`."""
+    """Rows for every rebound model at the Mel de la Niva, with inputs from its `make_case.py`.
+    Refuses a folder without observed.csv."""
     folder = ROOT / "cases" / "mel-de-la-niva"
     if not (folder / "observed.csv").exists():
         raise RockfallError(f"{folder}: has no observed.csv: run make_case.py there first")
@@ -281,7 +282,7 @@ def place(name: str, half: str) -> str:
 
 
 def put(name: str, text: str) -> None:
-    """Insert tables at the position with this name on their page."""
+    """Insert tables at the position with this name on their page; refuses a page without it."""
     path = PAGES.get(name, TABLES)
     page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders observed at Vaujany compared with the program, on slopes that no fit has used.
+"""Compare simulated boulders with those observed at Vaujany, on slopes that no fit has used.
 
     python -m benchmarks.physics.observed [--slopes 32] [--boulders 2000] [--first 1000]
         [--sets NAME ...] [--law NAME=TABLE ...] [--ground ROW ...]
         [--radius-sigma S ...] [--write]
 
-Table 2 of the paper has mean, standard deviation and maximum of 100 boulders at two lines.
+Table 2 of the paper lists mean, standard deviation and maximum of 100 boulders at two lines.
 `vaujany-observed` is fitted to them on other slopes, `bourrier2009` to the values *simulated* in
 the paper. Prints the relative errors, with standard errors, of these sets, of other given sets, and
 of impact tables or classical grounds (benchmarks.physics.laws), over slopes generated as in

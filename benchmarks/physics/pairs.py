@@ -8,7 +8,7 @@ that gives the observed speeds or run-outs.
 Talus is fitted to the mean speeds observed at both lines of Vaujany, on slopes generated as in
 cases/vaujany from seed 3000 on. Meadow is fitted to the mean run-out of the calibration half of
 Tschamut (FOLDER as in benchmarks.physics.tschamut), with the shape of each block. Prints the other
-statistics for each pair; docs/archive/field_protocol.md has the resulting choices.
+statistics for each pair; docs/archive/field_protocol.md lists the resulting choices.
 """
 
 import argparse

@@ -55,7 +55,7 @@ def stops(
     python: Path, folder: Path, seed: int, rocks: int = ROCKS
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vectors (n, 2) from release to rest [m], and the number of each release; `folder` has dem.asc
-    and releases.csv."""
+    and releases.csv. Raises a PlatRockError if PlatRock fails."""
     releases = pd.read_csv(folder / "releases.csv")
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)

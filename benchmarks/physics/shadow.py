@@ -27,7 +27,7 @@ from benchmarks.machine import machine
 from rockfall.io.rasters.grid import Grid
 
 ANGLE = 27.5  # minimum shadow angle observed [degree]
-FACE, TALUS = (100.0, 70.0), 200.0  # height [m] and slope [degree]; height of the talus [m]
+FACE, TALUS = (100.0, 70.0), 200.0  # face: height [m], slope [degree]; talus: height [m]
 SLOPES = 35.0, 5.0  # slopes of the talus and the plain [degree]
 BEYOND, WIDTH, CELL = 700.0, 400.0, 2.5  # [m]
 ROCKS, SEED = 0.2, 7

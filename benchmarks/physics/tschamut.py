@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run-outs of real blocks on an alpine pasture (Volkwein and Gerber 2018, EnviDat,
-doi:10.16904/envidat.34) compared with the program, by rebound models:
+"""Compare simulated run-outs, for each rebound model, with those of real blocks on an alpine
+pasture (Volkwein and Gerber 2018, EnviDat, doi:10.16904/envidat.34):
 
     python -m benchmarks.physics.tschamut FOLDER [--half calibration|held-out] [--seeds 101 102]
         [--law NAME=TABLE ...] [--ground ROW ...] [--axes meadow] [--boulders 100] [--write]
 
 FOLDER, or its subfolder tschamut2014, contains the files release_points.csv,
-observed_deposition.csv, block_metadata.csv and terrain.asc,
-derived from the data in github.com/ofuhrer/rust_rockfall (commit 722f7c7,
-data/processed/tschamut2014). Models are those of benchmarks.physics.laws; the matrix with R_m = 0.2
-m is always run. With --axes, tables are simulated for the published size of each block.
-docs/archive/field_protocol.md has the choices made in advance. --write stores the results of the
-named models in the table of evidence.
+observed_deposition.csv, block_metadata.csv and terrain.asc, derived from the data in
+github.com/ofuhrer/rust_rockfall (commit 722f7c7, data/processed/tschamut2014). Models are those of
+benchmarks.physics.laws (--law: impact tables, --ground: rows of ground tables); the matrix with R_m
+= 0.2 m is always run. --half selects the runs for calibration (default) or those held out. With
+--axes, tables are simulated for the published size of each block. docs/archive/field_protocol.md
+lists the choices made in advance. --write stores the results of the named models in the table of
+evidence.
 """
 
 import argparse

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Extreme terrain, scales and impact sets, as cases for `stability.py` and the tests.
 
-The default is a lively impact set on rough ground of 40 degrees. Local and map coordinates are
-equal there, and cells are 2 m, so that points on the side of a cell are exactly on it.
+The default is an impact set with high rebounds on rough ground of 40 degrees. Local and map
+coordinates are equal there, and cells are 2 m, so that points on the side of a cell are exactly on
+it.
 """
 
 from __future__ import annotations

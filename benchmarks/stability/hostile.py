@@ -72,8 +72,8 @@ MAPS = "'passages', 'deposits', 'energy_mean', 'energy_q95', 'reach_probability'
 
 @dataclass(frozen=True)
 class Input:
-    """File, the commands that read it (rockfall-batch commands start with its name), and the
-    functions that alter it."""
+    """Kind of file, its path, the commands that read it (subcommands of `rockfall`, or commands
+    that start with rockfall-batch), and the functions that alter it."""
 
     kind: str
     file: str

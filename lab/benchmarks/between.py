@@ -39,7 +39,7 @@ from tools.ship_tables import RADIUS, contacts_of, part_case
 LINE, SPEED, BOULDERS = 200.0, 5.0, 1000  # distance down the plane [m], initial speed [m/s], number
 # Cell size [m], columns, rows above the release, length below the line [m]:
 CELL, COLUMNS, ABOVE, BEYOND = 2.5, 120, 8, 160.0
-ABOVE_RELIEF, STEP = 6.0, 1.5  # [degree]: first slope above the relief, and step
+ABOVE_RELIEF, STEP = 6.0, 1.5  # first slope minus relief, and step [degree]
 NO_REST = 60.0  # rest angle [degree]: boulders rest only where blocks did
 REST = {"ploughed": 27.0, "hard": 29.0}  # rest angles [degree]
 LIKE = {"ploughed": "meadow", "hard": "compact"}  # shipped grounds of these models

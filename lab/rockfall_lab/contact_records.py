@@ -105,7 +105,8 @@ def save_contacts(data: xr.Dataset, path: str | Path) -> None:
 
 
 def open_contacts(path: str | Path) -> xr.Dataset:
-    """Read contacts from a file written by `save_contacts`."""
+    """Read contacts from a file written by `save_contacts`; raises a RockfallError for other
+    files."""
     data = load_measured(path, "contacts")
     if not ({*MEANING} - {*OF_THE_LABORATORY} <= set(data) and {*ATTRIBUTES} <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of contacts of the laboratory")

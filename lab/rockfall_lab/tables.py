@@ -129,7 +129,7 @@ def _parts(files: Sequence[xr.Dataset]) -> list[_Part]:
 
 def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
     """Parts in the order of a table, sizes of its columns and reliefs of its rows: all
-    combinations, or only sizes if these determine the relief."""
+    combinations, or only sizes if these determine the relief. Refuses other combinations."""
     columns = np.unique([part.size for part in parts])
     rows = np.unique([part.relief for part in parts])
     if len(parts) == len(columns):
@@ -146,7 +146,8 @@ def _grid(parts: Sequence[_Part]) -> tuple[list[_Part], np.ndarray, np.ndarray]:
 
 
 def _ground(data: xr.Dataset) -> YieldingGround:
-    """Ground of a table, from the laboratory's attributes."""
+    """Ground of a table, from the laboratory's attributes. Refuses other yield exponents than 0 and
+    1."""
     rest_angle = float(data.attrs["rest_angle"])
     if not float(data.attrs["yield_pressure"]) > 0:
         return YieldingGround(rest_angle)
@@ -269,7 +270,7 @@ def _keys(contacts: _Contacts, kind: str) -> list[np.ndarray]:
 
 
 def _bins_for(kind: str, contacts: int) -> tuple[int, ...]:
-    """Number of bins that the contacts of a kind can fill."""
+    """Number of bins that the contacts of a kind can fill; refuses too few contacts."""
     if contacts < ENOUGH:
         what = {"flight": "from a flight", "roll": "that roll on"}[kind]
         raise RockfallError(
@@ -292,7 +293,7 @@ def _sort_into_bins(
     contacts: _Contacts, kind: str, sizes: tuple[int, ...]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Contacts in each bin of a kind, and the edges of each key: quantiles within the bin of the
-    previous key."""
+    previous key. Refuses contacts that leave a bin empty."""
     keys = _keys(contacts, kind)
     groups = [np.flatnonzero(_of_kind(contacts, kind))]
     edges = []

@@ -30,12 +30,12 @@ function paletteOf(colours: string): Rgb[] {
 /** Zone colours: pale, for a translucent layer on grey. */
 export const ZONE_COLOURS = paletteOf('e69f00 56b4e9 009e73 f0e442 cc79a7 0072b2 d55e00 888888');
 
-// Every sixteenth colour of viridis.
+// Every 17th colour of viridis (16 of 256).
 const VIRIDIS = paletteOf(
   '440154 481a6c 472f7d 414487 39568c 31688e 2a788e 23888e 1f988b 22a884 35b779 54c568 7ad151 a5db36 d2e21b fde725',
 );
 
-// Every eighth colour in the brighter part of plasma, for trajectory speeds on a map in viridis.
+// Ten colours of plasma, evenly spaced from 64 to 255, for trajectory speeds on a map in viridis.
 const PLASMA = paletteOf('7e03a8 9c179e b52f8c cc4778 de5f65 ed7953 f89540 fdb42f fbd524 f0f921');
 
 /** Colour for each position from 0 to 1. */

@@ -212,7 +212,8 @@ def relief_keys(spectrum: Spectrum) -> dict[str, float]:
 
 
 def _points(path: Path) -> tuple[np.ndarray, str]:
-    """Points (n, 3) of a CSV file with columns x, y, z in any unit of length, and its name."""
+    """Points (n, 3) of a CSV file with columns x, y, z in any unit of length, and its name. Refuses
+    missing columns."""
     where, columns, rows = read_table(path)
     for name in "xyz":
         if name not in columns:

@@ -67,7 +67,8 @@ BESIDE = {
 
 
 def targets(folder: str | Path) -> list[Target]:
-    """All targets: those from table 2 (paper.csv in the site's folder), and OTHERS."""
+    """All targets: those from table 2 (paper.csv in the site's folder), and OTHERS. Raises a
+    RockfallError for an unreadable table."""
     path = Path(folder) / "paper.csv"
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))

@@ -146,8 +146,9 @@ def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactS
 
 
 def _fit(where: str, impacts: Impacts) -> ImpactSet:
-    """Fit a set with valid standard errors. Standard errors need groups to omit; if one exceeds the
-    standard deviation of its quantity, the most likely set may diverge."""
+    """Fit a set. Raises a RockfallError with fewer than GROUPS groups to omit in turn, or if the
+    standard error of a coefficient exceeds its standard deviation: a likelihood that allows for
+    this error may then have no maximum."""
     try:
         impact_set = fit_set(impacts)
     except RockfallError as error:
@@ -221,8 +222,8 @@ def _about(impacts: Impacts) -> str:
 
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:
-    """Contacts from which a set file with this text was made; their file must be next to it and
-    unchanged. None if the set file was not made from contacts."""
+    """Contacts from which a set file with this text was made; None if it was made otherwise. Raises
+    a RockfallError if their file is not next to it, or has changed."""
     name, checksum = (
         next((line[len(mark) :] for line in text.splitlines() if line.startswith(mark)), "")
         for mark in (CONTACTS_MARK, CHECKSUM_MARK)

@@ -81,7 +81,8 @@ def as_rebounds(impacts: Impacts) -> Impacts:
 
 
 def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
-    """Completed impacts at a ratio, in one of the three recorded states."""
+    """Completed impacts at a ratio, in one of the three recorded states. Raises a RockfallError for
+    other states."""
     if state not in STATES:
         raise RockfallError(f"state {state!r}: must be one of {', '.join(STATES)}")
     impacts = data.sel(ratio=ratio)
@@ -97,7 +98,8 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
-    """Fit the sets for all ratios."""
+    """Fit the sets for all ratios. Raises a RockfallError for a ratio that no set has, or if a set
+    cannot be fitted."""
     sets = {}
     for ratio in data["ratio"].values:
         if ratio != int(ratio) or not 1 <= ratio <= 5:
@@ -108,7 +110,8 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
     """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
-    noise of an impact, assumed equal for all points."""
+    noise of an impact, assumed equal for all points. Raises a RockfallError for too few impacts at
+    a point."""
     impacts = data.sel(ratio=ratio)
     ended = np.isin(impacts["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
@@ -184,7 +187,7 @@ def _ranges(v_in: np.ndarray) -> list[tuple[float, float]]:
 
 def _directions(impacts: Impacts) -> tuple[np.ndarray, np.ndarray]:
     """V_in and V_out divided by the length of V_in: the model is linear in speed, so scatter is
-    proportional to speed."""
+    proportional to speed. Refuses zero velocities."""
     length = np.sqrt((impacts.v_in**2).sum(axis=1, keepdims=True))
     if not (length > 0).all():
         raise RockfallError("an impact without incident velocity has no linear map")

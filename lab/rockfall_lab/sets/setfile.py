@@ -27,7 +27,8 @@ STATE_MARK = "! Outgoing state: "
 
 
 def provenance(data: xr.Dataset, state: str) -> list[str]:
-    """Provenance lines of a set file, sufficient to reproduce it."""
+    """Provenance lines of a set file, sufficient to reproduce it. Raises a RockfallError if impacts
+    are missing."""
     if missing := int((data["status"].values == STATUS["not_done"]).sum()):
         raise RockfallError(f"{missing} of {data['status'].size} impacts are not done: no set yet")
     case = lab_case_of(data.attrs["lab_case"], "impacts")
@@ -56,7 +57,8 @@ def provenance(data: xr.Dataset, state: str) -> list[str]:
 
 
 def origin(path: str | Path) -> tuple[LabCase, str]:
-    """Laboratory case from which a set file was made, and the boulder state that its sets use."""
+    """Laboratory case from which a set file was made, and the boulder state that its sets use.
+    Raises a RockfallError for other files."""
     lines = read_text(path).splitlines()
     text = [line[len(CASE_MARK) :] for line in lines if line.startswith(CASE_MARK)]
     state = [line[len(STATE_MARK) :] for line in lines if line.startswith(STATE_MARK)]

@@ -149,7 +149,8 @@ def save_impacts(data: xr.Dataset, path: str | Path) -> None:
 
 
 def load_measured(path: str | Path, what: str) -> xr.Dataset:
-    """Load a netCDF file of the laboratory; `what` describes its contents in messages."""
+    """Load a netCDF file of the laboratory; `what` describes its contents in messages. Raises a
+    RockfallError if it cannot be read."""
     try:
         data = load_dataset(path)
     except RockfallError:
@@ -162,7 +163,7 @@ def load_measured(path: str | Path, what: str) -> xr.Dataset:
 
 
 def open_impacts(path: str | Path) -> xr.Dataset:
-    """Read impacts from a file written by `run_impacts`."""
+    """Read impacts from a file written by `run_impacts`; raises a RockfallError for other files."""
     data = load_measured(path, "impacts")
     variables = {*names("outcome"), *names("outcome_counts"), *names("layer")[:-1]}
     attributes = {"title", "lab_case", "version", "cpu_seconds"}
@@ -180,7 +181,7 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def _blank(case: LabCase) -> xr.Dataset:
-    """Empty dataset of an experiment."""
+    """Empty dataset of an experiment; refuses one that does not fit in memory."""
     import xarray as xr
 
     plan = case.lab

@@ -80,7 +80,8 @@ def run_sequences(
 def _start(
     case: LabCase, path: str | Path | None
 ) -> tuple[list[dict[str, np.ndarray]], dict[str, np.ndarray]]:
-    """Existing contacts, ratio by ratio, and the counters of each ratio."""
+    """Existing contacts, ratio by ratio, and the counters of each ratio. Refuses files of another
+    case or version."""
     if path is None or not Path(path).exists():
         return [], {name: np.zeros(len(case.lab["ratios"])) for name in COUNTERS}
     data = open_sequences(path)
@@ -167,7 +168,8 @@ def _dataset(
 
 
 def open_sequences(path: str | Path) -> xr.Dataset:
-    """Read contacts of boulders on rocks from a file written by `run_sequences`."""
+    """Read contacts of boulders on rocks from a file written by `run_sequences`. Raises a
+    RockfallError for other files."""
     data = open_contacts(path)
     if not ({"ratio", "layer"} <= set(data) and {*COUNTERS} <= set(data.attrs)):
         raise RockfallError(f"{path}: is not a file of contacts of boulders on rocks")
@@ -176,7 +178,7 @@ def open_sequences(path: str | Path) -> xr.Dataset:
 
 def rebounds_of(data: xr.Dataset, name: str) -> Contacts:
     """Contacts after flights, as rebounds for sets of R_b/R_m = 1 to 5; other ratios are omitted.
-    Contacts on the same layer are dependent."""
+    Raises a RockfallError if none is left. Contacts on the same layer are dependent."""
     from_flight = (data["entry"].values == 0) & np.isin(data["ratio"].values, RATIOS)
     if not from_flight.any():
         raise RockfallError(f"{name}: no contacts of R_b/R_m = 1, 2, 3, 4 or 5, of which sets are")
@@ -201,7 +203,8 @@ def checksum(data: xr.Dataset) -> str:
 
 
 def sequences_provenance(data: xr.Dataset, contacts: Contacts) -> list[str]:
-    """Provenance lines of a set file, sufficient to reproduce it."""
+    """Provenance lines of a set file, sufficient to reproduce it. Raises a RockfallError if throws
+    are missing."""
     case = lab_case_of(data.attrs["lab_case"], contacts.name)
     done = dict(
         zip(np.atleast_1d(data.attrs["ratios"]), np.atleast_1d(data.attrs["done"]), strict=True)

@@ -171,7 +171,8 @@ def _check_largest(survey: Survey, asked: dict[str, Any], volume_max: float) -> 
 
 
 def _fit(survey: Survey, threshold: float | None) -> Fit:
-    """Fit a GPD above the threshold (default: the lowest threshold with an acceptable fit)."""
+    """Fit a GPD above the threshold (default: the lowest threshold with an acceptable fit). Raises
+    a RockfallError if the fit is not usable."""
     if threshold is not None:
         _check_numbers(survey, threshold)
         fit = _fit_above(survey.volumes, threshold)

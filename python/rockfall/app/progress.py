@@ -16,7 +16,7 @@ from rockfall.app.sections import section_message
 from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
 
-FIRST, SECOND = 0.0, 0.1  # time before the first message, and minimum time to the next [s]
+FIRST, SECOND = 0.0, 0.1  # time to the first message, and minimum time between later ones [s]
 PATIENCE = 3.0  # [s] kernel time per second spent on statistics and pictures
 
 #: Sends a message of a kind; it replaces waiting messages that it makes obsolete (see `Outbox`).

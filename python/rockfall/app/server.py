@@ -46,7 +46,8 @@ WRONG_KEY = 4401  # websocket close code
 
 
 def bind(port: int) -> socket.socket:
-    """Bind a socket on this machine only; port 0 selects any free port."""
+    """Bind a socket on this machine only; port 0 selects any free port. Raises a RockfallError if
+    the port cannot be used."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -80,7 +80,8 @@ class View:
 
 
 def _page(messages: str) -> str:
-    """The page with its style, messages and script inlined."""
+    """The page with its style, messages and script inlined; an internal error if the page lacks
+    them."""
     text, script, style = (
         (PAGE / name).read_text(encoding="utf-8") for name in ("index.html", "app.js", "app.css")
     )

@@ -99,7 +99,7 @@ class Case:
         self._take(read_values(text, name, "case"), Path(folder), name)
 
     def _take(self, values: KernelValues, folder: Path, name: str) -> None:
-        """Take the values that the kernel read; `name` is used in messages."""
+        """Take the values that the kernel read, or raise its error; `name` is used in messages."""
         self.folder, self.name, self._values = folder, name, values
         self._facts = Facts(*values.facts)
         groups = _all_values(values)

@@ -89,7 +89,7 @@ def read_groups(text: str, name: str) -> dict[str, dict[str, Any]]:
 
 
 def kernel_text(text: bytes, name: str) -> tuple[bytes, bytes]:
-    """Encode a text and its name for the kernel; a zero byte would end the text."""
+    """Encode a text and its name for the kernel; refuses a zero byte, which would end the text."""
     if b"\0" in text:
         raise RockfallError(f"{name}: character code 0 is not text")
     return text or b"\n", name.encode()

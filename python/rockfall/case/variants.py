@@ -72,7 +72,7 @@ def check_single(case: Case) -> None:
 
 
 def _variant(case: Case, given: Mapping[str, Any]) -> Case:
-    """Case defined by a &variant group."""
+    """Case defined by a &variant group. Refuses to remove a group that the case lacks."""
     where = f"{case.name}: &variant name = {literal(given['name'])}"
     title = case.case["title"]
     changes: dict[str, Any] = {"variant": []}

@@ -160,7 +160,8 @@ def dem_of_points(
 
 
 def _known(path: str | Path, points: np.ndarray, remarks: list[str]) -> np.ndarray:
-    """Points (n, 3) without those whose elevation marks missing data."""
+    """Points (n, 3) without those whose elevation marks missing data; refuses points that are all
+    missing."""
     missing = np.isin(points[:, 2], MISSING)
     if not missing.any():
         return points
@@ -189,7 +190,8 @@ def _check_places(path: str | Path, points: np.ndarray) -> None:
 
 
 def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
-    """Grid that covers `low` to `high`, with cell edges at multiples of the cell side."""
+    """Grid that covers `low` to `high`, with cell edges at multiples of the cell side; refuses too
+    many cells."""
     west, north = math.floor(low[0] / cell) * cell, (math.floor(high[1] / cell) + 1) * cell
     nx, ny = (high[0] - west) // cell + 1, (north - low[1]) // cell + 1
     if not nx * ny <= MAX_CELLS:
@@ -200,8 +202,8 @@ def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
 
 
 def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | None = None) -> Dem:
-    """Read a DEM from a raster file. `crs` applies to a file without a CRS; if the DEM lies
-    outside its area of use, a remark is added.
+    """Read a DEM from a raster file. `crs` applies to a file without a CRS and is refused if the
+    file has another; if the DEM lies outside its area of use, a remark is added.
     """
     z, grid = read_dem(path)
     if crs is not None:
@@ -248,7 +250,7 @@ def check_place(
 
 
 def _read_points(path: str | Path) -> np.ndarray:
-    """Read x, y and z from each row of a table."""
+    """Read x, y and z from each row of a table; refuses missing or repeated columns."""
     where, columns, rows = read_table(path)
     for axis in "xyz":
         if columns.count(axis) != 1:
@@ -323,7 +325,8 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations lowered within polygons or along lines, by `depth` or to `level` [m]."""
+    """Elevations lowered within polygons or along lines, by `depth` or to `level` [m]. Refuses
+    points, invalid depths, and features that lower nothing."""
     shapes, columns = read_features(path, dem.grid, remarks)
     columns = {name.lower(): values for name, values in columns.items()}
     z = dem.z
@@ -350,7 +353,7 @@ def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 
 def _attribute(path: Path, columns: dict[str, np.ndarray], name: str, k: int) -> float:
-    """Numeric attribute of a feature; NaN if missing."""
+    """Numeric attribute of a feature; NaN if missing. Refuses text."""
     if name not in columns:
         return math.nan
     if columns[name].dtype.kind not in "iuf":

@@ -185,7 +185,7 @@ def _check_known(new: New, scene: Scene) -> None:
 
 def _write(new: New, place: Path, files: Iterable[Path]) -> None:
     """Write the case to a folder and read all its inputs. It is written twice, because its text
-    depends on the sources found.
+    depends on the sources found. Raises its errors in the user's terms.
     """
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")

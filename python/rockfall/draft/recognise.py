@@ -116,7 +116,8 @@ class Layer:
 
 
 def read_layers(path: Path, grid: Grid) -> Iterator[Layer]:
-    """Yield all layers of a file that have features on the terrain."""
+    """Yield all layers of a file that have features on the terrain; refuses files with other
+    extensions."""
     if path.suffix.lower() not in EXTENSIONS:
         raise RockfallError(
             f"{path}: is not a layer: its name must end in {', '.join(sorted(EXTENSIONS))}"

@@ -68,7 +68,8 @@ def zones_of(
 def _row(
     layer: Layer, radii: list[str], pair: list[str], k: int, grounds: Grounds
 ) -> tuple[str, ...]:
-    """Table row of a polygon: rock sizes, ground, strength and relief."""
+    """Table row of a polygon: rock sizes, ground, strength and relief; refuses a polygon without
+    any of these."""
     sizes, own = ([layer.text(layer.attribute(key), k) for key in keys] for keys in (radii, pair))
     if not any((*sizes, *own)) and not layer.text(layer.attribute("ground"), k):
         keys = [*radii, *(["ground"] if layer.attribute("ground") else [])]
@@ -99,7 +100,8 @@ def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
 def _rest(
     layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
 ) -> tuple[int | None, int]:
-    """Most frequent zone, for cells outside polygons, and the number of these cells."""
+    """Most frequent zone, for cells outside polygons, and the number of these cells. Refuses
+    polygons that contain no cell."""
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]

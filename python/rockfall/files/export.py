@@ -122,7 +122,8 @@ def export(
 def put_export(
     data: xr.Dataset, folder: Path, chosen: Chosen = EXPORTED, result: object = "result"
 ) -> list[Path]:
-    """Write the files of `export` to a new folder; `result` is used in messages."""
+    """Write the files of `export` to a new folder; `result` is used in messages. Raises a
+    RockfallError if the result is incomplete."""
     data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
     try:
         check_formats(chosen.formats, FORMATS)
@@ -169,7 +170,7 @@ def _export(
 
 
 def _drawn(data: xr.Dataset, moving: Sampled | None, what: str, *drawn: str) -> Layers:
-    """Layers of a result for a drawing."""
+    """Layers of a result for a drawing; refuses a result without any."""
     layers = _layers(data, moving, what)
     if not (chosen := {name: layers[name] for name in drawn if name in layers}):
         raise RockfallError(f"{what}: the result contains nothing to draw")
@@ -458,7 +459,8 @@ def _field(name: str, column: xr.DataArray) -> tuple[str, np.ndarray]:
 
 
 def _lines(data: xr.Dataset) -> Features:
-    """Evaluation lines in plan; `line_vertex_line` is the 0-based index of the line."""
+    """Evaluation lines in plan; `line_vertex_line` is the 0-based index of the line. Other
+    numbering is an internal error."""
     names, line = line_names(data), data["line_vertex_line"].values
     if not np.array_equal(np.unique(line), np.arange(len(names))):
         raise RockfallError(
@@ -499,7 +501,8 @@ def crs_wkt(data: xr.Dataset) -> str | None:
 def write_geopackage(
     path: Path, layers: Layers, crs: str | None, styles: Mapping[str, Style] | None = None
 ) -> Path:
-    """Write layers to a GeoPackage, with any QGIS styles, atomically."""
+    """Write layers to a GeoPackage, with any QGIS styles, atomically. Raises a RockfallError if it
+    cannot be written."""
     need("GeoPackages need", "vector", "nanoarrow", "pyogrio", "shapely")
     import pyogrio
     import shapely

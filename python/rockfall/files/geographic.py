@@ -32,7 +32,8 @@ class Geographic(NamedTuple):
     remarks: list[str]
 
     def degrees(self, xyz: np.ndarray) -> np.ndarray:
-        """Convert plan coordinates (n, 2 or 3) to longitude, latitude and unchanged height."""
+        """Convert plan coordinates (n, 2 or 3) to longitude, latitude and unchanged height. Raises
+        a RockfallError for places outside the domain of the projection."""
         if not len(xyz):
             return xyz
         places = np.column_stack([*self.way.transform(xyz[:, 0], xyz[:, 1]), *xyz.T[2:]])
@@ -42,8 +43,8 @@ class Geographic(NamedTuple):
 
 
 def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
-    """Transformation to longitude and latitude [degree]; `what`, the product that needs it, is
-    for messages."""
+    """Transformation to longitude and latitude [degree]; `what`, the product that needs it, is for
+    messages. Raises a RockfallError without a CRS."""
     from rasterio.crs import CRS
 
     if wkt is None:
@@ -64,7 +65,7 @@ def geographic(data: xr.Dataset, wkt: str | None, what: str) -> Geographic:
 
 
 def _bounds(data: xr.Dataset) -> Bounds:
-    """Extent of all positions in a result or hazard."""
+    """Extent of all positions in a result or hazard; a RockfallError if it has none."""
     limits = []
     for axis in "xy":
         names = [axis if name == "x" else f"{name[:-1]}{axis}" for name in EASTINGS]

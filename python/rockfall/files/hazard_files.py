@@ -103,7 +103,7 @@ def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) 
 
 
 def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Iterator[Path]:
-    """Write drawings of generalised zones and objects."""
+    """Write drawings of generalised zones and objects; refuses a hazard without any."""
     layers = {name: layer for name, layer in hazard_layers(hazard) if name in ("zones", "objects")}
     if not layers:
         raise RockfallError("the hazard has no zones and no objects")
@@ -254,7 +254,7 @@ def _object_layer(hazard: xr.Dataset) -> tuple:
 
 
 def object_table(hazard: xr.Dataset) -> pd.DataFrame:
-    """Table with a row for each object: frequencies with limits, class, and risks if known."""
+    """Table with a row for each object: frequencies and their limits, class, and risks if known."""
     words = np.array(CLASSES, dtype=object)
     geometry = [GEOMETRY[text.split(" ")[0]] for text in hazard["object_geometry"].values]
     columns: dict[str, np.ndarray] = {

@@ -350,8 +350,8 @@ def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
 
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
-    """Ground with a given name: a row in the ground table, an impact table, or impact sets.
-    `where` is the position of the name, for messages.
+    """Ground with a given name: a row in the ground table, an impact table, or impact sets. `where`
+    is the position of the name, for messages. Raises a RockfallError for other names.
     """
     if name in table.rows:
         return table.ground(name, case)
@@ -394,7 +394,8 @@ def case_ground(case: Case, table: GroundTable) -> GroundRule:
 def _with_pair(
     rule: GroundRule, case: Case, table: GroundTable, named: NamedGround, where: str
 ) -> GroundRule:
-    """Replace strength and relief of a ground; messages start with `where`."""
+    """Replace strength and relief of a ground; messages start with `where`. Refuses values out of
+    range, and grounds without these parameters."""
     if not named.pair:
         return rule
     limits = {parameter.name: parameter.limits for parameter in parameters()}
@@ -433,7 +434,7 @@ def usual_name(case: Case) -> str:
 
 
 def usual_ground(case: Case) -> GroundRule:
-    """Default ground of a case: its impact sets or its impact table."""
+    """Default ground of a case: its impact sets or its impact table. Refuses unknown tables."""
     if case.impact["form"] == "matrix":
         return GroundRule(case.impact["sets"])
     name = case.impact["table"]
@@ -447,7 +448,8 @@ def usual_ground(case: Case) -> GroundRule:
 
 
 def table_ground(case: Case, name: str) -> GroundRule:
-    """Ground with the impact table of a name known to `find_operator`."""
+    """Ground with the impact table of a name known to `find_operator`. Refuses longer names than
+    the kernel stores."""
     path = own_table(case, name)
     if path is None:
         return shipped_rows().ground(name, case)

@@ -86,7 +86,8 @@ class MeasuredGround:
     remarks: tuple[str, ...] = field(default=())
 
     def row(self, name: str, source: str) -> dict[str, str]:
-        """Row for a ground table, as text by column."""
+        """Row for a ground table, as text by column. Refuses incomplete rows and names that a table
+        cannot contain."""
         for key, text in (("name", name), ("source", source)):
             if not (text.strip() and text.isprintable()):
                 raise RockfallError(f"{key} = {text!r}: must be a line of text")

@@ -49,7 +49,8 @@ def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
 
 
 def hull(points: np.ndarray, name: str = "block") -> Surface:
-    """Convex hull of points (n, 3), with vertices rounded to 1e-6 of its size."""
+    """Convex hull of points (n, 3), with vertices rounded to 1e-6 of its size. Refuses points in a
+    plane."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = points - points.mean(axis=0)

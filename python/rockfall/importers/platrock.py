@@ -85,7 +85,8 @@ class Layer:
 
     @property
     def kind(self) -> str:
-        """Use of the layer; "" if PlatRock would find nothing in it."""
+        """Use of the layer; "" if PlatRock would find nothing in it. Refuses attributes of two
+        layers."""
         shapes = {shape.geom_type.removeprefix("Multi") for shape in self.shapes}
         if shapes == {"LineString"}:
             return CHECKPOINTS
@@ -127,7 +128,7 @@ class Layer:
         return values
 
     def _given(self, key: Key) -> list[Any]:
-        """Values of an attribute; None for missing values."""
+        """Values of an attribute; None for missing values. Refuses two names of an attribute."""
         names = [name for name in key.names if name in self.columns]
         if len(names) > 1:
             raise RockfallError(
@@ -300,7 +301,7 @@ def _rocks(made: Import, layer: Layer) -> tuple[tuple[Group, Group], float, int]
 
 def _surface(made: Import, layer: Layer | None, radius: float) -> Group:
     """Group &surface; also writes a ground table with a row for each soil and for terrain outside
-    soils."""
+    soils, and the ground map if there are soils."""
     soils = [("outside", OUTSIDE)]
     entries = [
         Entry("ground_table", GROUNDS),

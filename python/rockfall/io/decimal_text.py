@@ -101,7 +101,7 @@ def _up_to(width: int) -> np.ndarray:
 
 
 def _digits(numbers: np.ndarray, groups: int) -> np.ndarray:
-    """Last digits (n, 4 groups) of integers >= 0."""
+    """ASCII codes (n, 4 * groups) of the last 4 * `groups` digits of integers >= 0."""
     digits = np.empty((numbers.size, groups), "u4")
     for k in reversed(range(groups)):
         rest = numbers // 10**GROUP

@@ -22,7 +22,7 @@ def check_regular(path: str | Path) -> None:
 
 
 def start_of(path: str | Path) -> bytes:
-    """First `START` bytes of a file."""
+    """First `START` bytes of a file. Raises a RockfallError if it cannot be read."""
     try:
         with open(path, "rb") as file:
             return file.read(START)
@@ -53,7 +53,7 @@ def check_text_file(path: str | Path) -> None:
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a regular file, without a byte order mark."""
+    """Text of a regular file, without a byte order mark. Raises a RockfallError for others."""
     check_text_file(path)
     try:
         return Path(path).read_text(encoding="utf-8-sig")

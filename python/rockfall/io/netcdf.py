@@ -93,7 +93,8 @@ def load_dataset(path: str | Path, **decoding: Any) -> xr.Dataset:
 
 
 def load_exact(path: str | Path, what: str) -> xr.Dataset:
-    """Load a file with its values as stored; `what` describes the expected file in messages."""
+    """Load a file with its values as stored; `what` describes the expected file in messages. Raises
+    a RockfallError for damaged files."""
     try:
         return load_dataset(path, mask_and_scale=False, decode_times=False)
     except OSError as error:

@@ -31,7 +31,8 @@ _FORMULA = re.compile(r"['\s\x00-\x1f\u200b\ufeff]*[=+\-@\uff1d\uff0b\uff0d\uff2
 
 def table_rows(path: str | Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the cells of each non-blank line. Cells are separated by commas or
-    semicolons; escaping by `spreadsheet_text` is undone."""
+    semicolons; escaping by `spreadsheet_text` is undone. Raises a RockfallError for a damaged
+    table."""
     line = 1
     check_text_file(path)
     check_table(path)

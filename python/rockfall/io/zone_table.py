@@ -73,7 +73,8 @@ class Zone(NamedTuple):
 
 
 def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[int, Zone]:
-    """Read the zones by id, in the order of the file.
+    """Read the zones by id, in the order of the file. Raises a RockfallError for repeated zones and
+    missing columns.
 
     Cells are separated by commas or semicolons; unknown columns are ignored and mentioned in
     `remarks`. An empty cell gives no size. A zone with its own ground may have zero sizes (no
@@ -107,8 +108,8 @@ def _note_marks(remarks: list[str], path: str | Path, zones: dict[int, Zone]) ->
 def zones_of_polygons(
     columns: dict[str, np.ndarray], path: str, field: str, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone], bool]:
-    """Zone id of each polygon (int32), zones by id, and True if the ids are from the layer.
-    Polygon attributes mean the same as columns of a zone table.
+    """Zone id of each polygon (int32), zones by id, and True if the ids are from the layer. Polygon
+    attributes mean the same as columns of a zone table; a RockfallError if they are missing.
 
     Polygons with equal attributes form a zone. Its id is the integer attribute `field` if this is
     unique for each zone, else its number in file order, from 1.
@@ -174,7 +175,8 @@ def index_blocks(
     table: str = "table",
     what: str = "zone",
 ) -> np.ndarray:
-    """Table row (int8 or int16, from 1) of each cell; 0 where the terrain is not valid.
+    """Table row (int8 or int16, from 1) of each cell; 0 where the terrain is not valid. Raises a
+    RockfallError for ids without a row.
 
     `blocks` are rows of zone ids; cells with `NO_ID` belong to `default_zone`. `valid` is a mask,
     or elevations (NaN: not valid). `path`, `table` and `what` (the term for an id) are used in

@@ -114,7 +114,8 @@ def write_figures(
     format: str = "png",
     inputs: Iterable[str | Path] = (),
 ) -> list[Path]:
-    """Write figures to a folder: all or none, and never over `inputs`. Return the files."""
+    """Write figures to a folder: all or none, and never over `inputs`. Return the files. Raises a
+    RockfallError for an unknown format."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
     need("figures need", "report", "matplotlib")

@@ -148,7 +148,7 @@ def _draw_strength(axes: Axes, lines: pd.DataFrame, name: str, factor: float) ->
 
 
 def _mark_lines(panels: np.ndarray, lines: pd.DataFrame) -> None:
-    """Mark lines, barriers and dams in all panels, named in the first."""
+    """Mark lines, barriers and dams in all panels, and label them in the first."""
     for k, row in enumerate(lines.itertuples()):
         for axes in panels:
             axes.axvline(row.distance, **(LINE | {"lw": 0.6, "zorder": 0}))

@@ -50,7 +50,8 @@ def terrain_of(
 
 
 def _places(result: xr.Dataset, beside: Path | None) -> list[Path]:
-    """Candidate paths of the case's DEM: in the folder of the run, or next to the result."""
+    """Candidate paths of the case's DEM: in the folder of the run, or next to the result. Refuses
+    elevations given as an array."""
     case = case_of(result)
     if case.terrain["dem"] == FROM_ARRAY:
         raise RockfallError(f"{case.name}: elevations were given as an array, not as a file")

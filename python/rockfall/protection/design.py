@@ -180,7 +180,7 @@ def _table(rows: list[dict[str, Any]], columns: list[str]) -> pd.DataFrame:
 
 
 def conditions_of(given: dict[str, str]) -> Conditions:
-    """Conditions of the standard from the options."""
+    """Conditions of the standard from the options; a TypeError for unknown options."""
     unknown = given.keys() - Conditions.__dataclass_fields__.keys()
     if unknown:
         raise TypeError(f"design: unknown option {sorted(unknown)[0]!r}")

@@ -86,7 +86,8 @@ class Factors:
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under `conditions`, from a table; all missing without a table."""
+    """Factors of a standard under `conditions`, from a table; all missing without a table. Raises a
+    RockfallError for other conditions, and for a factor that the table lacks."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be one of {', '.join(allowed)}")

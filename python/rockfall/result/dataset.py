@@ -78,7 +78,8 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a netCDF result without decoding: counts stay integers, times stay seconds."""
+    """Open a netCDF result without decoding: counts stay integers, times stay seconds. Raises a
+    RockfallError for other files."""
     if Path(path).is_dir():
         names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
         raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")
@@ -101,7 +102,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 def read_result(path: str | Path) -> xr.Dataset:
     """Read the result of a run from its netCDF file, in the form that `rockfall.run` returns. More
     than a million line crossings stay in the file and are read on demand until the result is
-    closed.
+    closed. Raises a RockfallError if it cannot be read.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")
@@ -150,7 +151,8 @@ def write_result(result: Held, path: str | Path) -> None:
 
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     """Write data to a new file, never through a link; `name` is used in messages. netCDF4 is used
-    directly, because xarray would copy whole maps and load Dask, if installed.
+    directly, because xarray would copy whole maps and load Dask, if installed. Raises a
+    RockfallError if the file cannot be written.
     """
     try:
         with open_netcdf(path, "x") as file:

@@ -163,7 +163,8 @@ class Sampled(NamedTuple):
 
 
 def sampled(motion: Motion, tolerance: float = TOLERANCE) -> Sampled:
-    """Sample motion so that chords deviate from parabolas by at most `tolerance` [m].
+    """Sample motion so that chords deviate from parabolas by at most `tolerance` [m], which must be
+    > 0.
 
     A chord over h seconds deviates by at most g h^2/8, in space and, if followed at constant
     speed, at any time.

@@ -97,7 +97,7 @@ class RunArrays:
         self._table = None
 
     def array(self, file_name: str) -> np.ndarray:
-        """View of an array by its name in files."""
+        """View of an array by its name in files; a KeyError for other names."""
         for array in self.arrays():
             if array.file_name == file_name:
                 return array.values

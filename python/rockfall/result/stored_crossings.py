@@ -56,7 +56,8 @@ class _Rows:
         return int(self._ends[-1])
 
     def values(self, name: str, first: int, last: int) -> np.ndarray:
-        """Values of a variable in rows first to last - 1."""
+        """Values of a variable in rows first to last - 1. Raises a RockfallError if they cannot be
+        read."""
         try:
             values = self._data.variables[name][first:last].values
         except (OSError, RuntimeError) as error:

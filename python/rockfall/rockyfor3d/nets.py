@@ -48,7 +48,7 @@ def barriers(folder: Folder) -> Iterator[Net]:
 
 
 def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float:
-    """Minimum value over the cells of a net."""
+    """Minimum value over the cells of a net; refuses cells that are not > 0."""
     if not (values > 0).all():  # true for nodata, too
         raise RockfallError(
             f"{folder.rasters[raster]}: {name} has cells that are not > 0: give every cell of "

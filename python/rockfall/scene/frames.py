@@ -124,7 +124,8 @@ def with_frames(
 
 
 def _write(frame: Any, name: str, folder: Path) -> Path:
-    """Write a frame as a FlatGeobuf, in row order and with reproducible bytes."""
+    """Write a frame as a FlatGeobuf, in row order and with reproducible bytes. Refuses empty and
+    unreadable frames."""
     need("GeoDataFrames need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -157,7 +158,7 @@ def _column(column: Any) -> np.ndarray:
 
 
 def _key(name: str, frame: Any) -> tuple[str, str]:
-    """Case group and key of a layer."""
+    """Case group and key of a layer; refuses unknown layers."""
     if name in KEYS:
         return KEYS[name]
     if name != "sources":

@@ -87,7 +87,8 @@ def take_inputs(
 
 
 def _on_cells(grid: Grid, key: str, given: Any) -> np.ma.MaskedArray:
-    """Array (ny, nx) on the DEM cells, with missing values masked."""
+    """Array (ny, nx) on the DEM cells, with missing values masked; refuses arrays on other
+    cells."""
     if hasattr(given, "coords"):
         given = as_plan(given)
         own, flipped = grid_of(given)
@@ -129,7 +130,7 @@ def array_checksum(array: np.ndarray) -> str:
 
 
 def file_checksum(path: Path) -> str:
-    """SHA-256 of a file."""
+    """SHA-256 of a file. Raises a RockfallError if it cannot be read."""
     file = raster_file(str(path))
     check_regular(file)
     try:

@@ -128,7 +128,8 @@ def _scene(
     rows: Callable[[], Iterable[tuple[Rasters, Box]]],
     stages: Stages = FRESH,
 ) -> Scene:
-    """Scene of a case with its rasters; impact sets are read last."""
+    """Scene of a case with its rasters; impact sets are read last. Refuses rasters that the case
+    does not use."""
     sources = take_inputs(
         stages, "sources", inputs, (rasters.z,), lambda inputs: read_sources(inputs, rows())
     )

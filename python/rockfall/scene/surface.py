@@ -72,8 +72,8 @@ def read_rasters(inputs: Inputs, z: np.ndarray, box: Box) -> Rasters:
 
 
 def read_grounds(inputs: Inputs, rasters: Rasters) -> tuple[dict[int, Zone], dict[int, str]]:
-    """Read grounds that differ from the case's impact sets, and the ground of each material.
-    Return the zones by id, and the ground names by raster id."""
+    """Read grounds that differ from the case's impact sets, and the ground of each material. Return
+    the zones by id, and the ground names by raster id. Refuses ambiguous grounds."""
     case, surface = inputs.case, inputs.case.surface
     zones = case_zones(case, inputs.remarks)
     named = [zone for zone in zones.values() if zone.names_ground]
@@ -171,7 +171,7 @@ def _read_cell_grounds(inputs: Inputs, rasters: Rasters, box: Box, ids: dict[int
 def _read_zones(
     inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...], zones: dict[int, Zone]
 ) -> None:
-    """Read zones as indices to the size table."""
+    """Read zones as indices to the size table; refuses a layer name for a raster."""
     case, surface = inputs.case, inputs.case.surface
     path = case.path(surface["zones"])
     table_path_, numbers = path, None  # polygons define their own ground
@@ -240,7 +240,7 @@ def _used(rasters: Rasters) -> set[tuple[int, int]]:
 
 
 def _read_values(inputs: Inputs, rasters: Rasters, box: Box, columns: tuple[str, ...]) -> None:
-    """Read size rasters; values are required where the ground of known terrain needs them."""
+    """Read size rasters; refuses missing values where the ground of known terrain needs them."""
     need = np.array(
         [0, *(ground.rocks for ground in rasters.grounds)] if rasters.grounds else [0, 2]
     )

@@ -209,7 +209,8 @@ class Batch:
             return make_result(self._tally, maps=False)
 
     def _make(self) -> Contents:
-        """Results of the completed boulders, with all variables."""
+        """Results of the completed boulders, with all variables; refuses maps that have changed
+        since."""
         tally = self._tally
         if self._run.begun != self._begun and tally.scene.case.output.get("maps"):
             raise RockfallError(

@@ -67,7 +67,8 @@ def run_on_cluster(
 
 @contextmanager
 def _client(where: str) -> Iterator[Any]:
-    """Client for the cluster at an address, or for a local cluster that ends with the block."""
+    """Client for the cluster at an address, or for a local cluster that ends with the block.
+    Refuses other addresses, and raises a RockfallError if none responds."""
     from distributed import Client, LocalCluster
     from distributed.security import Security
 

@@ -181,7 +181,8 @@ def run_chunks(
 
 def _run_range(tally: Tally, first: int, size: int) -> int:
     """Simulate and store up to `size` boulders from number `first`; fewer if their sources are in
-    different terrain windows, or if time is up. Return the number.
+    different terrain windows, or if time is up. Return the number. A boulder outside all windows is
+    an internal error.
     """
     scene = tally.scene
     assert isinstance(scene, Scene)

@@ -82,7 +82,8 @@ def write_jobs(
     or none.
 
     `program` is python or batch; batch needs a case made by `rockfall prepare`. Each job requests
-    `threads` and `time` (in Slurm's format). `variant` selects a variant of the case.
+    `threads` and `time` (in Slurm's format). `variant` selects a variant of the case. Raises a
+    RockfallError for invalid values.
     """
     case = chosen_variant(read_case(path), variant)
     if program not in PROGRAMS:

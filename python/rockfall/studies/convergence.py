@@ -159,9 +159,9 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
 
 
 def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.ndarray, float]:
-    """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds
-    per boulder. Boulders are simulated in pieces with successive seeds, and their sources
-    alternate."""
+    """Values of boulders (lines, quantities, boulders), NaN without a crossing, and CPU seconds per
+    boulder. Boulders are simulated in pieces with successive seeds, and their sources alternate.
+    Raises a RockfallError if they do not fit in memory."""
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:

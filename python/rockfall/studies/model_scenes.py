@@ -56,7 +56,8 @@ AS_GIVEN = "grounds of the case"
 
 
 def variants(case: Case, grounds: Sequence[str], notes: list[str]) -> Iterator[tuple[str, Scene]]:
-    """Scenes by model name, the unchanged scene first; remarks are added to `notes`."""
+    """Scenes by model name, the unchanged scene first; remarks are added to `notes`. Raises a
+    RockfallError if all ground absorbs boulders."""
     as_given = read_scene(case)
     own = _with_named_apart(as_given)
     table = GroundTable(table_path(case))

@@ -114,7 +114,7 @@ def write_models(models: Models, path: str | Path) -> None:
 
 
 def read_models(path: str | Path) -> Models:
-    """Read models from a file written by `write_models`."""
+    """Read models from a file written by `write_models`. Raises a RockfallError for other files."""
     dataset = load_exact(path, "models")
     if "models_layout" not in dataset.attrs:
         raise RockfallError(f"{path}: is not a models.nc of `rockfall models`")

@@ -116,8 +116,8 @@ def run_scene_until(scene: Scene, rules: str, cap: int | None = None, **how: Any
 def simulate_until(
     scene: Scene, rules: str, cap: int | None = None, *, progress: bool = False, keep: bool = True
 ) -> Contents:
-    """Run until the rules are met; see `run_until`. Unless `keep`, the rasters of the scene are
-    freed.
+    """Run until the rules are met; see `run_until`, also for errors. Unless `keep`, the rasters of
+    the scene are freed.
 
     With a single source each stage continues the previous stage. With several sources each stage
     restarts, because the source of a boulder depends on its number and the total.

@@ -102,8 +102,8 @@ def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
 
 
 def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
-    """Tables with mean, deviation, quantiles and maximum at each line, named in words or in short
-    form. Lines that no boulder crosses have no table."""
+    """Tables with mean, deviation, quantiles and maximum at each line that boulders cross. If
+    `short`, quantities and statistics have their short names, else titles."""
     for line, numbers in rows.items():
         if n := numbers["speed"]["n"]:
             names = STATISTICS if short else map(statistic, STATISTICS)

@@ -202,7 +202,8 @@ def _slope(
 def _crest(
     z: np.ndarray, grid: Grid, vertices: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] along a crest line, at most half a cell apart, and terrain elevations there."""
+    """Distances [m] along a crest line, at most half a cell apart, and terrain elevations there.
+    Refuses crests outside the known terrain."""
     ends = lengths(vertices)
     line = np.union1d(ends, np.arange(0.0, ends[-1], grid.cell / 2))
     x, y = (np.interp(line, ends, part) for part in (vertices.real, vertices.imag))

@@ -77,7 +77,8 @@ def regular_nodes(points: np.ndarray) -> Nodes | None:
 
 
 def resampled(nodes: Nodes, cell: float) -> tuple[np.ndarray, Grid]:
-    """Elevations and grid, resampled bilinearly to cells with edges at multiples of `cell` [m]."""
+    """Elevations and grid, resampled bilinearly to cells with edges at multiples of `cell` [m].
+    Refuses too few or too many cells."""
     own = nodes.grid
     west = np.ceil((own.x[0] - cell / 2) / cell - ROUNDING) * cell
     north = np.floor((own.y[0] + cell / 2) / cell + ROUNDING) * cell

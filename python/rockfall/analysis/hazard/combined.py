@@ -263,7 +263,9 @@ def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
 
 
 def _frequencies(rates: Frequencies, yearly: float) -> dict[str, np.ndarray]:
-    """Frequencies of cells with limits, return periods, and reach probabilities."""
+    """Passage and exceedance frequencies [1/year] of cells with their limits; return periods
+    [year]; reach and exceedance probabilities: frequencies divided by `yearly` boulders
+    [1/year]."""
     values = _with_ends("passage_frequency", "exceedance_frequency", rates, "f4")
     with np.errstate(divide="ignore"):
         periods = np.where(rates.value > 0, 1 / rates.value, np.nan).astype("f4")

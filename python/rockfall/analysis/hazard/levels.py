@@ -127,7 +127,8 @@ def _kinds(hazard: xr.Dataset) -> Iterator[str]:
 
 
 def _curve(hazard: xr.Dataset, place: str, quantity: str) -> tuple[np.ndarray, Frequencies]:
-    """Levels, starting with 0, and the exceedance frequency of each level."""
+    """Levels, starting with 0, and the exceedance frequency of each level. Refuses unknown
+    quantities, and points without a width whose curve is not recorded."""
     if quantity not in LEVELS:
         raise RockfallError(f"{quantity}: must be one of {', '.join(LEVELS)}")
     kind, k = find_place(hazard, place)

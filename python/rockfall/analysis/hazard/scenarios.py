@@ -106,7 +106,7 @@ def _of_layer(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], np.ndarray]]
 
 def _case(case: Case, scenario: dict[str, Any]) -> Case:
     """Case with the boulders of a scenario. The scenario's volume keys replace all volume keys of
-    &boulder; its other keys replace single keys."""
+    &boulder; its other keys replace single keys. Raises a RockfallError that names the scenario."""
     boulder: dict[str, Any] = dict.fromkeys(VOLUMES) if "volume" in scenario else {}
     boulder |= {"rock_density": None} if "density" in scenario else {}
     boulder |= {key: scenario[key] for key in (*VOLUMES, "density") if key in scenario}

@@ -25,7 +25,8 @@ Group = tuple[str, np.ndarray]  # name, and mask of boulders
 
 
 def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
-    """Groups of boulders: each boulder is in exactly one group, and no group is empty.
+    """Groups of boulders: each boulder is in exactly one group, and no group is empty. Raises a
+    RockfallError for other `by` or `classes`, and for one shape.
 
     by = 'source': the polygons or points of the source layer by name or, without a layer, the
     sources by number. by = 'volume': `classes` are the edges between classes [m3] (default: the

@@ -93,7 +93,8 @@ def line_number(result: xr.Dataset, line: str) -> int:
 def windows(
     result: xr.Dataset, line: int, width: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Window edges along a line [m], and each boulder's window, -1 if it misses the line."""
+    """Window edges along a line [m], and each boulder's window, -1 if it misses the line. Raises a
+    RockfallError for a width <= 0 or too many windows."""
     _, x, y = lines(result)[line]
     length = float(lengths(x + 1j * y)[-1])
     width = round_step(length / WINDOWS) if width is None else width

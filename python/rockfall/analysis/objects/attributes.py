@@ -62,8 +62,9 @@ class Layer:
         return attribute(self.columns, name) is not None
 
     def numbers(self, name: str, default: float, *, missing: bool = False) -> np.ndarray:
-        """Values of an attribute; `default` if the layer lacks it. If `missing`, single objects
-        may lack it (NaN)."""
+        """Values of an attribute; `default` if the layer lacks it. If `missing`, single objects may
+        lack it (NaN). Raises a RockfallError for other values that are no numbers in the valid
+        range."""
         self.asked.add(name)
         values = attribute(self.columns, name)
         if values is None:

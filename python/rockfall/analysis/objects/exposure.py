@@ -269,7 +269,8 @@ def _of_curves(key: str, harms: list[Harm | None], names: list[str]) -> Iterator
 
 
 def _named_curves(layer: Layer, name: str, curves: Mapping[str, Curve]) -> list[Curve | None]:
-    """Curve of each object, from the text attribute `name`; None if empty."""
+    """Curve of each object, from the text attribute `name`; None if empty. Refuses unknown
+    names."""
     named: list[Curve | None] = []
     for number, text in enumerate(layer.texts(name), start=1):
         if text and text not in curves:

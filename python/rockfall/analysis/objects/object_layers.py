@@ -34,7 +34,8 @@ class File(NamedTuple):
 
 def given_layers(given: Any, layers: str | Sequence[str] | None) -> list[Source]:
     """Pair files with layer names: any number of names for a single file, or a name for each of
-    several files. A layer may occur only once, because repeated objects would count twice."""
+    several files. Refuses other numbers of names, and a repeated layer, whose objects would count
+    twice."""
     several = [] if given is None else list(given) if isinstance(given, list | tuple) else [given]
     names = [layers] if isinstance(layers, str) else list(layers or [])
     if names and len(several) != 1 and len(names) != len(several):

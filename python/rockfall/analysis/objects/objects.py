@@ -224,7 +224,8 @@ def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
 
 
 def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) -> None:
-    """Add the evaluation lines, or the cell, of an object on the terrain; `width` may be NaN."""
+    """Add the evaluation lines, or the cell, of an object on the terrain; `width` may be NaN.
+    Refuses objects outside the terrain."""
     west, south, east, north = shape.bounds
     if not (
         west <= grid.east and east >= grid.west and south <= grid.north and north >= grid.south

@@ -53,7 +53,8 @@ class _Blocks(NamedTuple):
 
 def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) -> Survey:
     """Read a survey: `blocks` has the deposited blocks, `events` the blocks that fell within
-    `years` (default: the dated rows of `blocks`)."""
+    `years` (default: the dated rows of `blocks`). Raises a RockfallError if dates are missing, or
+    in both tables."""
     deposited = _read(blocks, "blocks")
     if events is None:
         is_dated = ~np.isnan(deposited.dates)
@@ -137,7 +138,8 @@ def _read(given: Volumes, name: str) -> _Blocks:
 
 
 def _read_file(path: str | Path) -> _Blocks:
-    """Read a table with `volume` or three block axes, and dates if any."""
+    """Read a table with `volume` or three block axes, and dates if any. Refuses missing or
+    contradictory columns."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, columns)
     has_volume, has_axes = "volume" in columns, all(name in columns for name in AXES)
@@ -169,7 +171,7 @@ def _volume(row: Row, has_axes: bool) -> float:
 
 
 def _decimal_year(row: Row, column: str) -> float:
-    """Date in a row as a decimal year; NaN if empty."""
+    """Date in a row as a decimal year; NaN if empty. Raises a ValueError for other texts."""
     text = row.cells[column]
     if not text:
         return math.nan

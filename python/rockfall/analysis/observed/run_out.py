@@ -108,9 +108,9 @@ def kolmogorov_smirnov(
 
 
 def run_out(result: xr.Dataset, seen: Observed) -> pd.DataFrame:
-    """Table of observed and simulated values with limits, difference and verdict, for each source
-    and for all sources: mean and standard deviation of the stopping distance, Wasserstein distance,
-    lateral spread and offset [m]; empty without observations.
+    """Table of values for each source and for all sources (observed and simulated, with limits,
+    difference and verdict): mean and standard deviation of the stopping distance, Wasserstein
+    distance, lateral spread and offset [m]; empty without observations.
 
     Lateral means perpendicular to the line from the release to the mean observed stopping place;
     the spread is the standard deviation, the offset the mean. With several sources, the boulders of

@@ -48,7 +48,8 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 
 def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """Default ground, and grounds by zone, from `--ground [ZONE=]GROUND`."""
+    """Default ground, and grounds by zone, from `--ground [ZONE=]GROUND`; refuses repeated
+    zones."""
     usual, by_zone = "", {}
     for option in options:
         zone, equals, ground = option.rpartition("=")
@@ -115,7 +116,8 @@ def dem_command(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace, remarks: list[str]) -> Dem:
-    """Elevations from a raster or from points; print the properties of the points."""
+    """Elevations from a raster or from points; print the properties of the points. Refuses options
+    for the other kind."""
     given = given_options(arguments, OF_POINTS)
     path, *others = arguments.input
     if not (is_cloud(path) or path.suffix.lower() in (".csv", ".txt")) or is_ascii_grid(path):

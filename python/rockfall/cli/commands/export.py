@@ -40,7 +40,7 @@ def export_command(arguments: argparse.Namespace) -> int:
 
 
 def _export_hazard(arguments: argparse.Namespace, path: Path, folder: Path) -> list[Path]:
-    """Export a hazard as drawings; it has no trajectories, tables or project."""
+    """Export a hazard as drawings; refuses options for trajectories, tables or projects."""
     for key, why in (
         ("tolerance", "is only valid for trajectories, which a hazard lacks"),
         ("qgis", "is only valid for results: export a result with --hazard"),

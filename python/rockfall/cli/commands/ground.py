@@ -49,7 +49,8 @@ def ground_command(arguments: argparse.Namespace) -> int:
 
 
 def _scars(arguments: argparse.Namespace) -> Scars | None:
-    """Scars from the file or the options; a single value applies to all scars."""
+    """Scars from the file or the options; a single value applies to all scars. Refuses other
+    numbers of values."""
     given = {key: getattr(arguments, key) for key in COLUMNS}
     given = {key: values for key, values in given.items() if values}
     if not given:
@@ -94,7 +95,8 @@ def _csv(rows: list[list[str]]) -> str:
 
 
 def _add_row(path: Path, row: dict[str, str]) -> None:
-    """Write a ground table with a row, or add the row to an existing table."""
+    """Write a ground table with a row, or add the row to an existing table; refuses a repeated
+    name, missing columns and semicolons."""
     if not path.exists():
         text = _csv([list(row), list(row.values())])
     else:

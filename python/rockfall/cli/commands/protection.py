@@ -102,7 +102,8 @@ def design_command(arguments: argparse.Namespace) -> int:
 
 
 def _design_hazards(arguments: argparse.Namespace, keys: list[str]) -> int:
-    """Design barriers for a return period of passing boulders, over the scenarios of hazards."""
+    """Design barriers for a return period of passing boulders, over the scenarios of hazards.
+    Refuses options that are only valid for results."""
     for key in keys:
         if key != "costs" and getattr(arguments, key) is not None:
             reason = "is only valid for results OUT.nc: a hazard takes --return-period and --costs"
@@ -140,7 +141,7 @@ def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
 
 
 def _design_block(arguments: argparse.Namespace) -> int:
-    """Print and write the block of a return period."""
+    """Print and write the block of a return period. Refuses a missing survey."""
     if arguments.results:
         raise RockfallError(
             "--return-period: requires hazards HAZARD.nc or the survey --blocks, not results"

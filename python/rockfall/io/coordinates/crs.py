@@ -177,7 +177,8 @@ class Bounds(NamedTuple):
 def _best_way(
     source: pyproj.CRS, target: pyproj.CRS, crs: CRS, bounds: Bounds | Grid
 ) -> Transformation:
-    """Best transformation between systems within bounds given in `crs`."""
+    """Best transformation between systems within bounds given in `crs`. Raises a RockfallError if
+    there is none."""
     import pyproj
 
     corners = _degrees(crs, [bounds.west, bounds.east], [bounds.south, bounds.north])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rockfall.errors import RockfallError
 from rockfall.io.coordinates.length_units import Stated, Unit, unit_in_words, unit_of_code
 
-DIRECTORY, TEXTS = 34735, 34737  # TIFF tags, and ids of LAS records
+DIRECTORY, TEXTS = 34735, 34737  # ids of TIFF tags, and of LAS records
 _PROJECTED, _PLAN_UNIT = 3072, 3076
 _SYSTEM, _CITATION, _UNIT = 4096, 4097, 4099
 _EPSG = range(1024, 32767)

@@ -40,7 +40,7 @@ def _text(file: Path) -> str:
 
 def projection_crs(path: str | Path) -> CRS | None:
     """CRS in the projection file of a grid, for grids whose CRS GDAL could not read; None without a
-    file."""
+    file. Refuses an unreadable file."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

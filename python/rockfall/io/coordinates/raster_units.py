@@ -22,7 +22,8 @@ _MAX_METADATA = 2_000_000  # bytes
 
 
 def stated_units(raster: RasterFile) -> list[Stated]:
-    """Elevation units in the band, its description, tags, GeoTIFF keys, and companion files."""
+    """Elevation units in the band, its description, tags, GeoTIFF keys, and companion files.
+    Refuses depths."""
     source, file = raster.source, raster_file(raster.path)
     if isinstance(source, AsciiSource):
         return []

@@ -56,7 +56,8 @@ def from_array(
 
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
-    """float32 for types that it represents exactly (integers of up to 16 bits), else float64."""
+    """float32 for types that it represents exactly (integers of up to 16 bits), else float64.
+    Refuses complex numbers and text."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations have type {stored}: must be real numbers")
@@ -90,7 +91,8 @@ def check_known(name: str | None, z: np.ndarray, row: int = 0) -> bool:
 
 
 def grid_of(data: xr.DataArray) -> tuple[Grid, bool]:
-    """Grid of a DataArray with dims (y, x), and True if its first row is the southernmost.
+    """Grid of a DataArray with dims (y, x), and True if its first row is the southernmost. Refuses
+    other axes and cells that are not square.
 
     A GeoTransform stored with the CRS gives exact edges if it agrees with the coordinates.
     """
@@ -124,7 +126,8 @@ def corner_of(attrs: Mapping[str, Any]) -> tuple[float, float, float]:
 
 
 def as_plan(data: xr.DataArray) -> xr.DataArray:
-    """DataArray with dims (y, x); other dims of length one, such as a single band, are removed."""
+    """DataArray with dims (y, x); other dims of length one, such as a single band, are removed,
+    others refused."""
     others = [name for name in data.dims if name not in ("y", "x")]
     if not {"y", "x"} <= set(data.dims) or any(data.sizes[name] > 1 for name in others):
         raise RockfallError(f"{_NAME}: dims are {', '.join(map(str, data.dims))}: must be y, x")

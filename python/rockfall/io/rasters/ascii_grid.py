@@ -102,7 +102,7 @@ def is_ascii_grid(path: str | Path) -> bool:
 
 
 def open_ascii(path: str) -> AsciiCells:
-    """Read the header of an ESRI ASCII grid."""
+    """Read the header of an ESRI ASCII grid; refuses truncated files and malformed headers."""
     values: dict[str, float] = {}
     start, line = 0, 1
     with open(path, "rb") as file:
@@ -132,7 +132,7 @@ def _header_line(line: bytes) -> list[str]:
 
 
 def _value(where: str, key: str, text: str) -> float:
-    """Value of a key; messages start with `where`."""
+    """Valid value of a key; errors start with `where`."""
     value = plain_decimal(text)
     if key in ("ncols", "nrows"):
         if not (text.isascii() and text.isdigit() and 0 < value < 2**31):
@@ -177,7 +177,8 @@ def _place(values: dict[str, float]) -> Transform:
 
 
 def _numbers(file: BinaryIO, path: str, line: int) -> Iterator[np.ndarray]:
-    """Yield numbers from the rest of the file in chunks; `line` is the number of the first line."""
+    """Yield numbers from the rest of the file in chunks; `line` is the number of the first line.
+    Refuses binary data."""
     tail = b""
     while block := file.read(_CHUNK):
         text = tail + block

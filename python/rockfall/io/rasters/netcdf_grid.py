@@ -85,7 +85,8 @@ def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
 
 
 def cells_of(path: str, data: netCDF4.Dataset, name: str, transform: Affine) -> NetcdfCells:
-    """Cells of a variable; GDAL's exact `transform` is used if it agrees with the coordinates."""
+    """Cells of a variable; GDAL's exact `transform` is used if it agrees with the coordinates.
+    Raises a RockfallError if the variable is no map."""
     try:
         variable = data[name]
     except (IndexError, KeyError):
@@ -132,7 +133,7 @@ class _Validity:
         return tuple(mark for mark in marks if mark == mark)  # NaN needs no marker
 
     def range(self) -> tuple[float, float]:
-        """Minimum and maximum of valid numbers."""
+        """Minimum and maximum of valid numbers. Refuses contradictory attributes."""
         both = self.values("valid_range", 2)
         lowest, highest = self.values("valid_min", 1), self.values("valid_max", 1)
         if both.size and (lowest.size or highest.size):
@@ -182,7 +183,7 @@ def _found(variable: netCDF4.Variable, name: str) -> netCDF4.Variable | None:
 
 
 def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
-    """Cell centres along a dimension [m]."""
+    """Cell centres along a dimension [m]; refuses other units, packed and uneven coordinates."""
     name = variable.dimensions[axis]
     coordinate = _found(variable, name)
     if coordinate is None or coordinate.dimensions != (name,) or coordinate.dtype.kind not in "iuf":
@@ -220,7 +221,8 @@ def _place(x: np.ndarray, y: np.ndarray, transform: Affine) -> Affine | Transfor
 
 
 def _stored_type(path: str, name: str, stored: np.dtype, attributes: dict[str, Any]) -> np.dtype:
-    """Type of the stored numbers; _Unsigned marks unsigned integers if the format has none."""
+    """Type of the stored numbers; _Unsigned marks unsigned integers if the format has none. Refuses
+    other marks."""
     unsigned = str(attributes.get("_Unsigned", "")).lower()
     if unsigned not in ("", "true", "false") or (unsigned and stored.kind not in "iu"):
         raise RockfallError(

@@ -253,7 +253,8 @@ def raster_file(path: str) -> str:
 
 
 def _opened(path: str, stack: ExitStack) -> RasterFile:
-    """Open the file according to its format; the stack closes its resources."""
+    """Open the file according to its format; the stack closes its resources. Refuses other
+    formats."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
     name = plain_file(file)

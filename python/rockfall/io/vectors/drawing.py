@@ -147,7 +147,8 @@ def _taken_apart(
     entities: Any, layer: str, depth: int, of_blocks: Iterator[int]
 ) -> Iterator[tuple[str, DXFEntity]]:
     """Yield layers and entities, with inserted blocks exploded; layer 0 in a block becomes the
-    layer of the insertion. `of_blocks` counts the entities in blocks."""
+    layer of the insertion. `of_blocks` counts the entities in blocks. Refuses too many entities or
+    levels."""
     if depth > MAX_DEPTH:
         raise RockfallError(f"blocks within blocks, more than {MAX_DEPTH} deep")
     for entity in entities:
@@ -205,7 +206,8 @@ def _hatch(path: str, layer: str, entity: Any) -> Part:
 
 
 def _chords(curve: Any, where: str) -> np.ndarray:
-    """Points (n, 2) of a curve in plan; empty if its length is zero."""
+    """Points (n, 2) of a curve in plan; empty if its length is zero. Refuses coordinates that are
+    not finite."""
     corners = np.array([tuple(vertex)[:2] for vertex in curve.control_vertices()], float)
     if not np.isfinite(corners).all():
         raise RockfallError(f"{where} has coordinates that are not finite")

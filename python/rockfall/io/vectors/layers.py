@@ -119,7 +119,7 @@ def read_attributes(
 
 
 def layer_names(path: str | Path) -> list[str]:
-    """Names of the layers in a file that have shapes."""
+    """Names of the layers in a file that have shapes. Raises a RockfallError for other files."""
     need("layers need", "vector", "pyogrio", "shapely")
     import pyogrio
 
@@ -153,8 +153,8 @@ def numbered_polygons(
 def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number of the polygon part that contains each cell (the last, or for order -1 the first);
-    the feature of each part; and the parts."""
+    """Number of the polygon part that contains each cell (the last, or for order -1 the first); the
+    feature of each part; and the parts. Refuses polygons that contain no cell centre."""
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -374,7 +374,7 @@ def name_of(path: str | Path, layer: str | None) -> str:
 def _reprojected(
     where: str, shapes: np.ndarray, crs: CRS, grid: Grid, remarks: list[str]
 ) -> np.ndarray:
-    """Shapes in the CRS of the terrain."""
+    """Shapes in the CRS of the terrain; refuses shapes that cannot be transformed."""
     import shapely
 
     assert grid.crs is not None
@@ -400,7 +400,8 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """Metadata, shapes, and attributes `columns` (None: all) of a layer."""
+    """Metadata, shapes, and attributes `columns` (None: all) of a layer. Refuses other formats,
+    empty layers and missing attributes."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -430,7 +431,7 @@ def _read(
 
 
 def _layer(path: str, layers: Iterable[Any], what: str, asked: str | None, key: str) -> str:
-    """Name of the requested layer, or of the only layer with shapes."""
+    """Name of the requested layer, or of the only layer with shapes; refuses several."""
     names = [name for name, shape in layers if shape is not None]
     if not names:
         raise RockfallError(f"{path}: has no layer with {what}")
@@ -470,7 +471,8 @@ def _bounds(shapes: np.ndarray) -> np.ndarray:
 
 
 def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
-    """CRS of a layer; by its standard, GeoJSON without a CRS is in degrees."""
+    """CRS of a layer; by its standard, GeoJSON without a CRS is in degrees. Refuses layers without
+    any."""
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"
@@ -487,7 +489,7 @@ def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -
 
 
 def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
-    """Integer values of a field, as int32."""
+    """Integer values of a field, as int32; refuses empty and other values."""
     if values.dtype.kind not in "iuf":
         raise RockfallError(f"{path}: attribute {field} is not a number: zone ids must be integers")
     for number, value in enumerate(values.tolist(), start=1):
@@ -500,7 +502,7 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
 
 
 def _plain_layer(path: str) -> str | bytes:
-    """Input for GDAL from a vector file: its path, or rewritten text."""
+    """Input for GDAL from a vector file: its path, or rewritten text. Refuses other files."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
@@ -549,7 +551,7 @@ def _check_table(path: str, database: sqlite3.Connection, name: str, text: str) 
 
 
 def _plain_geojson(path: str) -> bytes:
-    """Shapes, simple properties and CRS of a GeoJSON file, as text."""
+    """Shapes, simple properties and CRS of a GeoJSON file, as text. Refuses invalid files."""
     check_text_file(path)
     try:
         data = json.loads(Path(path).read_bytes().decode("utf-8-sig"), parse_constant=_no_number)

@@ -58,6 +58,7 @@ def read_clouds(
     given: CRS | None = None,
 ) -> tuple[np.ndarray, CRS | None]:
     """Read points (n, 3) [m] from all files, and their common CRS, from LAS files or `given`.
+    Raises a RockfallError for invalid options.
 
     LAS files contribute the points of the `classes` (default: 2, ground) that are not withheld.
     With `thin`, the points in each square of this side [m] are replaced by their mean.
@@ -115,7 +116,7 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
     """Mean of the points in each square; independent of chunk sizes except for rounding. Points on
-    a plane stay on the plane."""
+    a plane stay on the plane. Refuses a side for which too many points remain."""
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
     for chunk in chunks:
@@ -294,7 +295,8 @@ def _chunk_points(path: str | Path, offset: int, size: int) -> int:
 
 
 def _laser_chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
-    """Yield points of the given classes, without withheld points."""
+    """Yield points of the given classes, without withheld points. Refuses truncated files and
+    missing classes."""
     seen: Counter[int] = Counter()
     read = kept = 0
     with _Laser(path) as reader:

@@ -83,7 +83,7 @@ def first_line(start: bytes) -> str:
 
 
 def text_chunks(path: str | Path) -> Iterator[np.ndarray]:
-    """Yield chunks (n, 3) of x, y, z [m]."""
+    """Yield chunks (n, 3) of x, y, z [m]. Refuses rows that are not numbers."""
     import pandas as pd
 
     name, layout = plain_file(path), _layout(path)

@@ -90,7 +90,7 @@ def classes_of(unit: str, limits: Limits | None = None) -> Classes:
 
 
 def read_limits(texts: Iterable[str]) -> Limits:
-    """Read limits from `unit=limit,limit...`, such as kJ=30,300."""
+    """Read limits from `unit=limit,limit...`, such as kJ=30,300; refuses other texts."""
     limits = {}
     for text in texts:
         unit, _, numbers = text.partition("=")

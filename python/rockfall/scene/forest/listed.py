@@ -37,7 +37,7 @@ class Listed(NamedTuple):
 
 
 def listed_trees(inputs: Inputs) -> Planted:
-    """Trees of the case's list that are on the terrain."""
+    """Trees of the case's list that are on the terrain; refuses a list without any."""
     path, grid = inputs.case.path(inputs.case.forest["trees"]), inputs.grid
     if path.suffix.lower() in EXTENSIONS:
         listed = _from_layer(path, inputs)
@@ -68,7 +68,7 @@ def listed_trees(inputs: Inputs) -> Planted:
 
 
 def _from_table(path: Path, inputs: Inputs) -> Listed:
-    """Read trees from a CSV file with fixed column names."""
+    """Read trees from a CSV file with fixed column names; refuses keys that name columns."""
     for key in FIELDS:
         if is_given(inputs.case, "forest", key):
             raise RockfallError(
@@ -93,7 +93,8 @@ def _from_table(path: Path, inputs: Inputs) -> Listed:
 
 
 def _from_layer(path: Path, inputs: Inputs) -> Listed:
-    """Read trees from a point layer; the keys in FIELDS name its attributes."""
+    """Read trees from a point layer; the keys in FIELDS name its attributes. Refuses missing and
+    invalid values."""
     forest = inputs.case.forest
     x, y, columns, feature = read_points(
         path, inputs.grid, inputs.remarks, forest.get("trees_layer"), "trees_layer"
@@ -130,7 +131,8 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
-    """Toughness factor of each stem, drawn as conifer or broadleaf by the fraction in its cell."""
+    """Toughness factor of each stem, drawn as conifer or broadleaf by the fraction in its cell.
+    Refuses a forest without these."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

@@ -40,7 +40,7 @@ class Species:
                 raise RockfallError(f"{path}: no row for the species {name}")
 
     def factor(self, name: str, where: str) -> float:
-        """Toughness factor of a species, from its name in a list."""
+        """Toughness factor of a species, from its name in a list; refuses unknown names."""
         words = plain_name(name).split("_")
         for key in ("_".join(words), words[0]):
             if key in self.factors:

@@ -91,7 +91,8 @@ class Stands(NamedTuple):
 
 
 def read_stands(inputs: Inputs, table: Species) -> Stands | None:
-    """Read the stands in the layer of a case; None if it has no layer."""
+    """Read the stands in the layer of a case; None if it has no layer. Refuses a layer without stem
+    numbers."""
     forest, grid = inputs.case.forest, inputs.grid
     if "polygons" not in forest:
         return None
@@ -143,7 +144,7 @@ def _note_units(
 
 
 def _areas(inputs: Inputs, path: Path, shapes: np.ndarray) -> np.ndarray:
-    """Polygons clipped to the terrain, without overlaps."""
+    """Polygons clipped to the terrain, without overlaps; refuses stands that are all outside."""
     import shapely
 
     note_outside(str(path), shapes, inputs.grid, HALF, inputs.remarks)

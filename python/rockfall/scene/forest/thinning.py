@@ -32,7 +32,8 @@ def numbers_of_list(case: Case, n: int) -> np.ndarray | None:
 
 
 def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> Planted:
-    """Remove stems near the sources at `x`, `y` [m], and by thinning; return the others."""
+    """Remove stems near the sources at `x`, `y` [m], and by thinning; return the others. Raises a
+    RockfallError if none remains."""
     forest, trees = inputs.case.forest, planted.trees
     remain = np.ones(trees.x.size, bool)
     if forest["clear_of_sources"] > 0:
@@ -57,7 +58,8 @@ def thinned(inputs: Inputs, planted: Planted, x: np.ndarray, y: np.ndarray) -> P
 
 
 def _cleared(inputs: Inputs, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Fraction of stems that remain after clearing; where clearings overlap, the smallest."""
+    """Fraction of stems that remain after clearing; where clearings overlap, the smallest. Refuses
+    clearings without stems."""
     forest, factors = inputs.case.forest, np.ones(x.size)
     if "clearings" not in forest:
         return factors

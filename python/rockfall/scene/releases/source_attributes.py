@@ -50,7 +50,8 @@ class Table:
         return [None] * self.size if column is None else [*map(plain, column)]
 
     def numbers(self, name: str) -> np.ndarray:
-        """Numbers of an attribute that is also a case key; NaN for missing values."""
+        """Numbers of an attribute that is also a case key; NaN for missing values. Refuses values
+        that the key refuses."""
         self.asked.add(name)
         column = attribute(self.columns, name)
         if column is None:
@@ -91,7 +92,8 @@ class Table:
 
 def read_attributes(case: Case, table: Table, feature: np.ndarray) -> tuple[Features, np.ndarray]:
     """Return features with their attributes, and the frequency of each feature (NaN if missing).
-    `feature` is the feature number of each source."""
+    `feature` is the feature number of each source. Refuses the attribute `velocity`: its components
+    are needed."""
     if attribute(table.columns, "velocity") is not None:
         raise RockfallError(
             f"{table.path}: attribute velocity: must be {', '.join(VELOCITY)} [m/s]"

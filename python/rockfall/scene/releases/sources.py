@@ -77,7 +77,8 @@ def read_sources(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Source
 
 
 def _find_cells(inputs: Inputs, bands: Iterable[tuple[Rasters, Box]]) -> Sources:
-    """Find the centres of source cells."""
+    """Find the centres of source cells; refuses a layer or slope without any, and cells without
+    elevations."""
     case, grid, release = inputs.case, inputs.grid, inputs.case.release
     centres, area, lowest, unknown = [], [], ExtremeCount(), Unknown()
     polygons = _polygons(inputs)
@@ -149,7 +150,7 @@ def _polygons(inputs: Inputs) -> Polygons | None:
 
 
 def _find_points(inputs: Inputs) -> Sources:
-    """Read source points from a layer or a table."""
+    """Read source points from a layer or a table; refuses a layer name for a table."""
     case, release = inputs.case, inputs.case.release
     path = case.path(release["points"])
     if path.suffix.lower() in EXTENSIONS:
@@ -177,7 +178,8 @@ def _with_attributes(
     part: np.ndarray | None = None,
 ) -> Sources:
     """Sources with the attributes of their features. `feature` is the feature of each source; for
-    cells, `part` is its polygon part, and `owner` the feature of each part."""
+    cells, `part` is its polygon part, and `owner` the feature of each part. Refuses features of
+    which only some have a frequency."""
     features, frequency = read_attributes(inputs.case, table, feature)
     note_unused(inputs.remarks, table.path, table.columns, table.asked)
     note_marks(inputs.remarks, table.path, table.columns, table.asked)
@@ -251,7 +253,8 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with boulder volume, inertia and density; boulders of shape 0 are left out."""
+    """Sources with boulder volume, inertia and density; boulders of shape 0 are left out, and
+    refused at all sources."""
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)

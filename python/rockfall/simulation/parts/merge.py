@@ -42,7 +42,7 @@ class Joined:
         self.trajectories: dict[int, np.ndarray] = {}  # boulder number -> vertices
 
     def add(self, part: Held | str | Path) -> None:
-        """Add a part, or its file."""
+        """Add a part, or its file; refuses parts of another run."""
         part = read_part(part)
         if self.first is None or self.tally is None:
             origin = part.origin
@@ -65,7 +65,8 @@ class Joined:
         part.arrays = {}
 
     def result(self) -> Contents:
-        """Result of the complete run; the parts cannot be used afterwards."""
+        """Result of the complete run; the parts cannot be used afterwards. Raises a RockfallError
+        if boulders or trajectories are missing."""
         tally = self.tally
         if tally is None:
             raise RockfallError("merge requires the parts of a run")

@@ -218,7 +218,7 @@ def _damaged(part: Part, what: str) -> RockfallError:
 
 
 def _head(attrs: Mapping[str, Any], crs: Mapping[str, Any], name: str) -> Part:
-    """Metadata of a part without values."""
+    """Metadata of a part without values; refuses other files."""
     if attrs.get("part_layout") != LAYOUT:
         raise RockfallError(
             f"{name}: is not a part of a run (from --shard, a checkpoint or rockfall-batch)"
@@ -278,7 +278,7 @@ def _seconds(value: Any) -> float:
 
 
 def _corner(transform: Any) -> tuple[float, float, float]:
-    """West, north and cell size [m] of a GeoTransform."""
+    """West, north and cell size [m] of a GeoTransform; a ValueError for other transforms."""
     west, cell, _, north, _, _ = map(float, str(transform).split())
     if not (cell > 0 and all(map(math.isfinite, (west, cell, north)))):
         raise ValueError

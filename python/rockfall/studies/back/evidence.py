@@ -218,8 +218,8 @@ Evidence = Counted | Printed | Deposited | Marked
 def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
-    """Data sets for a back-analysis, and notes on unusable data; `result` is a run of the case
-    with a line at each mark."""
+    """Data sets for a back-analysis, and notes on unusable data; `result` is a run of the case with
+    a line at each mark. Raises a RockfallError without usable data."""
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),
@@ -265,7 +265,8 @@ def _of_stops(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[
 
 
 def _of_witnesses(result: xr.Dataset, seen: Observed, notes: list[str]) -> Iterator[Evidence]:
-    """Data from blocks at rest without a known release."""
+    """Data from blocks at rest without a known release; refuses runs in which too few boulders come
+    to rest."""
     sets = witnesses(result, seen)
     for blocks in sets:
         if (n := len(at_rest(result, blocks).place)) < MIN_FITTED:

@@ -292,7 +292,8 @@ def _row(draws: Iterable[Draw]) -> dict[str, float]:
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that are parameters; rock sizes count only where boulders reach them."""
+    """Columns of the cube that are parameters; rock sizes count only where boulders reach them.
+    Raises a RockfallError if there are none."""
     all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)
@@ -326,7 +327,8 @@ def _reached_pairs(inputs: Uncertain, base: xr.Dataset) -> list[int]:
 
 
 def _reached_materials(scene: Scene, base: xr.Dataset) -> set[int]:
-    """Rows of rock sizes that boulders reach; factors on other rows have no effect."""
+    """Rows of rock sizes that boulders reach; factors on other rows have no effect. Raises a
+    RockfallError if there are none."""
     if scene.rasters.values is not None:
         return {0}
     rows = {0}

@@ -114,9 +114,9 @@ class Uncertain:
             )
 
     def _operators(self) -> list[Operator]:
-        """Rebound models for the names in `sets`, one for each draw. Impact sets replace the
-        case's impact sets; tables replace its grounds: each draw in `talus-ensemble` replaces
-        `talus`, any other table the default ground."""
+        """Rebound models for the names in `sets`, one for each draw. Impact sets replace the case's
+        impact sets; tables replace its grounds: each draw in `talus-ensemble` replaces `talus`, any
+        other table the default ground. Refuses tables without effect."""
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -147,7 +147,7 @@ class Uncertain:
         return list(starmap(Operator, product(sets, together)))
 
     def _table(self, name: str) -> Path | None:
-        """File of a table named in `sets`; None for impact sets."""
+        """File of a table named in `sets`; None for impact sets. Refuses unknown names."""
         case = self.scene.case
         path, is_table = find_operator(case, name)
         if case.impact["form"] == "table" and not is_table:
@@ -208,7 +208,8 @@ class Uncertain:
 
     def _design(self) -> np.ndarray:
         """Uniform numbers (runs, 2, numbers) of the inputs in A and B: a scrambled Sobol' sequence
-        (Owen 1998) that does not depend on the choice of uncertain inputs; more runs extend it."""
+        (Owen 1998) that does not depend on the choice of uncertain inputs; more runs extend it.
+        Refuses more numbers than the sequence has."""
         from scipy.stats import qmc
 
         numbers, runs = int(self.ends[-1]), self.given["runs"]
@@ -292,7 +293,8 @@ class Uncertain:
         )
 
     def _draws(self, numbers: np.ndarray) -> Draw:
-        """Draw from a row of the file of joint draws."""
+        """Draw from a row of the file of joint draws; refuses a shift of sources off the
+        terrain."""
         k = int(numbers[0] * len(self.rows))
         row, draw = self.rows[k], Draw(kept={"draw": k})
         if "radius_1" in row:
@@ -333,7 +335,8 @@ class Uncertain:
         return Draw({"z": (z + error).astype(z.dtype)})
 
     def _source(self, numbers: np.ndarray, random: np.random.Generator) -> Draw:
-        """Draw of a common shift of all sources, repeated until all are on known terrain."""
+        """Draw of a common shift of all sources, repeated until all are on known terrain. Raises a
+        RockfallError after TRIES failures."""
         deviation = self.given["source_shift"]
         for tried in range(TRIES):
             shift = deviation * (random.standard_normal(2) if tried else normal_scores(numbers))
@@ -370,7 +373,8 @@ def has_rocks(sizes: np.ndarray) -> bool:
 
 
 def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, float]]:
-    """Read joint draws of inputs from a CSV file with one draw in each row.
+    """Read joint draws of inputs from a CSV file with one draw in each row. Raises a RockfallError
+    for missing columns, and for sets that the case lacks.
 
     Groups of columns, each complete or absent:
 
