@@ -109,6 +109,21 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
     assert lines() == before and any("pilot run" in one for one in before)
 
 
+def test_scenarios_are_summed_in_a_line(tmp_path):
+    """One boulder in four years from each of 50 sources, and one in 10 years from all."""
+    scene = scene_of(tmp_path, 50, 10)
+    assert "scenarios" not in preview.preview(scene)
+    law = {"volume": "uniform", "volume_min": 2.0, "volume_max": 5.0}
+    scenarios = [
+        {"name": "often", "frequency": 0.25, "frequency_per": "source"},
+        {"name": "large", "return_period": 10.0, **law},
+    ]
+    text = preview.preview(replace(scene, case=scene.case.replace(scenario=scenarios)))
+    (line,) = [line for line in text.splitlines() if line.startswith("  scenarios ")]
+    assert line.split(None, 1)[1].startswith("2, 12.6 boulders per year, volume 0.8 to 5 m3;")
+    assert "of CPU, a dossier up to twice that for each variant" in line
+
+
 def test_each_ground_has_a_softer_and_a_firmer_neighbour():
     """Neighbours are ordered by strength; talus, with strength proportional to size, has none."""
     order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]

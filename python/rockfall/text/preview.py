@@ -2,11 +2,13 @@
 """Preview of a case: inputs, resources, and approximate run time."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
+from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_of
 from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_remarks
@@ -17,7 +19,7 @@ from rockfall.io.coordinates.crs import crs_name
 from rockfall.io.rasters.grid import NO_ID, row_blocks
 from rockfall.io.vectors.layers import EXTENSIONS, burn_polygons
 from rockfall.limits import CORES
-from rockfall.quantities import first_of, percent
+from rockfall.quantities import first_of, number, percent
 from rockfall.result.boulders import boulders_by_shape
 from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.scene.ground import Ground
@@ -63,6 +65,7 @@ def preview(scene: Scene) -> str:
         ("maps", ", ".join(case.output.get("maps", [])) or "none"),
         ("memory", _memory(scene, pilot)),
         ("time", _time(scene, pilot)),
+        *_scenarios(scene),
     ]
     title = f"{case.name}: {case.case['title']}".removesuffix(": ")
     warnings = [
@@ -368,6 +371,25 @@ def _time(scene: Scene, pilot: Pilot) -> str:
     return (
         f"about {_duration(of_cpu)} of CPU, {_duration(wall)} on {cores} cores (estimated from "
         f"{pilot.tally.done:,} boulders)"
+    )
+
+
+def _scenarios(scene: Scene) -> Iterator[tuple[str, str]]:
+    """Text on the scenarios: releases per year, volumes in pilot runs, and time of a hazard."""
+    if not scene.case.scenario:
+        return
+    own = replace(scene, case=base_case(scene.case))
+    scenarios = scenarios_of(own, own.case.line)
+    scenes = [replace(own, case=scenario.case) for scenario in scenarios]
+    pilots = [*map(pilot_run, scenes)]
+    volumes = np.concatenate([pilot.values()["volume"] for pilot in pilots])
+    of_cpu = sum(cpu_seconds(each, pilot)[0] for each, pilot in zip(scenes, pilots, strict=True))
+    yearly = number(sum(scenario.frequency for scenario in scenarios))
+    yield (
+        "scenarios",
+        f"{len(scenarios)}, {yearly} boulders per year, volume "
+        f"{_range(volumes.min(), volumes.max())} m3; rockfall hazard takes about "
+        f"{_duration(of_cpu)} of CPU, a dossier up to twice that for each variant",
     )
 
 
