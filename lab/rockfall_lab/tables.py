@@ -246,14 +246,15 @@ def _end_on_mean_ground(record: np.ndarray, inertia: float) -> None:
 
 
 def _rounded(record: np.ndarray) -> np.ndarray:
-    """Numbers in single precision, rounded to fewer bits."""
+    """Numbers in single precision, with mantissas rounded to DIGITS bits."""
     bits = np.ascontiguousarray(record, "f4").view("u4")
     drop = 23 - DIGITS
     return ((bits + np.uint32(1 << (drop - 1))) >> drop << drop).view("f4")
 
 
 def _of_kind(contacts: _Contacts, kind: str) -> np.ndarray:
-    """Mark contacts that begin with this kind of entry."""
+    """Mask (n,) of contacts that begin with this kind of entry, without those too slow for a
+    table."""
     if kind == "roll":
         return (contacts.entry == ROLLING) & (contacts["speed_in"] > 0)
     falls = (contacts["vn_in"] < 0) & (contacts["speed_in"] > SLOWEST)

@@ -135,7 +135,8 @@ def score(
     **how,
 ) -> Score:  # fmt: skip
     """Statistics of sets on a number of slopes, each with its own boulders; several draws of the
-    sets are used in turn. If a single set has standard errors, perturbed sets are run too."""
+    sets are used in turn. If a single set has standard errors, perturbed sets are run too. Raises a
+    RockfallError without sets."""
     if not draws:
         raise RockfallError("no impact sets to score")
     generator = np.random.default_rng(FIRST_SEED)

@@ -110,8 +110,8 @@ def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
 
 def within_points(data: xr.Dataset, ratio: float, state: str = "peak") -> np.ndarray:
     """Covariance (3, 3) of V_out/|V_in| within points, about each point's least-squares map: the
-    noise of an impact, assumed equal for all points. Raises a RockfallError for too few impacts at
-    a point."""
+    noise of an impact, assumed equal for all points. Raises a RockfallError if no point has 4
+    impacts."""
     impacts = data.sel(ratio=ratio)
     ended = np.isin(impacts["status"].values, [STATUS[name] for name in ENDED])
     total, freedom = np.zeros((3, 3)), 0
@@ -256,7 +256,8 @@ def _rejections(bad: np.ndarray) -> np.ndarray:
 def _step(
     x: np.ndarray, y: np.ndarray, weight: np.ndarray, z: np.ndarray, both: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """M and C, joined, after a step of expectation maximisation; mean draws rejected per impact."""
+    """M and C, joined, after a step of expectation maximisation, and the mean number of draws
+    rejected per impact. Refuses impacts whose distribution becomes degenerate."""
     mean, covariance = _parts(both)
     c = covariance.reshape(3, 3, 3, 3)  # twice: rows and columns of A
     gain = np.einsum("ikjl,nl->nikj", c, x)  # Cov(A_ik, y_j)

@@ -31,6 +31,6 @@ def resampled_rebound(v_in: np.ndarray, v_out: np.ndarray) -> Rebound:
 
 
 def _place(v: np.ndarray) -> np.ndarray:
-    """Angle and spin of an impact, scaled to comparable distances."""
+    """Angle and spin (n, 2) of impacts, scaled to comparable distances."""
     angle = np.arctan2(-v[:, 1], v[:, 0])
     return np.stack([np.log(np.maximum(angle, 1e-3)), 1.5 * v[:, 2] / speed_of(v)], axis=1)

@@ -112,8 +112,9 @@ def run_impacts(
     """Simulate all impacts of a case: an xarray.Dataset over (ratio, layer, point, impact).
 
     With `path`, the dataset is also written to a file every half minute, at the end, and on Ctrl-C,
-    which raises KeyboardInterrupt; `resume` continues from such a file. The result does not depend
-    on threads, interruptions or resumptions.
+    which raises KeyboardInterrupt; `resume` continues from such a file, and raises a RockfallError
+    for one of another case or version. The result does not depend on threads, interruptions or
+    resumptions.
     """
     check_team(threads)
     if path is not None and resume and Path(path).exists():
@@ -214,7 +215,8 @@ def _about(name: str) -> dict[str, Any]:
 def _chunks(
     case: LabCase, data: xr.Dataset, threads: int, interrupted: Callable[[], bool]
 ) -> Iterator[int]:
-    """Simulate the remaining impacts, one layer per thread at a time. Yield how many are done."""
+    """Simulate the remaining impacts, one layer per thread at a time. Yield the number done in each
+    chunk."""
     team = max(1, _lab.team(threads))
     status = data["status"].values
     for k, ratio in enumerate(case.lab["ratios"]):

@@ -45,7 +45,7 @@ def run_sequences(
     resume: bool = False,
 ) -> xr.Dataset:  # fmt: skip
     """Simulate a case with throws and return all contacts, throw by throw: an xarray.Dataset over
-    `contact`.
+    `contact`. Raises a RockfallError for a case without throws.
 
     Velocities are relative to |V_in|, lengths to R_b. With `path`, the result is saved at
     intervals, at the end, and on Ctrl-C (raises KeyboardInterrupt); `resume` continues from such a

@@ -220,9 +220,8 @@ def _styles(kinds: dict[str, str]) -> dict[str, Style]:
 
 
 def _source_layer(hazard: xr.Dataset) -> tuple:
-    """Layer of source cells: boulders per year that start there, and that reach each line and the
-    most frequently hit objects, with their energies at these places.
-    """
+    """Layer of source cells: boulders per year that start there, and that reach the most frequently
+    hit lines and objects, with their energies at these places."""
     import shapely
 
     x, y = (hazard[f"source_{axis}"].values for axis in "xy")
@@ -236,7 +235,8 @@ def _source_layer(hazard: xr.Dataset) -> tuple:
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
-    """Yield kind and index of lines and most frequently hit objects with known sources."""
+    """Yield kind and index of the lines and objects with known sources: the most frequently hit
+    ones of each kind."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)

@@ -53,10 +53,7 @@ MAP = Room(180 / 25.4, 246 / 25.4)  # map on a page of its own, with the title b
 NO_MAP = data_uri(b'<svg xmlns="http://www.w3.org/2000/svg"/>', "image/svg+xml")  # until it fits
 SHEETS, ROWS = 8, (12, 8, 5, 3)  # maximum sheets; maximum table rows, reduced until the pages fit
 PLACES = (6, 4, 2)  # maximum places in a table of page 1, reduced until the signature fits
-FIRST, CLOSING = (
-    70.0,
-    95.0,
-)  # minimum heights of maps: page 1, below the last text [mm]
+FIRST, CLOSING = 70.0, 95.0  # minimum heights of maps: page 1, below the last text [mm]
 TITLE = 22.0  # height of the title of a map [mm]
 HOUSES, ADVICE, WARNINGS = 3, 4, 3  # maximum sentences on page 1
 

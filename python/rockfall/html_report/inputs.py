@@ -191,8 +191,8 @@ def _size(row: dict[str, str], name: str) -> str:
 
 
 def ground_figure(result: xr.Dataset, terrain: Terrain | None) -> Figure | None:
-    """Map of the grounds; None for a single ground, for many, or for arrays. Raises a RockfallError
-    if a file cannot be read."""
+    """Map of the grounds; None for a single ground, for more than MATERIALS, for arrays, and for
+    scenes in windows. Raises a RockfallError if a file cannot be read."""
     case = case_of(result)
     if FROM_ARRAY in result.attrs["case"] or "zones" not in case.surface:
         return None

@@ -104,7 +104,8 @@ class Ground(NamedTuple):
 
 
 class Map(NamedTuple):
-    """A map variable: its cells as an image and as packed numbers, both empty for a blank map."""
+    """A map variable: its cells as packed numbers and, unless it is blank, as an image with a
+    legend."""
 
     title: str
     unit: str

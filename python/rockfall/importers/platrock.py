@@ -69,7 +69,7 @@ NEEDED = (
     ("R_n", "R_t"),
     ("R_n", "R_t"),
     ("v_half", "R_t", "phi"),
-)  # attributes that each needs
+)  # attributes that each of MODELS needs
 OURS = {"R_n": "r_n", "R_t": "r_t", "v_half": "half_speed", "phi": "friction_angle"}
 GRAVITY, STOP_SPEED = 9.8, 0.2  # [m/s2], [m/s]
 MAPS = ["passages", "deposits", "energy_q95", "jump_height_q95"]

@@ -24,8 +24,8 @@ IN_USE = "cannot be replaced (is it open in another program?)."
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path with the same name. After the block, rename it to `path`; after an
     error, remove it. It is in a new folder next to `path` that only its owner can access, so that
-    no other user can place a link there. A file that cannot be renamed (on Windows, over an open
-    file) is kept next to `path`."""
+    no other user can place a link there. Raises a RockfallError if it cannot be written, or renamed
+    (on Windows, over an open file); the file is then kept next to `path`."""
     path = Path(path)
     try:
         with _temporary(path.parent) as (place, stays):
@@ -48,10 +48,10 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def atomic_folder(
     folder: str | Path, inputs: Iterable[str | Path] = (), last: str = ""
 ) -> Iterator[Path]:
-    """Yield a temporary folder. If the block succeeds, move its files to `folder`, `last` after
-    all others; if it fails, change nothing. `inputs` are never overwritten. If an old file
-    cannot be replaced (on Windows, an open file), the new files are kept in a folder next to
-    `folder`."""
+    """Yield a temporary folder. If the block succeeds, move its files to `folder`, `last` after all
+    others; if it fails, change nothing. `inputs` are never overwritten. Raises a RockfallError if
+    files cannot be written, or old files not replaced (on Windows, open files); the new files are
+    then kept in a folder next to `folder`."""
     folder = Path(folder)
     check_folder(folder, tries=False)
     new = kept = None

@@ -53,7 +53,8 @@ def check_text_file(path: str | Path) -> None:
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a regular file, without a byte order mark. Raises a RockfallError for others."""
+    """Text of a regular file, without a byte order mark. Raises a RockfallError if it cannot be
+    read."""
     check_text_file(path)
     try:
         return Path(path).read_text(encoding="utf-8-sig")

@@ -85,7 +85,7 @@ def figures(
     most_lines: int | None = None,
     left: LeftOut | None = None,
 ) -> list[Figure]:
-    """Figures of a result, in reading order.
+    """Figures of a result, in reading order. Raises a RockfallError without boulders.
 
     `terrain`, from `rockfall.plots.terrain.terrain_of`, gives the relief for maps and the ground
     for profiles. `observed`, from `rockfall.analysis.observed.observations.read_observed`, adds

@@ -193,8 +193,8 @@ def _deviation(values: np.ndarray) -> float:
 
 
 def _bins(samples: list[np.ndarray]) -> np.ndarray:
-    """Bin edges with a round width, up to a value that one in 500 exceeds in any sample; the
-    number of bins depends on the largest sample."""
+    """Bin edges with a round width, up to a value that at most one in 500 exceeds in each sample;
+    the number of bins depends on the largest sample."""
     high = max((float(np.quantile(v, BEYOND)) for v in samples if v.size), default=1.0)
     low = min([0.0, *(float(v.min()) for v in samples if v.size)])
     largest = max(v.size for v in samples)

@@ -11,7 +11,7 @@ from rockfall.quantities import QUANTITIES, number
 from rockfall.studies.convergence import AS_GIVEN, ERRORS, KEYS, SIZE, Convergence
 from rockfall.table import Table, as_text
 
-SMALL = 0.05  # maximum change between steps that counts as small (paper)
+SMALL = 0.05  # smaller changes between steps count as small (paper)
 TERRAINS = {
     "float32": "elevations rounded to it",
     "float64": "elevations of float32, plus its rounding error at random",

@@ -143,7 +143,8 @@ def place_names(hazard: xr.Dataset, kind: str) -> list[str]:
 
 
 def level_cell(value: float, low: float, high: float) -> Estimate | float:
-    """Cell with the level of a return period and its interval; 0 if boulders are less frequent."""
+    """Cell with the level of a return period and its interval; 0 if its upper limit is 0, because
+    boulders are less frequent."""
     if high == 0:
         return 0.0
     is_open = np.isinf(high) and not low

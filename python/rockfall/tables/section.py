@@ -149,7 +149,7 @@ def station_table(section: Section, counted: str, names: tuple[str, ...]) -> Tab
 
 
 def _column(name: str) -> Column:
-    """Column for a number, such as E95 [kJ] or corridor: E_max [kJ]."""
+    """Column for a number, such as E_q95 [kJ] or corridor: E_max [kJ]."""
     before, quantity, number = _parsed(name)
     corridor = "corridor: " if before == "corridor_" else ""
     return Column(f"{corridor}{SYMBOLS[quantity]}_{number}", QUANTITIES[quantity].unit)

@@ -66,8 +66,8 @@ def intensities(frequency: np.ndarray, periods: np.ndarray) -> np.ndarray:
 
 
 def hazard_classes(frequency: np.ndarray, matrix: Matrix, passed: np.ndarray) -> np.ndarray:
-    """Highest class over all intensities and periods; `RESIDUAL` where boulders pass (`passed`),
-    but too rarely for a higher class."""
+    """Highest class (...) over all intensities and periods, from frequencies (intensities, ...)
+    [1/year]; `RESIDUAL` where boulders pass (`passed`), but too rarely for a higher class."""
     highest = np.zeros(frequency.shape[1:], "i1")
     for column, intensity in enumerate(intensities(frequency, matrix.periods)):
         np.maximum(highest, matrix.classes[intensity, column], out=highest)

@@ -30,7 +30,7 @@ def passing_of(result: xr.Dataset, line: int) -> Passing:
 
 
 def behind(result: xr.Dataset, line: int) -> int:
-    """Number of boulders that reach the line with this index and are not stopped by a barrier."""
+    """Number of boulders that reach the line with this index and are not stopped there."""
     at = AtLine(result, line)
     if "crossing_outcome" not in result:
         return at.boulders.size

@@ -23,7 +23,7 @@ PASSES = 2  # repetitions: widening a narrow part may narrow its neighbours
 
 def generalised(areas: Sequence[Geometry], width: float, cell: float) -> list[Geometry]:
     """Generalise the areas of the classes, lowest class first. The resulting areas do not overlap,
-    and together cover the same ground to within the coordinate resolution. `width` and `cell` are
+    and together enclose the given areas to within the coordinate resolution. `width` and `cell` are
     in metres."""
     import shapely
 

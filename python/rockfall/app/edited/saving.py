@@ -82,7 +82,8 @@ def _with_variants(
     site: Site, document: Document, made: Runnable, file: str
 ) -> tuple[Case, set[str], str]:
     """Case with the site's &variant groups, layers to write inline (variants select their features
-    by name), and a remark. Variants are omitted if one would fail or change its meaning."""
+    by name), and a remark. Variants are omitted if one would fail or change its meaning. Refuses to
+    omit the edited variant."""
     groups = site.variants.groups
     if not groups:
         return made.named(file), set(), ""

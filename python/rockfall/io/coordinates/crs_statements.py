@@ -15,8 +15,8 @@ NAMES = (
 
 
 def check_statements(where: str, attrs: Mapping[str, Any]) -> None:
-    """Refuse a grid mapping whose attributes define different systems, or elevations in a unit
-    other than the metre; texts that define no system are ignored."""
+    """Refuse a grid mapping with several texts that define different systems, or elevations in a
+    unit other than the metre; texts that define no system are ignored."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

@@ -75,8 +75,8 @@ def unit_of(text: str) -> Unit:
 
 
 def unit_in_words(text: str) -> Unit | None:
-    """Elevation unit in a sentence; None without one, or if metres occur too. A number before a
-    unit is ignored as a size, such as a cell size."""
+    """Elevation unit in a sentence; None without one, or if metres occur too. A unit after a number
+    is ignored, because it is that of a size, such as a cell size."""
     spelled = text.lower()
     if _METRE_WORDS.search(spelled):
         return None

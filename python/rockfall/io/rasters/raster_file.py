@@ -141,7 +141,7 @@ class RasterFile:
             yield slice(rows.start - box.row, rows.stop - box.row), block, valid
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
-        """Command that resamples this file to dem_SUFFIX.tif, with holes as nodata instead of 0.
+        """Command that resamples this file to STEM_SUFFIX.tif, with holes as nodata instead of 0.
         Values are unpacked and multiplied by `factor` first, because `rio warp` does neither."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
@@ -155,7 +155,7 @@ class RasterFile:
         )
 
     def in_metres(self, plan: str | None, factor: float) -> str:
-        """Command that writes dem_utm.tif in another plan CRS, or dem_m.tif in the same CRS, with
+        """Command that writes STEM_utm.tif in another plan CRS, or STEM_m.tif in the same CRS, with
         elevations multiplied by a factor. The vertical CRS is dropped, because readers would
         convert again."""
         if plan is not None:

@@ -87,7 +87,7 @@ class Drawing(NamedTuple):
         return self.layers_with(lambda _: True)
 
     def layers_with(self, wanted: Callable[[Part], bool]) -> list[str]:
-        """Names of layers with entities of the given types (lines, hatches or points)."""
+        """Names of layers with lines, hatches or points that `wanted` accepts."""
         parts = (part for part in self.parts if len(part.xy) and wanted(part))
         return list(dict.fromkeys(part.layer for part in parts))
 

@@ -154,7 +154,8 @@ def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Number of the polygon part that contains each cell (the last, or for order -1 the first); the
-    feature of each part; and the parts. Refuses polygons that contain no cell centre."""
+    feature number (from 1) of each part, after a leading 0; and the parts. Refuses polygons that
+    contain no cell centre."""
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -471,8 +472,8 @@ def _bounds(shapes: np.ndarray) -> np.ndarray:
 
 
 def _crs_of(path: str, metadata: dict[str, Any], bounds: np.ndarray, dem: str) -> CRS:
-    """CRS of a layer; by its standard, GeoJSON without a CRS is in degrees. Refuses layers without
-    any."""
+    """CRS of a layer; by its standard, GeoJSON without a CRS is in degrees. Refuses other layers
+    without a CRS."""
     from rasterio.crs import CRS
 
     cure = f"ogr2ogr -a_srs {shlex.join([dem, f'{Path(path).stem}_with_crs.gpkg', path])}"

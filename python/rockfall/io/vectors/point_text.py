@@ -53,8 +53,9 @@ class _Layout(NamedTuple):
 
 
 def is_point_text(path: str | Path) -> bool:
-    """Return True for an existing file with a text extension whose first line describes points: at
-    least three numbers, or the names x, y and z separated by spaces."""
+    """Return True for an existing file with a text extension whose first line describes points:
+    at least three numbers, or the names x, y and z. Text (.txt) with commas or semicolons is a
+    table."""
     path = Path(path)
     if path.suffix.lower() not in MAYBE_TEXT or not path.is_file():
         return False

@@ -17,7 +17,7 @@ from rockfall.language import remark
 
 SLIVER = 0.01  # fraction of the smaller polygon: smaller overlaps are drawing errors
 SPARSE = 8  # spacing of the first samples [cells]
-HALF = 0.5  # minimum fraction of a zone's or stand's area: maps often extend beyond a DEM
+HALF = 0.5  # fraction off the terrain to note for zones and stands: maps often exceed a DEM
 #: [m] Displacement of borders to the east and north: far below survey accuracy, far above
 #: rounding, and in a direction in which no border is drawn.
 ASIDE = (1e-6, 1.618034e-6)
@@ -113,7 +113,8 @@ def points_inside(
 
 
 def held_cells(shapes: Iterable[tuple[Any, int]], grid: Grid, cells: np.ndarray) -> np.ndarray:
-    """Set `cells` (ny, nx) to the last polygon that contains the cell centre; return them."""
+    """Set `cells` (ny, nx) to the number of the last polygon that contains the cell centre; return
+    them."""
     from rasterio.features import rasterize
 
     moved = grid.moved(-ASIDE[0], -ASIDE[1])

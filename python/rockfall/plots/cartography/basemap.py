@@ -36,8 +36,8 @@ class Picture(NamedTuple):
 def read_basemap(path: str | Path, result: xr.Dataset, extent: Extent) -> Basemap:
     """Read the part of an image within an extent, in the CRS of the result.
 
-    Accepts georeferenced GeoTIFF, JPEG or PNG with a CRS, and one band (grey, or with a palette)
-    or three bands of 8 bits. Anything else raises a RockfallError.
+    Accepts georeferenced GeoTIFF, JPEG, PNG or Erdas Imagine with a CRS, and one band (grey, or
+    with a palette) or three bands of 8 bits. Anything else raises a RockfallError.
     """
     crs = result["crs"].attrs.get("crs_wkt") if "crs" in result else None
     if not crs:

@@ -21,7 +21,7 @@ DARKEST = 0.35
 LIGHTS = ((315.0, 0.5), (0.0, 0.2), (270.0, 0.2), (45.0, 0.1))
 INTERVALS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)  # standard map intervals [m]
 INDEX = 5  # every fifth contour is bold and labelled
-LINES = 60  # approximate number of contours on a map
+LINES = 60  # contours on a map, at most about
 CONTOUR_DOTS = 400  # terrain resolution for contours; finer contours are ragged
 SHORTEST = 12  # minimum vertices of a contour
 

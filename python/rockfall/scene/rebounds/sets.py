@@ -79,7 +79,8 @@ def _lateral(between: np.ndarray, quantiles: np.ndarray) -> tuple[Lateral, ...] 
 
 
 def _errors(text: str, path: Path) -> np.ndarray | None:
-    """Error covariances of the means, (5, 9, 9), if all sets of a file have them."""
+    """Error covariances of the means, (5, 9, 9), if all sets of a file have them. Raises a
+    RockfallError for damaged numbers."""
     blocks = text.split(f"! {ERROR_MARK}\n")[1:]
     if len(blocks) != 5:
         return None
