@@ -30,7 +30,8 @@ def build(sources: Path) -> str:
 
 
 def extracted(commit: str, folder: Path) -> Path:
-    """Files of a commit; without one, the current state of the files in git."""
+    """Folder with the files of a commit; without one, with the current state of the files in
+    git."""
     folder.mkdir()
     if commit:
         pack = ["git", "archive", commit]

@@ -90,7 +90,8 @@ def ground(text: str) -> Law:
 
 
 def changed_ground(name: str, ground: str, **values: float) -> Law:
-    """Shipped ground with impact tables and changed values: strength, relief, ..."""
+    """Rebound model of a shipped ground with impact tables and changed values: strength [Pa],
+    relief [degree] and others."""
     model, own = yielding_ground(shipped_rows().rows[ground])
     row = own._asdict() | values
     path = Path(_folder().name) / f"{name}.csv"

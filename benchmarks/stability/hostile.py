@@ -347,8 +347,8 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
 
 
 def bad_numbers(path: Path) -> list[str]:
-    """Variables of a result with missing values: per boulder, along a path, or at a line, where all
-    values or none must exist."""
+    """Names of variables with invalid numbers: not finite per boulder or along a path, else
+    infinite; and "lines" if variables at lines lack values for different boulders."""
     bad = []
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)

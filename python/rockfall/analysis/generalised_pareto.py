@@ -86,8 +86,8 @@ def _stationary(excess: np.ndarray, max_place: float) -> float | None:
 
 
 def best_of(theta: float | np.ndarray, excess: np.ndarray) -> tuple[float, float, float]:
-    """Maximum-likelihood shape and scale for a given theta = shape / scale, and the negative
-    log-likelihood per value, up to a constant (Grimshaw 1993)."""
+    """Maximum-likelihood shape and scale (unit of `excess`) for a given theta = shape / scale, and
+    the negative log-likelihood per value, up to a constant (Grimshaw 1993)."""
     shape = np.log1p(theta * excess).sum() / excess.size  # `mean` takes three times as long
     return shape, shape / theta, np.log(shape / theta) + shape
 
@@ -130,7 +130,8 @@ def _p_value(a2: float, shape: float) -> float:
 
 @cache
 def _spectra() -> np.ndarray:
-    """Chebyshev coefficients by shape of the angle and damping of Imhof's integral."""
+    """Chebyshev coefficients (DEGREE + 1, ...) by shape, of the angle and damping of Imhof's
+    integral."""
     rule = np.polynomial.legendre.leggauss(60)
     middle, half = np.mean(SHAPES), np.ptp(SHAPES) / 2
     return np.polynomial.chebyshev.chebinterpolate(

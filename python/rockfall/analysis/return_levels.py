@@ -295,7 +295,7 @@ def _profiled(
     west, east = (end if spare(end) > 0 else root_of(spare, end, best) for end in (-1.0, MAX_PLACE))
 
     def scales(places: np.ndarray) -> np.ndarray:
-        """Maximum-likelihood scale for each theta, as a smooth function."""
+        """Maximum-likelihood scale for each theta (places,), as a smooth function."""
         return np.array([best_of(theta, excess)[1] for theta in theta_at(places, excess)])
 
     places = (west + east - (east - west) * np.cos(np.linspace(0, np.pi, POINTS))) / 2

@@ -250,7 +250,8 @@ def check_place(
 
 
 def _read_points(path: str | Path) -> np.ndarray:
-    """Read x, y and z from each row of a table; refuses missing or repeated columns."""
+    """Read points (n, 3) from the columns x, y and z of a table; refuses missing or repeated
+    columns."""
     where, columns, rows = read_table(path)
     for axis in "xyz":
         if columns.count(axis) != 1:
@@ -309,7 +310,8 @@ def _smooth(dem: Dem, std: float, remarks: list[str]) -> np.ndarray:
 
 
 def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
-    """Elevations with the dams of a layer, as with &dam file; a temporary case checks the keys."""
+    """Elevations [m] with the dams of a layer, as with &dam file; a temporary case checks the
+    keys."""
     x, y = [float(dem.grid.x[0])], [float(dem.grid.y[0])]
     case = Case(
         name=str(path), case={"boulders": 1}, surface=SURFACE, boulder={"volume_mean": 1.0},

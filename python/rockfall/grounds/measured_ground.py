@@ -220,8 +220,8 @@ def _strength(scars: list[Scar], model: str, shape: str, radius: float | None) -
 
 
 def _of_scar(scar: Scar, model: str, shape: str) -> tuple[float, float, float]:
-    """Logarithm of the strength from a scar, its error due to depth and speed, and its scatter due
-    to the block's attitude."""
+    """Logarithm of the strength [Pa] from a scar, its standard error due to depth and speed, and
+    its scatter due to the block's attitude."""
 
     def log_strength(depth: float, speed: float) -> np.ndarray:
         depth, froude = depth / scar.radius, speed**2 / (2 * GRAVITY * scar.radius)

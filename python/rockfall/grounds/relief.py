@@ -41,8 +41,8 @@ def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, floa
 
 
 def _patch(spectrum: Spectrum, width: float, seed: int, number: int) -> np.ndarray:
-    """Patch of filtered white noise, scaled so that the standard deviation of its slope is
-    exact."""
+    """Heights (CELLS, CELLS) in R_b: filtered white noise, scaled so that the standard deviation of
+    its slope is exact."""
     wave = np.fft.fftfreq(CELLS, width / CELLS)  # cycles per R_b
     square = wave[:, None] ** 2 + wave[None, :] ** 2
     inside = (square >= spectrum.longest**-2) & (square <= spectrum.shortest**-2)

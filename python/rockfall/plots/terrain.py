@@ -109,7 +109,7 @@ def _read(result: xr.Dataset, path: Path) -> Terrain:
 
 
 def _inside(centres: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Index of the cells between two positions."""
+    """Indices of the cells whose centres lie between two positions."""
     return np.flatnonzero((centres >= low) & (centres <= high))
 
 

@@ -237,7 +237,7 @@ def line_values(result: Held, quantity: str, line: int) -> np.ndarray:
 
 
 def outcomes_at(result: Held, line: int) -> np.ndarray:
-    """Outcome (boulder,) at the barrier on a line; 0 for boulders that do not reach it."""
+    """Outcome code (boulder,) at the barrier on a line; 0 for boulders that do not reach it."""
     outcome, at = np.zeros(result.sizes["boulder"], "i1"), at_line(result, line)
     outcome[at.boulders] = at.stored("outcome")
     return outcome

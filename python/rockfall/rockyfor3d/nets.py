@@ -58,8 +58,8 @@ def _of_net(folder: Folder, raster: str, values: np.ndarray, name: str) -> float
 
 
 def centre_line(path: np.ndarray, grid: Grid, dem: np.ndarray) -> tuple[list[float], list[float]]:
-    """Line along cells, extended by half a cell at both ends and without raster steps. A single
-    cell gives a line along the contour."""
+    """Coordinates x and y [m] of a line along cells (n, 2), extended by half a cell at both ends
+    and without raster steps. A single cell gives a line along the contour."""
     if len(path) == 1:
         along = _contour(dem, *path[0])
         path = path + 0.5 * np.array([-along, along])
@@ -85,7 +85,7 @@ def longest_way(cells: np.ndarray) -> np.ndarray:
 
 
 def _lengthened(path: np.ndarray) -> np.ndarray:
-    """Path extended by half a step at both ends."""
+    """Path (n, 2) extended by half a step at both ends."""
     first, last = path[0] + 0.5 * (path[0] - path[1]), path[-1] + 0.5 * (path[-1] - path[-2])
     return np.concatenate(([first], path[1:-1], [last]))
 

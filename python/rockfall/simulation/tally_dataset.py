@@ -188,7 +188,8 @@ def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
 
 
 def _map(name: str, tally: Tally, per_cluster: int) -> tuple[np.ndarray, int, int]:
-    """A map, and the minimum numbers of passages for a value, and for a reliable value."""
+    """Values (y, x) of a map, or by threshold, and the minimum numbers of passages for a value, and
+    for a reliable value."""
     if (layers := _layers(name, tally)) is not None:  # not copied, to save memory
         values = layers.copy() if tally.goes_on else layers
         if name in MAXIMA:

@@ -104,7 +104,7 @@ def _check_grid(first: xr.Dataset, other: xr.Dataset, name: str) -> None:
 
 
 def _fractions(counts: np.ndarray, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fractions of boulders that pass cells, with limits."""
+    """Fractions (y, x) of boulders that pass cells, with 95 % limits."""
     boulders = simulated(result)
     starts = (result[f"start_{axis}"].values for axis in "xy")
     per_cluster = boulders_per_cluster(case_of(result), *starts)

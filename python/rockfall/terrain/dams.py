@@ -143,7 +143,8 @@ def _shape(
 
 
 def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Evenly spaced points on a polyline, away from its ends, and the unit normals there."""
+    """STATIONS evenly spaced points x + iy [m] on a polyline, away from its ends, and the unit
+    normals there."""
     ends = lengths(vertices)
     line = (np.arange(STATIONS) + 0.5) * ends[-1] / STATIONS
     sides = np.diff(vertices)
@@ -153,7 +154,7 @@ def _stations(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _within(points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of points, clipped to the outer cell centres."""
+    """Coordinates x and y [m] of points x + iy, clipped to the outer cell centres."""
     margin = grid.cell / 2
     x = np.clip(points.real, grid.west + margin, grid.east - margin)
     return x, np.clip(points.imag, grid.south + margin, grid.north - margin)

@@ -29,7 +29,8 @@ def steepness(z: np.ndarray, grid: Grid, x: np.ndarray, y: np.ndarray) -> np.nda
 
 
 def _patches(grid: Grid, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Row and column of the patch of each point, and the position within it, from 0 to 1."""
+    """Row and column of the patch of each point, and the position within it (south, east), from 0
+    to 1."""
     u = (x - grid.west) / grid.cell - 0.5
     v = (grid.north - y) / grid.cell - 0.5
     i = np.clip(u.astype(int), 0, grid.nx - 2)

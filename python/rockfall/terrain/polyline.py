@@ -23,8 +23,8 @@ def beside(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sides(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Sides of points: 1 to the left of the nearest segment, -1 to its right, 0 on it. The first
-    and the last segment continue straight beyond their ends."""
+    """Sides of points x + iy: 1 to the left of the nearest segment, -1 to its right, 0 on it. The
+    first and the last segment continue straight beyond their ends."""
     offset, distance = np.zeros(points.shape), np.full(points.shape, np.inf)
     steps = [*zip(vertices[:-1], np.diff(vertices), strict=True)]
     steps = [(start, step) for start, step in steps if step]
@@ -47,7 +47,7 @@ def lengths(vertices: np.ndarray) -> np.ndarray:
 
 
 def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
-    """Evenly spaced points along a polyline, from its first to its last vertex."""
+    """`number` evenly spaced points x + iy along a polyline, from its first to its last vertex."""
     at = lengths(vertices)
     return np.interp(np.linspace(0.0, at[-1], number), at, vertices)
 

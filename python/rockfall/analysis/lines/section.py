@@ -151,7 +151,8 @@ def _is_fine(result: xr.Dataset, terrain: Terrain | None) -> bool:
 
 
 def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.ndarray, ...]:
-    """At most `PATHS` trajectories of `boulders` in the corridor; NaN outside (see `Section`)."""
+    """At most `PATHS` trajectories of `boulders` in the corridor: distance and elevation (2, n)
+    [m], NaN outside (see `Section`)."""
     paths, length = [], lengths(line.vertices)[-1]
     drawn = np.isin(motion.boulder, spread(np.unique(boulders).tolist(), PATHS))
     for curve in curves(motion.take(drawn)):
@@ -165,8 +166,8 @@ def _paths(motion: Motion, line: SectionLine, boulders: np.ndarray) -> tuple[np.
 def _first_crossings(
     motion: Motion, place: complex, direction: complex, within: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trajectory pieces in which boulders first cross a station, and the fraction (0 to 1) of each
-    piece before the crossing."""
+    """Indices of the trajectory pieces in which boulders first cross a station (boulders,), and the
+    fraction (0 to 1) of each piece before the crossing."""
     start, end = (x + 1j * y for x, y, *_ in (motion.start, motion.end))
     before = ((start - place) * np.conj(direction)).real
     after = ((end - place) * np.conj(direction)).real
@@ -196,7 +197,7 @@ def _values(
 def _ground(
     terrain: Terrain | None, places: np.ndarray, what: Callable[..., np.ndarray]
 ) -> np.ndarray:
-    """Property of the ground (`height` or `steepness`) at places; NaN where unknown."""
+    """Property of the ground (`height` or `steepness`) at places x + iy [m]; NaN where unknown."""
     ground = np.full(places.shape, np.nan)
     if terrain is not None:
         z, grid = terrain

@@ -32,8 +32,8 @@ COLUMNS += [f"corridor_{quantity}_max" for quantity in MAPPED]
 
 
 def map_numbers(result: xr.Dataset, stations: Stations) -> dict[str, np.ndarray]:
-    """COLUMNS at each station; NaN outside the maps, if the result lacks the map, and where too
-    few boulders passed."""
+    """COLUMNS at each station (stations,); NaN outside the maps, if the result lacks the map, and
+    where too few boulders passed."""
     columns = {name: np.full(stations.distance.size, np.nan) for name in COLUMNS}
     if (passed := passed_map(result)) is not None:
         count = _at(result, passed, stations, passages_of(result))

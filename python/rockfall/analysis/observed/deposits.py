@@ -245,7 +245,7 @@ def kernel_sums(kernel: Kernel, blocks: Blocks | Rest, rest: Rest) -> Sums:
 
 
 def log_densities_of_own(kernel: Kernel, rest: Rest, chosen: np.ndarray) -> np.ndarray:
-    """Log-densities of selected simulated boulders, each given the others."""
+    """Log-densities (chosen,) of selected simulated boulders, each given the others."""
     widths, without, far = kernel_widths(kernel, rest)
     densities = np.empty(chosen.size)
     for piece in _pieces(chosen.size, len(rest.place)):
@@ -327,7 +327,7 @@ def log_density(kernel: Kernel, near: np.ndarray, boulders: np.ndarray) -> np.nd
 
 
 def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
-    """Mask of blocks outside all deposits."""
+    """Mask of blocks outside all deposits, from their kernel sums `near` (blocks,)."""
     return near < kernel.floor
 
 

@@ -58,7 +58,8 @@ class Sample(NamedTuple):
 
 
 def resampled(sample: Sample, random: np.random.Generator) -> np.ndarray:
-    """Number of times each boulder occurs in a resample with the same number from each source."""
+    """Number of times each boulder occurs (boulders,) in a resample with the same number from each
+    source."""
     counts = np.zeros(len(sample.source), int)
     for source in np.unique(sample.source):
         from_source = np.flatnonzero(sample.source == source)
@@ -248,7 +249,8 @@ def _starts(
 
 
 def _touching(places: np.ndarray, cell: float) -> np.ndarray:
-    """Index of the patch of adjacent source cells that each source cell belongs to."""
+    """Index of the patch of adjacent source cells that each source cell, at `places` (n, 2),
+    belongs to."""
     import pandas as pd
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -301,7 +303,8 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors from observed releases to stops, and the source group nearest to each release."""
+    """Vectors (n, 2) [m] from observed releases to stops, and the source group nearest to each
+    release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given
@@ -341,7 +344,7 @@ def way_of(result: xr.Dataset, frame: Frame, group: int, column: int) -> np.ndar
 
 
 def _across(ways: np.ndarray) -> np.ndarray:
-    """Unit vector to the left of the mean vector."""
+    """Unit vector (x, y) to the left of the mean of vectors (n, 2)."""
     x, y = ways.mean(axis=0)
     return np.array([-y, x]) / (np.hypot(x, y) or 1.0)
 
@@ -395,7 +398,8 @@ def _limits(values: np.ndarray, enough: bool) -> list[float]:
 
 
 def weights(seen: Sample, made: Sample) -> np.ndarray:
-    """Weights of simulated boulders that give each source its observed frequency."""
+    """Weights (boulders,), 1 on average, of simulated boulders that give each source its observed
+    frequency."""
     observed = np.bincount(seen.source, minlength=made.source.max() + 1)
     share = (observed / np.maximum(np.bincount(made.source), 1))[made.source]
     return share / share.mean()

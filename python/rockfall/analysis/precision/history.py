@@ -33,9 +33,9 @@ def sizes(source: Sources) -> list[int]:
 
 
 def mixed(source: Sources) -> np.ndarray:
-    """Order of boulders in which every initial part is a sample of all boulders. Sources take
-    turns in the same random order, as often as they release boulders. The order within a source is
-    unchanged."""
+    """Order of boulders (indices) in which every initial part is a sample of all boulders. Sources
+    take turns in the same random order, as often as they release boulders. The order within a
+    source is unchanged."""
     by_source = np.argsort(source.number, kind="stable")
     boulders = np.bincount(source.number)
     first = np.cumsum(boulders) - boulders

@@ -110,7 +110,8 @@ class Sources:
 
 
 def strata(boulders: np.ndarray) -> np.ndarray:
-    """Stratum of each source; sources with a single boulder share strata in pairs."""
+    """Stratum of each source (sources,), from their boulder numbers; sources with a single boulder
+    share strata in pairs."""
     clusters = np.arange(boulders.size)
     single = np.flatnonzero(boulders == 1)
     clusters[single[1::2]] = single[: single[1::2].size * 2 : 2]
@@ -280,7 +281,7 @@ def sources_of(values: Held | Mapping[str, ArrayLike], sampled: bool) -> Sources
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Rank of each value among the distinct values, from 0; small integers need no sorting."""
+    """Rank (n,) of each value among the distinct values, from 0; small integers need no sorting."""
     if values.dtype.kind == "i" and values.size and 0 <= values.min() <= values.max() < DENSE:
         return (np.cumsum(np.bincount(values) > 0) - 1)[values]
     return np.unique(values, return_inverse=True)[1]
@@ -335,7 +336,8 @@ def quantile(
 
 
 def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
-    """Ranks, from 1, that enclose a quantile of n values."""
+    """Lower and upper rank (2,), from 1, that enclose a quantile of n values, `effective` of them
+    independent."""
     return limit_ranks(level, n, n / effective) + 0.5
 
 

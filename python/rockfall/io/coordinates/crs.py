@@ -126,7 +126,7 @@ def _places(system: pyproj.CRS) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _projected(system: pyproj.CRS, longitude: np.ndarray, latitude: np.ndarray) -> np.ndarray:
-    """Projected coordinates of points given in degrees from the system's prime meridian."""
+    """Projected coordinates (2, n) of points given in degrees from the system's prime meridian."""
     import pyproj
 
     base = system.geodetic_crs

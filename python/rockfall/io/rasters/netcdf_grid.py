@@ -133,7 +133,7 @@ class _Validity:
         return tuple(mark for mark in marks if mark == mark)  # NaN needs no marker
 
     def range(self) -> tuple[float, float]:
-        """Minimum and maximum of valid numbers. Refuses contradictory attributes."""
+        """Minimum and maximum of valid stored numbers. Refuses contradictory attributes."""
         both = self.values("valid_range", 2)
         lowest, highest = self.values("valid_min", 1), self.values("valid_max", 1)
         if both.size and (lowest.size or highest.size):

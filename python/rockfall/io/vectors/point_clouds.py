@@ -115,8 +115,9 @@ def _joined(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _averaged(chunks: Iterable[np.ndarray], side: float) -> np.ndarray:
-    """Mean of the points in each square; independent of chunk sizes except for rounding. Points on
-    a plane stay on the plane. Refuses a side for which too many points remain."""
+    """Mean (n, 3) of the points in each square of a `side` [m]; independent of chunk sizes except
+    for rounding. Points on a plane stay on the plane. Refuses a side for which too many points
+    remain."""
     squares, sums = _sums(np.empty(0, np.int64), np.empty((0, 4)))
     waiting: list[tuple[np.ndarray, np.ndarray]] = []
     for chunk in chunks:
@@ -144,7 +145,7 @@ def _together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, n
 
 
 def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct squares, and the sum of each square's values in their order."""
+    """Distinct squares (n,), and the sum of each square's values (n, columns) in their order."""
     if not len(squares):
         return squares, values
     order = np.argsort(squares, kind="stable")

@@ -37,8 +37,8 @@ class Contours(NamedTuple):
 
 
 def shade(z: np.ndarray, cell: float) -> np.ndarray:
-    """Brightness of a terrain that is lit mainly from the north-west, darker on steep ground;
-    nodata is white. Shared by the maps on a page."""
+    """Brightness (0 to 1) of a terrain that is lit mainly from the north-west, darker on steep
+    ground; nodata is white. Shared by the maps on a page."""
     return _shade(z.tobytes(), z.dtype.str, z.shape, cell)
 
 

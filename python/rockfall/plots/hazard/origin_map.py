@@ -55,8 +55,8 @@ def parts_and_words(table: pd.DataFrame) -> tuple[np.ndarray, list[Text]]:
 
 
 def parts_of_total(rates: np.ndarray) -> np.ndarray:
-    """Class of each cell from its frequency above 0: 0 for the cells that together contribute half
-    of the total, 1 up to 80 %, 2 for the rest; equal frequencies may get different classes."""
+    """Class (cells,) from the cells' frequencies above 0: 0 for the cells that together contribute
+    half of the total, 1 up to 80 %, 2 for the rest; equal frequencies may get different classes."""
     order = np.argsort(-rates, kind="stable")
     before = np.concatenate([[0.0], np.cumsum(rates[order])[:-1]]) / rates.sum()
     classes = np.empty(rates.size, int)

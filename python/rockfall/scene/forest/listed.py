@@ -132,7 +132,7 @@ def _factors(table: Species, path: Path, species: list[str]) -> np.ndarray:
 
 def _drawn_factors(inputs: Inputs, path: Path, listed: Listed, inside: np.ndarray) -> np.ndarray:
     """Toughness factor of each stem, drawn as conifer or broadleaf by the fraction in its cell.
-    Refuses a forest without these."""
+    Refuses a forest without this fraction."""
     forest, grid, table = inputs.case.forest, inputs.grid, read_species(inputs)
     if "conifers" not in forest and "uniform_conifers" not in forest:
         raise RockfallError(

@@ -82,7 +82,7 @@ def _treeless(inputs: Inputs) -> RockfallError:
 
 
 def _columns(inputs: Inputs, stands: Stands | None) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each row with the columns of its trees; refuses too many trees."""
+    """Yield each row number with the columns of its trees; refuses too many trees."""
     forest, nx, total, densest = inputs.case.forest, inputs.grid.nx, 0.0, 0.0
     columns, even = np.arange(nx, dtype="i4"), int(forest["spread"] == "even")
     per_cell = inputs.grid.cell**2 / HECTARE

@@ -56,7 +56,7 @@ class Stands(NamedTuple):
     by_rank: np.ndarray  # stems per hectare by rank
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Index of the stand at each point; -1 outside all stands."""
+        """Index of the stand at each point x, y [m]; -1 outside all stands."""
         stand = np.full(x.size, -1, "i4")
         for k, inside in points_inside(self.shapes, x, y):
             stand[inside] = k

@@ -33,7 +33,7 @@ def kinetic_energy(mass: np.ndarray, speed: np.ndarray, spin: np.ndarray) -> np.
 
 
 def ratio_class(ratio: np.ndarray) -> np.ndarray:
-    """Index, 1 to 5, of the impact set nearest to each R_b/R_m."""
+    """Index, 1 to 5, of the impact set nearest to each R_b/R_m, in the shape of `ratio`."""
     return _core.ratio_classes(np.ravel(ratio)).reshape(np.shape(ratio)).astype(int)
 
 
@@ -44,7 +44,8 @@ def admissible(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
 
 
 def limited(v_in: np.ndarray, v_out: np.ndarray) -> np.ndarray:
-    """Rebounds made admissible: V_n at least 1 % of the incident speed, no gain of energy."""
+    """Rebounds (n, 3) made admissible: V_n at least 1 % of the incident speed, no gain of
+    energy."""
     rebounds = np.array(v_out, order="C")
     _core.limit_rebounds(v_in.T, rebounds.T)
     return rebounds

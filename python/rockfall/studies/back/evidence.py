@@ -319,7 +319,8 @@ def _at_line(line: int, quantity: str) -> Take:
 
 
 def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
-    """Weight of each data set: the inverse sum of its squared rank correlations with all sets."""
+    """Weight of each data set (data,): the inverse sum of its squared rank correlations with all
+    sets."""
     from scipy.stats import spearmanr
 
     values = [item.take(result) if isinstance(item, Counted | Printed) else None for item in data]

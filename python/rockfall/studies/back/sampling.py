@@ -53,7 +53,7 @@ class Sampler:
         return normalised(self.log_weights())
 
     def propose(self, n: int, random: np.random.Generator) -> np.ndarray:
-        """Propose further points, concentrated where the likelihood is high."""
+        """Propose n further points (n, parameters), concentrated where the likelihood is high."""
         weight = self._tempered()
         mixture = _Mixture(self.points, weight)
         new = mixture.draw(n, random)

@@ -81,7 +81,8 @@ class _Process:
         return cho_factor(smooth + np.diag(noise - slope * self.y), lower=True)
 
     def _matern(self, numbers: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Covariance, with derivatives with respect to the logarithms of the lengths."""
+        """Covariance (n, n) of the points, with derivatives with respect to the logarithms of the
+        lengths."""
         *lengths, amplitude = np.exp(numbers[:-2])
         parts = [square / length**2 for square, length in zip(self.squares, lengths, strict=True)]
         r = np.sqrt(5 * sum(parts))
