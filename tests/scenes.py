@@ -26,7 +26,7 @@ def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
     return (z + random.normal(0, 0.1 * relief, z.shape)).astype(dtype)
 
 
-#: Lively slope: boulders bounce back, spin both ways, and some draws are rejected.
+#: Rough slope: boulders bounce back, spin both ways, and some draws are rejected.
 LIVELY_MEAN = np.array([0.62, 0.02, 0.13, 0.19, -0.45, -0.19, 0.24, 0.05, 0.34])
 LIVELY_SPREAD = np.array([0.12, 0.15, 0.1, 0.08, 0.1, 0.05, 0.15, 0.2, 0.15])
 LIVELY_COVARIANCE = np.outer(LIVELY_SPREAD, LIVELY_SPREAD) * (0.8 * np.eye(9) + 0.2)
@@ -52,7 +52,7 @@ CALM_SETS = "".join(
 
 
 def sets(scatter=1.0):
-    """Mean (5, 9) and covariance (5, 9, 9) of a lively set, slightly harder for each ratio."""
+    """Mean (5, 9) and covariance (5, 9, 9) of scattered sets, slightly harder for each ratio."""
     harder = 1 + 0.02 * np.arange(5)
     return np.outer(harder, LIVELY_MEAN), np.repeat(scatter * LIVELY_COVARIANCE[None], 5, axis=0)
 

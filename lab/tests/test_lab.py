@@ -150,7 +150,7 @@ def test_the_checksum_is_of_every_outcome(impacts):
 
 
 def stops_after(questions):
-    """Substitute for `interrupts` that reports Ctrl-C at a given number of checks."""
+    """Substitute for `interrupts` that answers no `questions` times, then reports Ctrl-C."""
 
     @contextmanager
     def interrupts():
@@ -325,7 +325,8 @@ ALIKE = {  # (lengths, speeds) multiplied by 16 or 4; rounding commutes with suc
 
 @pytest.fixture(scope="module")
 def stiff():
-    """Case so stiff and slow that its step is Rayleigh's, a pure power law of its parameters."""
+    """Case so stiff and slow that its time step is Rayleigh's, a product of powers of its
+    parameters."""
     case = SMALL.replace(
         lab={"layers": 1, "ratios": [1, 2]},
         packing={"friction": 0.3, "rigid_base": True},

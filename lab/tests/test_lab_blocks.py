@@ -95,7 +95,8 @@ def test_a_contact_begins_downwards_or_where_one_was_cut(data):
 
 
 def test_where_a_contact_is_cut_the_next_begins_with_what_the_block_has(data):
-    """The work of gravity along the fall line, which was removed, is added back."""
+    """The velocity at the start of a contact is that at the end of the contact that was cut, plus
+    the gain from gravity along the fall line."""
     rolls = np.flatnonzero((data["exit"].values[:-1] == ROLLS_ON) & (data["order"].values[1:] > 1))
     assert len(rolls) > 20
     before = {name: values.values[rolls].astype("f8") for name, values in data.items()}
@@ -212,7 +213,7 @@ def test_a_block_of_points_has_its_own_inertia(place):
 
 
 def test_axes_of_a_class_give_its_blocks(place):
-    """Axes in any unit: only their ratios count; they are read back from the file."""
+    """Only the ratios of the axes count: 0.5, 0.4, 0.21 are those of platy blocks."""
     Path("own.nml").write_text(
         "&lab ground = 'rock', shape = 'axes', throws = 4 / &block axes = 0.5, 0.4, 0.21 /\n"
     )

@@ -138,7 +138,8 @@ def test_each_ratio_can_have_a_relief_of_its_own(data):
 
 
 def test_throws_without_a_stable_step_are_reported(data):
-    """Throws are not lost at random: the fastest throws need stiffer rocks."""
+    """Throws without contacts are counted in a warning: they are the fastest throws, which need
+    stiffer rocks."""
     assert "warning" not in sequences_summary(data)
     few = data.isel(contact=(data["ratio"].values == 1) | (data["sequence"].values > 2))
     assert (
@@ -327,7 +328,8 @@ def test_angular_rocks_and_boulders_do_not_depend_on_threads_and_chunks(monkeypa
 
 
 def test_a_platy_boulder_has_the_moment_of_a_plate():
-    """Mean of (b^2 + c^2)/12 etc. over m R_b^2 for a box: 5 %, because edges are rounded."""
+    """The mean moment of inertia over m R_b^2 is that of a box, (a^2 + b^2 + c^2)/(18 R_b^2),
+    within 5 %, because edges are rounded."""
     from rockfall_lab._lab import lab_f2py
 
     a, b, c = 1.0, 0.8, 0.42

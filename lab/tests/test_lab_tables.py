@@ -52,7 +52,8 @@ def made(tmp_path_factory):
 
 
 def test_rebounds_are_those_of_the_laboratory(made):
-    """First contacts of boulders that fall on a plane, compared with records of that incidence."""
+    """The mean normal velocity after the first contact on a plane is that of records of similar
+    incidence."""
     table = open_table(made / "meadow.nc")
     record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
     result = on_plane(made, 30.0, 3000)
@@ -134,7 +135,8 @@ def of_size(folder, table, radius, **groups):
 
 @pytest.mark.parametrize(("radius", "part"), [(0.1, 0.2), (0.2, 0.2), (0.6, 0.6), (2.0, 0.6)])
 def test_a_boulder_takes_the_part_of_its_size(sized, radius, part):
-    """At a simulated size, or beyond all, results are bit-identical and need no rock size."""
+    """At a size of the table, or beyond its sizes, results are bit-identical to those by a table of
+    only the nearest size."""
     table = open_table(sized / "both.nc")
     weight = 2700.0 * 9.81 * np.array(SIZES)  # weight over area [Pa]
     assert np.allclose(table.size * table.ground.strength, weight, rtol=1e-12)
@@ -215,7 +217,8 @@ THROWN = CASE.replace(lab={"ground": "talus", "throws": 40})
 
 
 def test_contacts_of_sizes_and_reliefs_make_columns_and_rows():
-    """Files in any order; the strength is that of the ground for the smallest blocks."""
+    """Files in any order become parts sorted by relief and size; files without all pairs are
+    refused."""
     cases = {
         (relief, strength): THROWN.replace(
             ground={"relief": relief, "yield_pressure": strength, "yield_exponent": 0.0}
@@ -244,7 +247,8 @@ def test_contacts_of_sizes_and_reliefs_make_columns_and_rows():
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0])
 def test_a_boulder_like_the_block_thrown_is_like_it_on_the_ground_of_the_table(exponent):
-    """A boulder like the thrown block behaves like it, for any size of the laboratory ground."""
+    """A boulder of the block's radius has the size and relief of the laboratory, whatever the
+    radius for which the yield pressure of the ground is given."""
     case = THROWN.replace(
         block={"radius": 0.4}, ground={"fitted_radius": 0.9, "yield_exponent": exponent}
     )
@@ -291,7 +295,8 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     ],
 )
 def test_a_shipped_table_of_a_plane_has_the_ground_and_parts_of_its_cases(name):
-    """`rockfall lab remake`, which would take minutes, therefore finds no difference in these."""
+    """Ground, sizes and reliefs follow from the cases in the file; `rockfall lab remake` takes
+    minutes."""
     table = open_table(shipped_tables()[name])
     cases = [block_case_of(text, name) for text in cases_of(table.attrs)]
     files = [
@@ -353,7 +358,8 @@ def test_a_record_knows_what_followed_it_in_its_throw(made):
 
 
 def test_as_many_stop_as_blocks_do(made):
-    """On a slope where blocks sometimes stop in hollows, boulders stay there as long."""
+    """On a slope of 20 degrees, where some blocks stop in hollows, the fractions of blocks and
+    boulders that pass 10 m and 40 m agree."""
     slope, away = np.radians(20.0), np.radians(30.0)  # thrown at 30 degrees from the plane
     throw = {"slope": [20.0] * 2, "speed": [5.0] * 3, "angle": [30.0] * 3, "spin": [0.0] * 3}
     lab = {"throws": 240, "contacts": 300, "seed": 6}

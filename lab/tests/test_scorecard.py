@@ -54,7 +54,7 @@ def test_restitution_of_one_matrix_is_known(angle):
 
 @pytest.mark.parametrize("index, value", [(4, 0.5), (0, 1.3), (6, 2.0)])
 def test_draws_that_cannot_be_are_left_out(index, value):
-    """Draws into the ground, or with a gain of translational or rotational energy."""
+    """Draws into the ground, or with a gain of translational or rotational energy, are left out."""
     mean = scenes.LIVELY_MEAN.copy()
     mean[index] = value
     r_t, r_n = restitution(mean, np.zeros((9, 9)), 30.0)
@@ -87,7 +87,7 @@ def test_the_tangential_share_is_counted_from_its_limit():
 
 
 def test_turns_are_between_the_flights_of_one_boulder():
-    """Turns are also not counted at points between the start and end of a ground leg."""
+    """No turn is counted within a ground leg, between two boulders, or at a point at rest."""
     headings = np.radians([0, 10, 10, -20, 90, 90, 135])
     boulder, leg = np.array([1, 1, 1, 1, 2, 2, 2]), np.array([1, 2, 2, 1, 1, 1, 1])
     path = {

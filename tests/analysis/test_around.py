@@ -125,7 +125,8 @@ def turned(points, turns, mirrored):
 def test_a_net_is_above_a_line_on_the_side_that_boulders_come_from(
     tmp_path, turns, mirrored, capacity
 ):
-    """Nets that stop all, or nothing; `past` counts without knowledge of the terrain."""
+    """Only nets on the side from which boulders come are above the road, whether they stop all
+    boulders or none. `past` counts the boulders of the remark independently of the terrain."""
     z = np.rot90(scenes.rough(60, 60)[:, :: -1 if mirrored else 1], turns)
     starts = turned([(x, 280.0) for x in range(20, 290, 10)], turns, mirrored)
     road = {"name": "road"} | turned([(100, 150), (200, 150)], turns, mirrored)

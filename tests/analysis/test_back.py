@@ -114,7 +114,8 @@ def test_weighted_quantiles_of_equal_weights_are_those_of_the_sample():
 
 
 def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apart():
-    """A quadratic with noise of variance 2, and two values, one of which has probability e^-3."""
+    """Log-likelihoods are quadratic in one input, lower by 3 for one of two unordered values, and
+    have noise of variance 2."""
     random = np.random.default_rng(5)
     points = random.standard_normal((300, 2))
     true = -2 * (points[:, 0] - 0.5) ** 2 - 3.0 * (points[:, 1] > 0)

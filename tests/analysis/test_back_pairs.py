@@ -99,7 +99,8 @@ def test_its_draws_are_those_of_an_ensemble(found, folder):
 
 
 def test_a_draw_is_the_ground_of_a_table_with_its_numbers(folder):
-    """Bit-identical; a factor of 1 is the case itself."""
+    """A run of a draw is bit-identical to one by a ground table with its numbers; with factors of 1
+    boulders stop as in the case."""
     scene = read_scene(case_of(folder, ensemble=FACTORS), **HOW)
     inputs = Uncertain(scene)
     assert inputs.names == ["ground"]

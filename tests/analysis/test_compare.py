@@ -413,7 +413,8 @@ def test_run_out_has_the_numbers_of_numpy_and_scipy(result):
 
 
 def test_few_stops_are_no_reason_to_call_a_run_out_longer(result):
-    """Nine witnesses: their mean has no interval; standard deviations have none below 100."""
+    """A mean has an interval for ten observed stops, but not for nine; a standard deviation has
+    none for fewer than 100."""
     for n, known in ((9, []), (10, ["mean", "lateral_offset"])):
         table = compare(result, made_stops(result, n, 1.5)).run_out.set_index("statistic")
         moments = table.drop("wasserstein")

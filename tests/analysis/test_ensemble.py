@@ -55,7 +55,7 @@ def place_of(z):
 
 
 def case_of(folder, boulders=100, **groups):
-    """Lively slope with a line, where some inputs are uncertain."""
+    """Rough slope with a line, where some inputs are uncertain."""
     groups = {"terrain": {}, "release": {"x": 150.0, "y": 380.0, "drop_height": 5.0}} | groups
     run = {"boulders": boulders, "threads": 1}
     return make_case(folder, *sets(), line=[LINE], case=run, **groups)
@@ -91,7 +91,7 @@ def from_boulders(values):
     return y[..., None], (apart @ apart.transpose(0, 2, 1))[..., None]
 
 
-FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # parts of a variance of 14
+FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # first-order and total parts of a variance of 14
 
 
 def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
@@ -148,8 +148,8 @@ def numbers(values):
 
 @pytest.mark.all
 def test_chance_of_two_runs_and_what_they_share_are_those_of_other_boulders(tmp_path):
-    """Covariances from one pair of runs compared with 160 pairs with other boulders. Both runs have
-    the same boulders, over two terrains from two sources, so this is no Monte Carlo error."""
+    """Covariances estimated from one pair of runs agree with those over 160 pairs with other
+    boulders. The runs of a pair have the same boulders, from two sources, on two terrains."""
     case = case_of(tmp_path, 160 * 150, release={"x": [150.0, 200.0], "y": [380.0, 350.0]})
     scenes = [
         read_scene(case, dem=z, transform=place_of(z))
@@ -441,7 +441,7 @@ def test_the_page_of_an_ensemble_has_one_number_of_draws(small, monkeypatch):
 
 
 def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
-    """Nothing on page 1 contradicts it."""
+    """Page 1 gives the range of 90 % of the draws, and no sentence that contradicts it."""
     _, first = first_page(small, monkeypatch)
     at = small.isel(line=0).sel(result="fraction")
     low, high, case = (
@@ -455,7 +455,8 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
 
 
 def test_an_index_above_its_total_is_remarked(small, monkeypatch):
-    """The excess is within the errors of both, or not; larger totals give no remark."""
+    """The remark distinguishes an excess within the errors of both from a larger one; an index
+    below its total gives none."""
     changed = small.copy(deep=True)
     for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
         changed[name][...] = value
@@ -715,7 +716,8 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 
 def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
-    """In the terminal and in the report: limits of tables, and boulders faster than observed."""
+    """The terminal lists the remarks of a run of the case, and the report the limits of impact
+    tables."""
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
     found, run = (

@@ -84,14 +84,15 @@ def test_the_boulders_of_each_scenario_are_in_its_table(tmp_path):
 
 
 def test_rebounds_out_of_range_are_a_fraction_of_each_scenario(tmp_path):
-    """R_b/R_m is 3.8 and 6.0, by impact sets up to 5.5."""
+    """Boulders with R_b/R_m = 3.8 are within the impact sets, which end at 5.5; all with 6.0 are
+    outside."""
     large = ONE | {"name": "large", "volume_mean": 3.0}
     found = hazard(make_case(tmp_path, ONE, large, surface={"uniform_mean_radius": 0.15}))
     assert found["fraction_out_of_range"].values.tolist() == [0.0, 1.0]
 
 
 def test_boulders_that_roll_are_reported_at_evaluation_lines(tmp_path, monkeypatch):
-    """Not at the outlines of objects, which are lines of the run, too."""
+    """The outlines of objects, which are also lines of the run, have no remark."""
 
     def rolling(result, _):
         for name in result["line_name"].values:
@@ -148,7 +149,8 @@ def test_doubts_about_inputs_are_said_and_kept(tmp_path):
 
 
 def test_scenarios_add_up(tmp_path):
-    """Boulders in one scenario or in two: the same boulders, the same intervals."""
+    """Scenarios of 0.125 and 0.375 per year give the frequencies and intervals of one of 0.5 per
+    year."""
     split = [{"name": "a", "frequency": 0.125}, {"name": "b", "frequency": 0.375}]
     two, one = hazard(make_case(tmp_path, *split)), hazard(make_case(tmp_path))
     assert two.sizes["scenario"] == 2
@@ -163,7 +165,7 @@ def test_the_least_threshold_is_every_passage(tmp_path):
 
 
 def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
-    """Sources are points, cells with equal releases by plan area, or cells by true surface."""
+    """Frequencies are per source, per metre of cliff, or per km2 of plan or true surface area."""
     each = {"name": "one", "frequency": 0.25, "frequency_per": "source"}
     assert hazard(make_case(tmp_path, each)).frequency.values == 0.5
     cliff = {"name": "one", "frequency": 0.01, "frequency_per": "m", "cliff_length": 80.0}
@@ -187,7 +189,7 @@ POWER = {"volume": "pareto", "volume_min": 0.1, "volume_max": 20.0, "volume_expo
 
 
 def test_activity_gives_the_frequency_of_all_volumes(tmp_path):
-    """0.05 / sqrt(0.1) - 0.05 / sqrt(20) per year, times the fraction above 5 m3."""
+    """The frequency above V is 0.05 (V^-0.5 - 20^-0.5) per year, for volumes from 0.1 to 20 m3."""
     one = {"name": "one", "activity": 0.05} | POWER
     found = read_study(make_case(tmp_path, one, case={"boulders": 4000}), dem=Z, transform=GRID)
     assert found.scenarios[0].frequency == pytest.approx(0.1581139 - 0.0111803, rel=1e-6)
@@ -252,7 +254,7 @@ def test_extremes_are_those_of_all_scenarios(tmp_path):
 
 
 def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
-    """The hazard above the wall is unchanged, whatever other lines exist."""
+    """No boulder passes the wall; above it, more than 99 % of the passages remain."""
     wall = {"name": "w", "x": [0.0, 300.0], "y": [302.0, 302.0], "height": 99.0, "capacity": 1e5}
     bare = hazard(make_case(tmp_path), objects=layer(ROAD))
     case = make_case(tmp_path).replace(barrier=[wall])
@@ -343,7 +345,7 @@ def test_the_boulders_needed_are_enough_and_no_more():
 
 
 def test_a_matrix_of_ones_own(tmp_path):
-    """One threshold and two periods."""
+    """Classes follow from a matrix for one threshold, 250 kJ, and two return periods."""
     own = {"thresholds": [250.0], "return_periods": [10.0, 1000.0]}
     own["matrix"] = ["low", "residual", "high", "moderate"]
     found = hazard(make_case(tmp_path, hazard=own))

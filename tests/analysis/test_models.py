@@ -173,7 +173,8 @@ def test_intervals_of_differences_that_no_normal_distribution_has(case):
 
 
 def test_grounds_that_cover_everything_are_varied(case):
-    """Except grounds that absorb; impact sets need rock sizes, which no ground has here."""
+    """All grounds are varied except those that absorb. Impact sets are left out, because they need
+    rock sizes, which no ground has here."""
     by_name = case.path(case.surface["table"]).with_name("named.csv")
     by_name.write_text("zone,rg70,rg20,rg10,ground\n4,,,,road\n-2,,,,meadow\n5,,,,soil_0\n")
     case = case.replace(surface={"table": by_name.name}, case={"boulders": 5})

@@ -24,7 +24,7 @@ UPPER, LOWER = 40.0, 32.0  # slopes of the two halves of the ground [degree]
 
 
 def ground(ny=80, nx=40, cell=5.0):
-    """Ground that is steeper above and flatter below."""
+    """Ground with slope UPPER in the upper half and LOWER in the lower half."""
     tangents = np.where(np.arange(ny - 1) < ny // 2, *np.tan(np.radians([UPPER, LOWER])))
     z = 2000.0 - cell * np.concatenate([[0.0], np.cumsum(tangents)])
     return np.repeat(z[:, None], nx, axis=1)

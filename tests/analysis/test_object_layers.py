@@ -80,7 +80,7 @@ def test_each_object_has_the_numbers_that_it_has_alone(tmp_path, layers):
 
 
 def test_sums_are_of_all_layers(tmp_path, layers):
-    """Expected deaths add up exactly; their limits are within the sum of the objects' limits."""
+    """Expected deaths add up over layers and over objects; a point without persons has none."""
     together = hazard(tmp_path, layers)
     added = sum(float(hazard(tmp_path, path).total_collective_risk) for path in layers[:2])
     assert added > 0

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
 def one_of(seed, *more):
-    """A seed, and more for `--all`."""
+    """Seeds of a test: the first always, the others only with `--all`."""
     return [seed, *(pytest.param(one, marks=pytest.mark.all) for one in more)]
 
 

@@ -228,7 +228,8 @@ def test_an_area_has_no_limit_if_one_of_its_cells_has_none(hazard):
 
 @pytest.mark.parametrize("side", [1.0, 1e9])
 def test_an_area_has_the_binomial_interval_of_its_boulders(hazard, side):
-    """150 boulders of each source and scenario; Wilson's interval by its formula."""
+    """Limits follow Wilson's formula for areas with one, two or all four sources, each with 150
+    boulders per scenario."""
     areas = origin_areas(hazard, "line", 0, side).sort_values("x", ignore_index=True)
     expected = np.zeros((len(areas), 2))
     for s, yearly in enumerate([8.0, 0.5]):

@@ -128,7 +128,8 @@ def test_no_hit_is_no_proof(case):
 
 
 def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
-    """Only counts above thresholds are known there: damage and upper limit are overestimated."""
+    """Without a width, only counts above thresholds are known: damage and its upper limit are
+    overestimated."""
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0
@@ -159,7 +160,7 @@ CURVES = "name,energy,vulnerability,source\nown,0,0.1,A. (2020)\nown,100,0.7,A. 
 
 
 def test_curves_of_a_table(tmp_path):
-    """Linear between rows, 1 beyond the last row."""
+    """Damage is linear between rows, and 1 beyond the last row."""
     path = tmp_path / "curves.csv"
     path.write_text(CURVES)
     own = read_curves(path)["own"]

@@ -104,7 +104,8 @@ def on_plane(tmp_path_factory):
 
 
 def test_flights_on_a_plane_by_hand(on_plane):
-    """10 m down the slope in plan: after 1 s, 0.5 s and 1/3 s, at 5, 8.75 and 85/9 m above."""
+    """Flights at 10, 20 and 30 m/s are 10 m farther down in plan after 1, 1/2 and 1/3 s, at 5, 8.75
+    and 85/9 m above the slope."""
     data = thrown(on_plane, [10.0, 20.0, 30.0], [50.0, 48.0, 61.5])
     line = SectionLine(np.array([50 + 120j, 50 + 20j]), 10.0, 10.0)
     found = section_of(data, line, (PLANE, grid(PLANE)))
@@ -128,7 +129,8 @@ def test_flights_on_a_plane_by_hand(on_plane):
 
 
 def test_an_oblique_section_projects_on_itself(on_plane):
-    """At 45 degrees to the flights: a station is crossed on its own line."""
+    """At 45 degrees to a flight, a station is passed where the flight crosses the line across the
+    section."""
     data = thrown(on_plane, [10.0], [50.0])
     line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
     found = section_of(data, line, (PLANE, grid(PLANE))).passages
@@ -225,7 +227,8 @@ def test_without_rows_maps_are_what_is_known(tmp_path):
 
 
 def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
-    """The advice helps: more trajectories would not."""
+    """Trajectories left out because their boulders were not kept are counted, with the advice to
+    keep all boulders."""
 
     def section(kept, maps):
         output = {"trajectories": 9, "maps": maps, "kept": kept}
@@ -297,7 +300,8 @@ NET = {"name": "net", "x": [0.0, 300.0], "y": [301.0, 301.0], "height": 9.0, "ca
 @pytest.mark.all
 @pytest.mark.parametrize("meeting", MEETINGS)
 def test_recorded_boulders_have_the_kernels_numbers(meeting, tmp_path):
-    """At every line, whatever they met before; none exceeds the maxima of the maps."""
+    """Passages have the kernel's values at every line, whatever the boulders met before, and do not
+    exceed the maxima of the maps."""
     lines = [
         {"name": f"at {y}", "x": [0.0, 300.0], "y": [float(y)] * 2} for y in range(370, 20, -10)
     ]

@@ -155,7 +155,8 @@ def upper_edges(result):
 
 
 def test_classes_are_those_of_the_matrix(tmp_path):
-    """Above 300 kJ more than every 30 years: high. Certainly rarer than every 300: residual."""
+    """Segments with more than 300 kJ at least once in 30 years are high; segments certainly hit
+    less than once in 300 years are at most residual."""
     found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD))
     rows = segment_table(found)
     often = rows["frequency_above_300kJ"] >= 1 / 30
@@ -247,8 +248,8 @@ def test_few_values_or_weights_give_no_upper_limit():
 
 @pytest.mark.all
 def test_intervals_hold_the_quantile():
-    """With more weight on the highest values, and with more light values: almost 97.5 % on either
-    side."""
+    """Each limit holds in more than 96 % of 1,000 trials, with most weight on few boulders of high
+    values, and with many light ones."""
     random, low_held, high_held, trials = np.random.default_rng(2), 0, 0, 1000
     weights = np.repeat([3.2, 0.5, 0.02], [100, 1000, 3000])
     scales = np.repeat([3.0, 1.0, 1.0], [100, 1000, 3000])
@@ -279,7 +280,7 @@ def test_a_short_rest_belongs_to_the_piece_before_it(length, step, edges):
 
 
 def test_strips_cover_the_road_in_its_bends():
-    """Cut at the corner, where straight ends would leave a wedge."""
+    """Strips are cut at the corner, where straight ends would leave a wedge uncovered."""
     corner = shapely.LineString([(0, 0), (100, 0), (130, 90)])
     axes = [shapely.LineString(corner.coords[:2]), shapely.LineString(corner.coords[1:])]
     strips = strips_along(corner, axes, 8.0)
@@ -368,7 +369,8 @@ def test_segments_change_nothing_else(tmp_path):
 
 
 def test_a_sample_of_sources_has_wider_limits(tmp_path):
-    """Wider with two places than with boulders from anywhere, at most one boulder per place."""
+    """Limits for two sampled places are wider than for independent boulders, but at most those of
+    two boulders."""
     release = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0, "sources": "sample"}
     found = hazard(make_case(tmp_path, release=release), make_roads(tmp_path, ROAD), length=None)
     fraction = found.segment_passages.values.item() / BOULDERS

@@ -59,7 +59,8 @@ def of_angles(angles, moving=0, sources=1):
 
 
 def test_sources_that_are_a_sample_make_the_angle_less_certain(place):
-    """Each source has its own angle: it is known over all sources, but not from 20 of many."""
+    """Twenty sources have angles of 30 to 49 degrees: the angle is certain if they are all sources,
+    but not if they are a sample."""
     case = rockfall.read_case("case.nml")
     values = of_angles(np.repeat(30.0 + np.arange(20), 100), sources=20)
     for sources, key in (("all", "model.angle_flatter"), ("sample", "model.angle_as_observed")):

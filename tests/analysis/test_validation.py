@@ -172,7 +172,8 @@ def test_equal_weights_give_the_test_of_two_samples():
 
 
 def test_a_weight_counts_as_that_many_boulders():
-    """Also for equal values, within a sample and across both."""
+    """The statistic is that of boulders repeated by weight, with ties within and between samples; p
+    follows from the effective number."""
     random = np.random.default_rng(2)
     seen, made = random.integers(0, 12, 25) * 1.0, random.integers(0, 15, 40) * 1.0
     share = random.integers(1, 5, 40)
@@ -185,7 +186,8 @@ def test_a_weight_counts_as_that_many_boulders():
 
 
 def test_more_boulders_of_a_source_do_not_move_the_test():
-    """Ten times as many boulders from one source, with a tenth of the weight."""
+    """Ten times as many boulders from a source, each with a tenth of the weight, give the same
+    statistic."""
     random = np.random.default_rng(3)
     seen, near, far = random.normal(size=20), random.normal(-1, 1, 30), random.normal(1, 1, 30)
     even = kolmogorov_smirnov(seen, np.concatenate([near, far]), np.ones(60))
@@ -316,7 +318,7 @@ def test_laws_that_hold_nowhere_are_refused(case, made):
 @pytest.mark.all
 @pytest.mark.parametrize("rows", ["named", "none"])
 def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
-    """It is omitted from the shipped tables, with a note."""
+    """The table is refused if it is requested; among the shipped tables it is omitted, with a note."""
     seen = read_observed(made[0] / "stops.csv")
     bare = with_zones(case, NAMED.format(""))
     if rows == "none":

@@ -225,7 +225,8 @@ def test_a_void_between_two_lines_is_said(tmp_path):
 def test_a_few_who_end_on_their_way_to_a_line_of_few_are_said(
     tmp_path, status, passed, cut, how, said
 ):
-    """Less than 1 % of all boulders, but as many as arrive there."""
+    """Less than 1 % of 1,000 boulders end early, but they are many compared with the 0 or 10 that
+    cross the line."""
     rows = {name: np.resize(value, 1000) for name, value in ends(status, cut, **how).items()}
     cuts = np.arange(1000) < cut
     rows["status"] = np.where(cuts, STATUS[status], STATUS["absorbed"])
@@ -326,7 +327,8 @@ def scene_of(case):
 
 
 def test_check_summary_and_report_say_the_same(case, monkeypatch):
-    """All boulders of one source are also in the pilot run."""
+    """The pilot run has all boulders of the run, so check, summary and report list the same
+    remarks."""
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 10**9)
     page = preview(scene_of(case))
     result = run_scene(scene_of(case))
@@ -430,7 +432,7 @@ def test_tables_are_judged_by_the_worst_of_those_with_evidence(name, line):
 
 @pytest.mark.parametrize("name", [*shipped_sets()])
 def test_of_every_shipped_set_is_warned_what_it_is_not_good_for(tmp_path, name):
-    """No set is good everywhere, and each is too low somewhere."""
+    """Each set has one warning, because each is too low somewhere."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": name})
     assert [one.is_warning for one in set_remarks(values(), case)] == [True]
 
@@ -446,8 +448,8 @@ def test_of_own_sets_nothing_is_said(tmp_path):
 
 @pytest.mark.parametrize(("angle", "said"), [(30.0, True), (90.0, False)])
 def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, said):
-    """On a plane steeper than the rest angle, no boulder stops. If all rest, there is no remark,
-    nor for boulders that are slow on flat ground."""
+    """On a plane steeper than the rest angle no boulder stops, and a remark lists its line. There
+    is no remark if boulders can rest anywhere, and none for a line on flat ground."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     z = np.maximum(0.65 * (y - 100.0), 0.0)  # 33 degrees, then level
     case = make_case(
@@ -521,7 +523,7 @@ def test_grounds_of_the_users_own_are_not_called_quoted(tmp_path):
 
 
 def test_each_ground_has_its_fraction_and_what_absorbs_has_none(tmp_path):
-    """Impact sets above, soil 4 below, then a lake."""
+    """Boulders pass ground with impact sets, then soil 4, and stop on a lake."""
     row = np.arange(80)[:, None] + np.zeros((1, 60), int)
     ids = np.ma.masked_less(np.select([row < 25, row < 60], [-1, 4], 0), 0)
     case = make_case(
@@ -560,7 +562,8 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
     tmp_path, tables, table, volume, said
 ):
-    """Ground with strength not proportional to R_b; on proportional ground all sizes are alike."""
+    """Ground of constant strength has the remark; where strength is proportional to R_b, all sizes
+    are alike."""
     shutil.copytree(tables, tmp_path, dirs_exist_ok=True)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
@@ -582,7 +585,7 @@ def tables(tmp_path_factory):
 
 
 def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path, tables):
-    """The user's own table is available only during the run."""
+    """The remark is given although the table is removed after the run."""
     own = Path(shutil.copy(tables / "own.nc", tmp_path))
     law = {"impact": {"form": "table", "table": "own.nc"}, "boulder": {"volume_mean": 60.0}}
     case, result = on_grounds(tmp_path, {}, **law)

@@ -35,7 +35,7 @@ def bare(folder, **changes):
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """Slope without change, and with a net above its line."""
+    """Runs of a slope without and with a net above its line."""
     case = bare(tmp_path_factory.mktemp("variants"))
     net = {"name": "net", "x": [0.0, 300.0], "y": [330.0, 330.0], "height": 3.0, "capacity": 2000.0}
     return {"bare": run(case), "net": run(case.replace(barrier=[net]))}
@@ -127,7 +127,8 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
-    """In the terminal, and per year for the client; for passing boulders only in the table."""
+    """Table and yearly value are "0 to" the upper limit if no boulder passes; other values have no
+    limit."""
     above = [{"name": "above", "x": [0.0, 300.0], "y": [398.0, 398.0]}]
     result = run(bare(tmp_path, line=above + bare(tmp_path).line))
     table = compare_variants({"one": result, "two": result})
@@ -145,7 +146,7 @@ def test_where_none_passes_the_upper_limit_is_told(tmp_path):
 
 
 def test_a_threshold_of_zero_is_every_passage(variants):
-    """Once, even if zero is a threshold of the case."""
+    """A threshold of zero in the case adds no row, because it is the fraction that passes."""
     case = rockfall.case.case_of(variants["bare"]).replace(hazard={"thresholds": [0.0, 30.0]})
     bare = variants["bare"].assign_attrs(case=case.text())
     table = compare_variants({"bare": bare, "net": variants["net"]})
@@ -181,7 +182,7 @@ def test_the_command(variants, tmp_path, capsys):
 
 
 def test_a_line_in_two_places_is_told(variants, tmp_path):
-    """Boulders are counted farther up: the difference is not due to protection."""
+    """A line moved 60 m up counts other boulders: the difference is not due to protection."""
     case = bare(tmp_path)
     (line,) = case.line
     higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))

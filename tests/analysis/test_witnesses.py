@@ -57,7 +57,7 @@ RELEASE = {"x": [100.0, 200.0], "y": [480.0, 480.0], "drop_height": 5.0}
 
 
 def run_out_slope():
-    """Southward slope of 0.8 with bumps that flattens out below."""
+    """South-facing slope of 0.8 with bumps, which flattens to 0.05 in its lowest 200 m."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * 5.0
     rough = np.random.default_rng(1).normal(0, 0.2, x.shape)
     bumps = 2 * np.sin(x / 25) + 2 * np.sin(y / 20)
@@ -81,7 +81,8 @@ def scattered(n, seed=1, scale=50.0):
 
 
 def test_the_density_of_two_boulders_is_that_of_hand():
-    """Kernels are half the distance to the only neighbour, 20 m; a third boulder within 1 ha."""
+    """Kernels have half the distance to the only neighbour, 10 m; a third boulder is spread over 1
+    ha."""
     kernel = Kernel(1.0, 2, np.inf, 1e4, 5.0)
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0]]), np.ones(2))
     sums = kernel_sums(kernel, blocks_at((0, 0), (500, 0)), rest)
@@ -112,7 +113,8 @@ def test_a_boulder_given_the_others_is_one_that_was_never_there():
 
 
 def test_kernels_are_as_wide_as_boulders_lie_apart_and_no_one_chooses_by_how_many():
-    """Wide for scattered boulders, narrow in a heap; without structure, with more neighbours."""
+    """Kernels are more than 20 times wider for scattered boulders than in a heap, and use more
+    neighbours where there is no structure."""
     heap = scattered(200, 2, 0.5).place + 300.0
     rest = Rest(np.concatenate([scattered(200).place, heap]), np.ones(400))
     widths = kernel_widths(fitted_kernel(blocks_at((0, 0)), rest, 0.01), rest)[0]
@@ -132,7 +134,8 @@ def test_boulders_count_by_their_volume_where_that_of_the_block_is_known():
 
 
 def test_boulders_count_by_their_shape_where_that_of_the_block_is_known():
-    """As if there were no other shapes in the run."""
+    """Boulders of other shapes are ignored, unless the shape of the block is unknown or the run has
+    no shapes."""
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 30.0]]), np.ones(3), np.array([1, 3, 3]))
     blocks = blocks_at((0, 0), (0, 0), (0, 0))._replace(shape=np.array([1, 2, 0]))
     kernel = fitted_kernel(blocks, rest, 5.0)
@@ -182,8 +185,8 @@ def made(blocks, rest, worth=1.0):
 
 @pytest.mark.parametrize(("worth", "near"), [(1.0, 0.02), (0.2, 0.2)])
 def test_blocks_in_places_apart_have_the_dirichlet_multinomial_probability(worth, near):
-    """The urn counts half of the other blocks: the midpoint rule of its product, which is coarse if
-    boulders are fewer than the blocks."""
+    """Each block counts half of the other blocks, a midpoint rule for the product of the urn, which
+    is coarse if weighted boulders are fewer than blocks."""
     seen, runs = [8, 6, 6], ([40, 30, 30], [70, 20, 10])
     blocks = blocks_at(*in_places(seen))
     kept = [made(blocks, Rest(in_places(run), np.ones(100)), worth) for run in runs]
@@ -415,7 +418,7 @@ def case(folder, boulders, seed, **groups):
 
 
 def witnessed(result, marks=15):
-    """Blocks at rest from a result, the first with known sources, and marks at its line."""
+    """Blocks at rest from a result, every second with its source, and marks at its line."""
     rest = np.flatnonzero(~left_terrain(result))
     stops = np.column_stack([result["stop_x"], result["stop_y"]])[rest]
     source = result["source"].values[rest].astype(str)
@@ -495,7 +498,8 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
 
 
 def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
-    """A cleared meadow is no evidence that no block reached it."""
+    """Only boulders in the mapped area, y >= 150 m, are compared; blocks outside the area are
+    refused."""
     shapely = pytest.importorskip("shapely")
     monkeypatch.chdir(tmp_path)
     _, result = truth

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Browser, and a case on a lively slope that it shows."""
+"""Browser, and a case on a rough slope that it shows."""
 
 import queue
 from pathlib import Path
@@ -20,7 +20,7 @@ def browser():
 
 @pytest.fixture
 def write_place(tmp_path, monkeypatch):
-    """Write a case on a lively slope to a folder, made the current folder, with a separate list of
+    """Write a case on a rough slope to a folder, made the current folder, with a separate list of
     recent files."""
 
     def write(case):
@@ -53,7 +53,7 @@ def window(browser, slope):
 
 @pytest.fixture
 def enter():
-    """Open files, as pages can write them."""
+    """Open a file in a room; return a client that sends messages as a page does."""
     from app_messages import Talk, decoded
     from rockfall.app.outbox import Client
     from rockfall.app.room import Room

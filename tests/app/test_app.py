@@ -81,7 +81,7 @@ def polygon(west, south, east, north, id="z1", **properties):
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, write_place):
-    """Case on a lively slope, with a separate list of recent files."""
+    """Case on a rough slope, with a separate list of recent files."""
     write_place(CASE)
     page = make_page(tmp_path / "page")
     (page / "secret.txt").write_text("secret")
@@ -316,7 +316,7 @@ def test_a_slow_page_gets_the_latest_results():
 
 
 def mute(server):
-    """Page that accepts nothing."""
+    """Connection of a page that stops reading, with two messages of 20 MB waiting."""
     connection = socket.create_connection(("127.0.0.1", server.port))
     ours = f"127.0.0.1:{server.port}"
     connection.sendall(
@@ -1176,7 +1176,7 @@ def test_a_run_to_a_file_outlives_its_window(serve, visit):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
 def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
-    """Killed before the last step, after everything was written."""
+    """The process is killed after everything was written, before the last step."""
     kind = "export" if name == "x_layers" else "report"
     with program(HELD="rockfall.gpkg" if kind == "export" else name) as (child, server):
         page = visit(server)

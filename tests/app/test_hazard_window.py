@@ -139,7 +139,7 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
 
 @pytest.mark.all
 def test_segments_of_a_line_are_those_of_the_command(page):
-    """A line of 300 m has 20 segments of 15 m, or with round lengths 15 of 20 m."""
+    """A line of 300 m has 15 segments of 20 m."""
     houses(page, hazard=True)
     page.until("hazard")
     houses(page, hazard=True, origin="road")

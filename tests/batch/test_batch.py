@@ -68,7 +68,7 @@ def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path
 
 
 def test_options_change_what_they_name(ready, batch):
-    """Also boulders of cells that release by area, and keys that determine no array."""
+    """Options, and keys of the case that determine no array, take effect without preparing again."""
     case = rockfall.read_case(ready / "case.nml").replace(
         surface={"rg_reading": "radius"}, release={"drop_height": 2.0}, impact={"stop_speed": 0.3}
     )
@@ -83,7 +83,7 @@ def test_options_change_what_they_name(ready, batch):
 
 
 def test_a_scene_file_is_the_variables_of_its_description(ready):
-    """docs/files.md: files written by other tools are read, whatever their packing."""
+    """The scene file has the names, types and dimensions that docs/files.md gives."""
     with netCDF4.Dataset(ready / "ready/scene.nc") as file:
         found = file.variables.items()
         assert {name: (one.dtype.str[1:], one.dimensions) for name, one in found} == {
@@ -271,7 +271,8 @@ def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
      (65_000, "cannot be written"), (300_000, "cannot be written")],
 )  # fmt: skip
 def test_a_full_disk_is_one_line(limit, told, ready, batch):
-    """Rows of 200 boulders take 20 kB."""
+    """Rows of 200 boulders take 20 kB: smaller disks are refused before the run, larger ones when a
+    file does not fit."""
     before = everything(ready)
     done = batch(CASE, "-o", "part", cwd=ready, limit=limit)
     assert done.returncode == 2 and done.stdout == ""

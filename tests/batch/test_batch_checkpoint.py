@@ -118,7 +118,8 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
 @pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
-    """Equally by both programs; files of a stopped run are replaced when it resumes."""
+    """Both programs refuse to overwrite a result; files of a stopped run are replaced when it
+    resumes."""
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
     refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)
@@ -149,7 +150,7 @@ def test_a_result_is_not_overwritten_unasked(many):
 @makes_links
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
-    """Nothing is left behind if the name was already in use."""
+    """The target of the link is unchanged, the result is a regular file, and no link remains."""
     (many / "victim").write_text("mine\n")
     (many / ".a.nc.checkpoint").symlink_to("victim")
     words = ("--boulders", "2000", "--checkpoint", "1e-9")
@@ -213,7 +214,8 @@ def test_values_that_no_run_has_are_refused(stopped, subtests):
 
 
 def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
-    """An existing file of another kind with the lock's name is refused."""
+    """Both programs refuse an output that another run writes, and a file with the name of the lock
+    that is not a lock."""
     running = subprocess.Popen(
         command("rockfall-batch", "a.nc", "--boulders", "1000000", "--checkpoint", "0"), cwd=many
     )
@@ -252,7 +254,7 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
 @pytest.mark.all
 @preloads
 def test_a_crash_at_every_step(ready):
-    """Each crash is followed by an interrupt right after the next start."""
+    """Each crash is followed by a run that is interrupted at its start, and by a complete run."""
     shim = build_shim(ready)
     words = ["--checkpoint", "1e-9", "--resume", "--overwrite", "--boulders", "400"]
 

@@ -22,7 +22,7 @@ VARIABLES = {"maps": ["passages", "deposits", "energy_max", "energy_mean", "spee
 
 
 def elevations(dtype):
-    """Rough, steep, then flat; holes far from the sources, and one elevation of -9999."""
+    """Rough slope, steep and then flat; elevations are missing in a corner far from the sources."""
     rng = np.random.default_rng(8)
     z = 900 - 0.9 * np.minimum(np.arange(NY), 25)[:, None] * CELL + rng.normal(0, 0.05, (NY, NX))
     z[-3:, :4] = np.nan
@@ -34,7 +34,7 @@ def zone_ids():
 
 
 def polygons(path, field):
-    """Two adjacent rectangles that leave the eastern part of the terrain free."""
+    """Write two adjacent rectangles that leave the eastern part of the terrain free."""
     shapely = pytest.importorskip("shapely")
     middle, east, south = WEST + 15 * CELL, WEST + 38.2 * CELL, NORTH - NY * CELL
     boxes = [shapely.box(WEST, south, middle, NORTH), shapely.box(middle, south, east, NORTH)]

@@ -17,7 +17,7 @@ SITE = Path(__file__).parents[2] / "cases/vaujany"
 
 @pytest.fixture
 def seen(monkeypatch):
-    """Texts with groups passed to procedures of the kernel, and cases that are written."""
+    """Two lists of namelist texts: those passed to the kernel, and those written for cases."""
     taken, written = [], []
 
     class Watched:

@@ -65,7 +65,8 @@ def test_values_have_the_types_of_their_keys():
 
 
 def test_what_is_given_is_told_from_defaults():
-    """A written case has all values, given and default."""
+    """Given values are in `given` and defaults in `usual`; a given value that equals its default is
+    in `usual`."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
     assert found["impact"].given == {"form": "table"}  # implied by the table
@@ -162,7 +163,7 @@ def test_a_real_is_the_nearest_double_however_it_is_spelled(word):
 
 
 def test_long_lists_arrive_whole():
-    """Repeat counts expand a short text."""
+    """A repeat count in the text gives 100,000 values."""
     found = groups(
         "&case boulders = 1 / &terrain dem = 'a' / &surface uniform_mean_radius = 1 / "
         "&boulder volume = 'list', volumes = 100000*0.125 / &release x = 1, y = 1 /"
@@ -172,7 +173,8 @@ def test_long_lists_arrive_whole():
 
 @pytest.mark.parametrize("path", SHIPPED, ids=str)
 def test_shipped_files_are_read_and_written_again(path):
-    """Cases, impact sets and laboratory cases, with any groups."""
+    """Cases, impact sets and laboratory cases have equal values when they are written and read
+    again."""
 
     def read(text):
         found = read_values(text, str(path)).groups
@@ -189,7 +191,7 @@ def test_a_case_can_be_copied_by_pickle():
 
 
 def test_changes_in_place_stay_in_copies():
-    """Changes of a value, a removed value, an added group, and a changed group in a list."""
+    """A copy has a changed value, the default of a removed key, a changed line and an added line."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
         boulder={"volume_mean": 1.0, "density": 2500.0},

@@ -444,7 +444,7 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
     ]),
 )  # fmt: skip
 def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, command, more):
-    """As in `check` and `run`: a volume in litres."""
+    """A volume in litres has a warning, as in `check` and `run`."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     text = CASE.replace("volume_mean = 0.8", "volume_mean = 800.0")
     Path("case.nml").write_text(text + "&ensemble runs = 8, volume_factor = 1.2 /\n")

@@ -137,7 +137,8 @@ def test_what_is_not_the_same_is_not_overwritten_unasked(what, name, capfd):
 
 @pytest.mark.parametrize("what", ["variants", pytest.param("hazard", marks=pytest.mark.all)])
 def test_a_study_that_was_stopped_goes_on(what, monkeypatch, capfd):
-    """Its checkpoint has priority, also next to an older folder."""
+    """With --resume --overwrite a study continues from its checkpoint, next to an older folder;
+    with --resume alone it is refused."""
     before = everything(Path("out"))
     with monkeypatch.context() as patch:
         patch.setattr(simulate, "FIRST_CHUNK", 5)

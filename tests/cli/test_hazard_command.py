@@ -237,7 +237,8 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case, few_maps)
 
 
 def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
-    """An object can also be given by layer; a point on the edge is in the last cell."""
+    """A line that extends beyond the terrain is reported; a point on the corner of the terrain is
+    not. Objects of a file with two layers need the name of their layer."""
     beyond = shapely.LineString([(599800, 4999905), (600020, 4999910)])
     bounds = rasterio.open("dem.tif").bounds
     corner = shapely.Point(bounds.right, bounds.bottom)
@@ -255,7 +256,8 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
 
 
 def test_commands_repeat_the_warnings_of_a_hazard_and_of_a_result(hazard_case, few_maps, capsys):
-    """A line of which 40 of 160 m lies beyond the cell centres, and a classical model."""
+    """Each command repeats two warnings: 40 of 160 m of a line lie beyond the cell centres, and
+    rebounds follow a classical model."""
     text = Path("case.nml").read_text(encoding="utf-8").replace("x = 600000.0,", "x = 599960.0,")
     surface = "zones = 'zones.tif', table = 'zones.csv'"
     soil = "ground = 'soil_4', uniform_mean_radius = 0.2"
@@ -425,7 +427,8 @@ def test_bad_places_and_layers_are_one_line(hazard_case, capsys):
 
 
 def test_scenarios_may_be_run_elsewhere(written, few_maps, capsys):
-    """Also in shards, with the same hazard. Results of other scenarios or inputs are refused."""
+    """Results of the scenarios' cases, also in shards, give the same hazard. Results of other
+    scenarios or inputs are refused."""
     assert main([*ARGUMENTS[:2], *ARGUMENTS[4:], "--write-cases"]) == 0
     cases = ["case_scenario1.nml", "case_scenario2.nml"]
     assert capsys.readouterr().out.split() == cases

@@ -293,7 +293,8 @@ def known_arguments(words):
 
 
 def execute(command, capfd):
-    """Run a command as in a shell, without its substitutions."""
+    """Run a documented command, with file patterns expanded but without other shell substitutions.
+    `rockfall` commands are shortened and overwrite; commands in ELSEWHERE are not run."""
     words = shlex.split(command, comments=True)
     words = [found for one in words for found in (sorted(glob.glob(one)) or [one])]
     if not words:

@@ -66,7 +66,7 @@ def holds_a_number(sentence: str) -> bool:
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_page_holds_a_number_of_validity_of_its_own(path):
-    """Use the table instead: a block of tools/document_evidence.py, or a link to it."""
+    """Such numbers are only in blocks of tools/document_evidence.py, to which pages may link."""
     own = [
         sentence
         for sentence in sentences(path.read_text(encoding="utf-8"))
@@ -130,7 +130,8 @@ def test_no_message_on_validity_holds_a_number(language):
 
 
 def test_no_message_elsewhere_compares_with_a_site():
-    """In the catalogue and in texts of the sources."""
+    """No text of the catalogue or of the sources has a number with the name or the observations of
+    a site."""
     texts = [text for forms in catalogue("en").forms.values() for text in forms]
     for path in sorted((ROOT / "python/rockfall").rglob("*.py")):
         nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
@@ -172,7 +173,8 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
 
 
 def test_numbers_of_the_model_come_from_errors():
-    """Without observations, the number is the value itself."""
+    """The simulated number follows from its error in percent; without observations it is the value
+    itself."""
     passing = only("vaujany-forest", "forest", "passing", "vaujany-observed")
     assert passing.simulated == pytest.approx(34 * (1 + passing.error / 100))
     assert passing.simulated_error == pytest.approx(0.34 * passing.standard_error)

@@ -143,7 +143,7 @@ def test_the_command_for_objects_names_their_layer(capsys):
 
 
 def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
-    """As on Windows, where no relative path leads from one drive to another."""
+    """On Windows no relative path leads from one drive to another: the case has the absolute path."""
     relpath = ntpath.relpath  # os.path on Windows
     monkeypatch.setattr(os.path, "relpath", lambda *_: relpath("D:/dem.tif", "C:/out"))
     assert new("-o", "case.nml") == 0
@@ -377,7 +377,7 @@ def test_what_cannot_be_is_refused_in_one_line(make, arguments, said, tmp_path, 
 
 
 def test_a_table_of_zones_is_not_overwritten():
-    """The table may have been edited."""
+    """An edited table of zones is left unchanged, and no case is written."""
     make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # symbol of the mean radius
     assert new("zones.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv")
@@ -390,7 +390,7 @@ def test_a_table_of_zones_is_not_overwritten():
 
 
 def test_cells_in_no_polygon_and_their_zone_are_reported(capsys):
-    """600 or 120 of the 4,800 cells, by `new` and by `check`."""
+    """`new` and `check` report 600 or 120 of the 4,800 cells."""
     low = BOX(W, N - 350, W + 300, N - 200)
     make_layer("some.gpkg", [HALVES[0], low], ground=["talus", "meadow"])
     make_layer("most.gpkg", HALVES, ground=["talus", "meadow"])
@@ -406,7 +406,7 @@ def test_cells_in_no_polygon_and_their_zone_are_reported(capsys):
 
 
 def test_all_layers_are_checked_before_one_is_refused(capsys):
-    """GeoJSON in metres without a CRS."""
+    """Two of three layers, GeoJSON in metres without a CRS, are refused with a line each."""
     make_layer("road.geojson", [across(300)], crs=None)
     make_layer("cliff.geojson", [CLIFF], crs=None)
     make_layer("house.gpkg", [BOX(W, N - 320, W + 9, N - 310)])

@@ -14,7 +14,7 @@ from rockfall.draft.dem import dem_of_points
 from rockfall.io.rasters.dem import read_dem
 
 NX, NY = 30, 20
-W, N = PLACE.c, PLACE.f - NY  # UTM zone 32
+W, N = PLACE.c, PLACE.f - NY  # north-west corner, in UTM zone 32
 Z = np.random.default_rng(5).uniform(1000, 1100, (NY, NX)).round(2)
 
 
@@ -138,7 +138,7 @@ def turned(points, degrees):
 
 
 def rounded_survey():
-    """Points on integer metres, of which one in twelve is surveyed."""
+    """One in twelve of the nodes of a grid of 1 m, in random order."""
     rows = np.random.default_rng(7).choice(NX * NY, NX * NY // 12, replace=False)
     return nodes()[rows]
 

@@ -106,7 +106,7 @@ def test_a_grid_of_nodes_is_doubted_too(tmp_path):
 
 
 def quarry():
-    """Slope with a quarry 10 m deep, a pit of 1 m, and a hole of 40 cells."""
+    """Slope with a quarry 10 m deep, a pit of 1 m, and a hole of 20 x 20 cells."""
     z = 800.0 - 2.0 * np.arange(60.0)[:, None] + np.zeros(60)
     z[10:20, 10:20] = z[10:20, 10:20].min() - 12.0
     z[40, 40] -= 3.0

@@ -167,7 +167,7 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
     [pytest.param(True, id="fallocate"), pytest.param(False, id="statvfs", marks=pytest.mark.all)],
 )
 def test_a_result_larger_than_the_disk_is_refused_before_the_flight(program, reserves, ready, disk):
-    """Rows of 200 boulders take 20 kB."""
+    """The disk has 15 kB; the rows of 200 boulders take 20 kB."""
     before = everything(ready)
     how = {"DISK": 15_000} | ({} if reserves else {"NO_FALLOCATE": 1})
     status, said = run(program, OUTPUTS[program], ready, disk, **how)

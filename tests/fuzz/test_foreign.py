@@ -11,7 +11,7 @@ from benchmarks.machine import ROOT
 
 @pytest.mark.all
 def test_foreign_files_are_refused_or_read_to_the_numbers_they_hold():
-    """In a separate process, so that a process waiting for a pipe can be ended."""
+    """The benchmark runs in a separate process, which can be ended if it waits for a pipe."""
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     command = [sys.executable, "-m", "benchmarks.stability.foreign", "--files=100", "--seed=7"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

@@ -31,7 +31,8 @@ from rockfall.studies.runs import merge
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Valid inputs of every kind in the folder `in`, next to it a result, also in three parts."""
+    """Folder with valid inputs of every kind in `in`, a complete result, and the result in three
+    parts."""
     folder = tmp_path_factory.mktemp("made")
     hostile.make_rasters(folder / "in")
     hostile.make_cases(folder / "in")
@@ -54,7 +55,8 @@ def files(made, tmp_path, monkeypatch):
 
 @pytest.mark.all
 def test_thirty_spoiled_inputs():
-    """In a separate process: forks of a process that has run OpenMP would wait for its threads."""
+    """The benchmark runs in a separate process: forks of a process that has run OpenMP would wait
+    for its threads."""
     command = [sys.executable, "-m", hostile.__name__, "--inputs", "30", "--seed", "11"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -430,7 +430,8 @@ def test_totals_add_up(folder, scene):
 
 
 def rebounds_at_rest(way):
-    """Rebounds without energy have no angle and no fractions, and are in no histogram."""
+    """Number of rebounds without energy: these have no angle and no fractions, and are in no
+    histogram."""
     hit = way["ratio"] > 0
     return int((sum(way[f"in_{part}"] ** 2 for part in "tnw")[hit] == 0).sum())
 
@@ -653,17 +654,17 @@ def mirrored(x, y, width, height):
 
 
 def turned(x, y, width, height):
-    """The scene rotated by 90 degrees anticlockwise."""
+    """Coordinates in the scene rotated by 90 degrees anticlockwise."""
     return height - y, x
 
 
 def shifted(x, y, width, height):
-    """The scene shifted by half the raster, with nodata in the west and south."""
+    """Coordinates in the scene extended by its size to the west and south."""
     return x + width, y + height
 
 
 def padded(raster):
-    """The scene extended by its size to the west and south."""
+    """Raster extended by its size to the west and south."""
     return np.pad(raster, ((0, raster.shape[0]), (raster.shape[1], 0)), mode="edge")
 
 
@@ -681,8 +682,9 @@ CHANGES = {
 @looks(12)
 @given(scenes_of(generic=True), st.sampled_from(list(CHANGES)))
 def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
-    """Contact by contact, until rounding errors have grown. If a heading is exactly along the
-    descent, as on a plane, a turn has no side to be mirrored to, so scenes are rough."""
+    """The first five vertices of each trajectory change with the scene; rounding errors grow later.
+    If a heading is exactly along the descent, as on a plane, a turn has no side to be mirrored to,
+    so scenes are rough."""
     place, turn, turn_raster, matrix = CHANGES[change]
     ny, nx = scene.z.shape
     size = (nx * scene.cell, ny * scene.cell)
@@ -716,7 +718,7 @@ def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
 
 @pytest.mark.parametrize("cell, ny, south", [(0.1, 3, 0.0), (1.1, 333, 123.4), (0.3, 31, 5.2e6)])
 def test_source_cells_may_lie_at_the_edge(folder, cell, ny, south):
-    """Their centres are on the edge of the terrain, up to rounding of map coordinates."""
+    """Centres of source cells are on the edge of the terrain, up to rounding of map coordinates."""
     z = np.arange(float(ny))[::-1, None] * np.full(4, cell)
     cells = np.zeros(z.shape, "i4")
     cells[[0, -1, 1, 1], [1, 2, 0, -1]] = 1

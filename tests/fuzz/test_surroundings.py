@@ -113,7 +113,7 @@ def test_the_smallest_stack_is_enough(programs, program):
     {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
 ], ids=["everything", "little", "table"])  # fmt: skip
 def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, changes):
-    """Boulders in lanes use most of the stack, boulders one by one the rest."""
+    """Scenes with every output, with few outputs, and with an impact table run."""
     make_prepared(tmp_path, **changes)
     done = ran([find_program(), str(tmp_path / "ready/case.nml"), "-o", "out"], *SMALLEST,
                cwd=tmp_path)  # fmt: skip

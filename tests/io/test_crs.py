@@ -45,7 +45,8 @@ DESCRIBED = [
 
 @pytest.mark.parametrize("system", every_third(DESCRIBED))
 def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
-    """From the parameters alone, as in a program that cannot read WKT."""
+    """Coordinates from the parameters alone, as in a program that cannot read WKT, agree within 1
+    mm."""
     attributes = grid_mapping(CRS.from_user_input(system))
     assert attributes["grid_mapping_name"]
     alone = {key: value for key, value in attributes.items() if key not in WKT}
@@ -66,7 +67,8 @@ def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
 
 @pytest.mark.parametrize("code", [27572, 2056, 3375, 3857, 28992, 2062, 5514, 2985, 4087])
 def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
-    """Grads and a scale on a cone, oblique axes, web maps, an oblique stereographic projection."""
+    """CF has no parameters for grads or a scale on a cone, oblique axes, web maps, or an oblique
+    stereographic projection."""
     attributes = grid_mapping(CRS.from_epsg(code))
     assert "grid_mapping_name" not in attributes
     assert CRS.from_wkt(attributes["crs_wkt"]) == CRS.from_epsg(code)
@@ -74,7 +76,8 @@ def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
 
 @pytest.mark.parametrize("system", ["EPSG:25832+5783", "EPSG:25832+6360", "EPSG:2056+5728", 4979])
 def test_maps_have_no_system_of_heights(system):
-    """A reader would convert counts and energies to the unit."""
+    """Maps have the horizontal part of a compound system: a reader would convert counts and
+    energies to its unit of height."""
     whole = CRS.from_user_input(system)
     attributes = grid_mapping(whole)
     for key in WKT:

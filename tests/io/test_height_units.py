@@ -498,7 +498,7 @@ def test_a_point_cloud_in_feet_is_refused(way):
 
 
 def has_20_degrees(command, made):
-    """A command printed in a refusal makes points with the correct slope and classes."""
+    """Check that a command printed in a refusal makes points with the correct slope and classes."""
     place = shlex.join([sys.executable, *shlex.split(command)[1:]])
     subprocess.run(place if command.startswith("python") else command, shell=True, check=True)
     classes = [2] if made.endswith(".las") else None

@@ -157,7 +157,7 @@ def test_files_of_several_systems_are_refused(tmp_path):
     ("crs", "message"), [("EPSG:2056+5773", None), ("EPSG:2263+6360", "are in"), (4326, "degrees")]
 )
 def test_metres_are_needed(crs, message, tmp_path):
-    """Compound systems too: a vertical datum in feet gives no elevation in metres."""
+    """Coordinates in degrees, or with a vertical datum in feet, are refused."""
     path = cloud(tmp_path / "a.laz", places(), crs=crs)
     if message is None:
         assert dem_of_points(path, cell=5.0)[0].grid.crs is not None

@@ -214,7 +214,7 @@ def test_what_netcdf_says_of_its_numbers_is_honoured(about, values, blocks):
 
 
 def test_packed_floats_are_unpacked_in_double_precision():
-    """As in rockfall-batch; single precision would give other bits."""
+    """Values are those of rockfall-batch; single precision would give other bits."""
     stored = np.array([[0.1, 0.2, 0.3], [1.7, 2.3, 9.9]], "f4")
     make_netcdf(stored, {"scale_factor": np.float32(0.1), "add_offset": 1000.0})
     z, _ = read_dem("dem.nc")
@@ -272,7 +272,8 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
 )
 @pytest.mark.parametrize("rising", [False, True])
 def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
-    """It keeps the complete raster's GeoTransform; GDAL uses that or not, by version."""
+    """A part keeps the GeoTransform of the complete raster, which only some versions of GDAL
+    use."""
     about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)
@@ -672,7 +673,7 @@ MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="6"><VRTRasterBand dataType=
 
 
 def test_a_mosaic_is_refused_with_the_command_that_converts_it():
-    """It may refer to any files, servers and code."""
+    """A VRT may refer to any files, servers and code."""
     Path("dem.vrt").write_text(MOSAIC)
     command = "gdal_translate dem.vrt dem_vrt.tif"
     with refused(f"dem.vrt: is a VRT: convert it to a GeoTIFF: {command}"):
@@ -681,7 +682,8 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF3_64BIT_DATA"])
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
-    """Its header may claim more memory than exists, which would end the process."""
+    """The header of a classic file may claim more memory than exists, which would end the
+    process."""
     netCDF4.Dataset("dem.nc", "w", format=format).close()
     said = "dem.nc: is classic netCDF: convert it to netCDF-4 by nccopy -k nc4 dem.nc dem_nc4.nc"
     for read in read_dem, read_result:
@@ -760,7 +762,7 @@ def test_a_folder_is_no_raster():
 
 
 def test_a_mark_that_is_no_number():
-    """GDAL would take it for zero, and all cells at zero for nodata."""
+    """GDAL would read such a nodata value as zero, and leave out all cells at zero."""
     make_raster("dem.tif", hill(), nodata=-9999)
     content = Path("dem.tif").read_bytes()
     assert content.count(b"-9999\0") == 1
@@ -770,7 +772,7 @@ def test_a_mark_that_is_no_number():
 
 
 def test_a_tile_far_larger_than_its_raster_is_refused():
-    """It would be unpacked completely."""
+    """Reading any cell would unpack the complete tile."""
     tiles = {"tiled": True, "blockxsize": 4112, "blockysize": 4112}
     make_raster("dem.tif", hill(dtype="uint8"), compress="deflate", **tiles)
     with refused("dem.tif: tiles of 4112 x 4112 cells do not fit a raster of 4 x 6: damaged"):

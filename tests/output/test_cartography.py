@@ -84,7 +84,7 @@ def test_the_scale_bar_is_as_long_as_it_says(crowded):
 
 
 def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
-    """The coordinate system is given on every kind of map."""
+    """Maps of values and of stops also give their coordinate system, or that it is unknown."""
     place = {
         "projected_crs_name": "ETRS89 / UTM zone 32N",
         "crs_wkt": 'X[AUTHORITY["EPSG","25832"]]',
@@ -134,7 +134,7 @@ def test_limits_that_are_none_are_refused(text):
 
 @pytest.mark.parametrize("side", [3, 60])
 def test_many_sources_are_outlined_and_hide_nothing(crowded, side):
-    """3,600 source cells, or only 9."""
+    """The outline of 9 or 3,600 source cells is their perimeter."""
     x, y = np.meshgrid(*[102.5 + 5.0 * np.arange(side)] * 2)
     inside, cells = marks.outlined(np.column_stack([x.ravel(), y.ravel()]), 1.0)
     sides = rasters.edges(inside, cells)

@@ -49,7 +49,7 @@ def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
 
 
 def test_places_are_on_the_line_at_the_distance(result):
-    """Also beyond a bend."""
+    """Crossings before and beyond a bend are at the points of the line at their distances."""
     x, y = (np.array(LINES[0][axis]) for axis in "xy")
     first = np.hypot(x[1] - x[0], y[1] - y[0])
     table = rockfall.crossings(result, 0)
@@ -118,7 +118,8 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
 
 @pytest.mark.parametrize("size", [1.0, 1e9])
 def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypatch):
-    """Lines may exceed memory; a selection of boulders is a different result."""
+    """Statistics are equal whether lines are shared, not shared, or exceed memory. A selection of
+    boulders is a different result."""
     monkeypatch.setattr(module, "MAX_SHARED", size)
     half = result.isel(boulder=slice(0, 150))
     alone = [rockfall.line_statistics(result), rockfall.return_levels(result, [10])]

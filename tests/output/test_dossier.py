@@ -277,7 +277,7 @@ def test_a_map_of_part_of_the_area_shows_objects_and_the_reached_part_of_lines(m
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_second_model_is_run_and_what_governs_is_said(case, made):
-    """Impact sets of the case, and the table `talus` instead of them."""
+    """The second model is the table `talus` instead of the impact sets of the case."""
     folder, page = made
     other = read_hazard(folder / "hazard_by_second_model.nc")
     today = variants(case)["today"]
@@ -302,7 +302,7 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
 
 
 def test_heights_of_both_models_are_compared(made):
-    """By the second model, energies are equal or lower and heights twice as high."""
+    """The second model has half the frequencies and energies, and twice the heights."""
     own = read_hazard(made[0] / "hazard_today.nc")
     other = own.copy(deep=True)
     for name, factor in (("frequency", 0.5), ("energy_by_period", 0.5), ("height_by_period", 2.0)):
@@ -353,7 +353,7 @@ def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
 
 
 def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
-    """By `higher`, boulders at the road pass 1 m higher."""
+    """By the model `higher`, boulders at the road pass 1 m higher."""
     usual = read_hazard(made[0] / "hazard_by_second_model.nc")
     higher = usual.copy(deep=True)
     rates = usual["line_class_behind"].values
@@ -384,7 +384,8 @@ def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
     ],
 )
 def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, expected):
-    """A line at which 30 (28 to 32) boulders a year pass by the model of the case."""
+    """By the model of the case, 30 boulders (28 to 32) pass a line per year. Factors of 2.5, and
+    factors of 5 with wide intervals, are not reported."""
     own = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
     other = own.copy(deep=True)
     for hazard, limits in ((own, (30.0, 28.0, 32.0)), (other, (rate, low, high))):
@@ -399,7 +400,7 @@ def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, exp
 @pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
-    """Also runs by the second model, whose checkpoints a killed dossier finds."""
+    """A dossier uses the checkpoints of its four runs, also of those by the second model."""
     inputs = read_dossier(case.replace(variant=[]), **PLACE)
     saved = {
         run: Checkpoint(tmp_path / f"run{k}", 1e-9, keep=True) for k, run in enumerate(inputs.runs)
@@ -414,7 +415,8 @@ def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
 
 
 def test_a_single_model_is_said(case):
-    """Compact soil without sizes of rocks: reported before the run, and on page 1."""
+    """Compact soil without rock sizes has a single model: this is reported before the run and on
+    page 1."""
     alone = case.replace(surface={"ground": "compact", "uniform_mean_radius": None},
                          impact={"sets": None}, variant=[])  # fmt: skip
     inputs = read_dossier(alone, **PLACE)
@@ -426,7 +428,8 @@ def test_a_single_model_is_said(case):
 
 
 def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(case, tmp_path):
-    """Zones of talus, meadow and compact soil."""
+    """The second model has constant coefficients for talus and meadow; compact soil is
+    unchanged."""
     zones = [shapely.box(0, y, 300, y + 150) for y in (250, 100, -50)]
     names = ["talus", "meadow", "compact"]
     make_layer(tmp_path / "zones.gpkg", zones, crs=None, ground=names)
@@ -536,7 +539,8 @@ def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
-    """Counted in the results of both scenarios; loads are those of all boulders that arrive."""
+    """Both rows equal counts in the results of the two scenarios; loads are those of all boulders
+    that arrive."""
     few = case.replace(case={"boulders": 200}, hazard={"thresholds": [30.0, 300.0]})
     made = run_dossier(read_dossier(few, one_model=True, **PLACE))
     rows = made.frequencies[made.frequencies["line"] == "net"]
@@ -571,7 +575,8 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
     [("en", "155 of 450 m lie outside"), ("fr", "1 tronçons sur 8 s'étendent au-delà du terrain")],
 )
 def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, language, expected):
-    """A third of the line, up to the outer cell centres, a road segment and half of a house."""
+    """A third of the line, measured from the outer cell centres, one of 8 road segments and half of
+    a house are outside the terrain."""
     x = [-150.0, 300.0]
     line = case.line[0] | {"x": x, "y": [200.0, 200.0]}
     few = case.replace(case={"boulders": 10}, line=[line], variant=[])
@@ -587,7 +592,7 @@ def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, languag
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_path):
-    """Their differences have no interval, and thus no verdict."""
+    """Differences for such points have no interval, so they are undecided."""
     middle = shapely.Point(150.0, 160.0), shapely.Point(30.0, 60.0)
     make_layer(tmp_path / "masts.gpkg", [*middle], crs=None, name=["mast", "road"])
     made = run_dossier(read_dossier(case, AtRisk(tmp_path / "masts.gpkg"), one_model=True, **PLACE))

@@ -37,7 +37,7 @@ CLASSES = (100, 250, 500, 1000, 1500, 2000, 3000, 4500)  # EAD 340059 [kJ]
 CLOSE = 1e-7  # relative tolerance: limits use a rounded 97.5 % quantile
 LAMBDA = 0.2, 0.8, 0.5  # lethality, presence, vulnerability of the houses
 HOUSES = {"house A": (4.0, 300e3), "house B": (2.0, 500e3)}  # persons, value
-STEP, ROAD = 80.0, ((WEST + 5, NORTH - 300), (WEST + 245, NORTH - 306))  # segments: 80 m
+STEP, ROAD = 80.0, ((WEST + 5, NORTH - 300), (WEST + 245, NORTH - 306))  # of segments [m]; ends
 SECOND = {"talus": "constant_talus", "meadow": "constant_meadow"}  # grounds of the second model
 OTHER = ("residual", "low", "moderate", "high")
 MATRIX = (("moderate", "low", "low"), ("high", "moderate", "moderate"), ("high",) * 3)
@@ -217,7 +217,8 @@ def table(sheets, words):
 
 @pytest.mark.all
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
-    """Also for each variant, above each threshold, and for a house in plan."""
+    """Frequencies and return periods of road and houses, also by variant, and frequencies of houses
+    in plan and above 30 and 300 kJ."""
     rows, by_variant = table(sheets, "at each place"), table(sheets, "year, by variant")
     objects = table(sheets, "Objects")
     for place in ("road", *HOUSES):
@@ -416,7 +417,8 @@ def test_scenarios_areas_and_files(sheets, project):
 
 
 def test_segments(sheets, boulders):
-    """Frequencies, class and mean height; a boulder hits a segment with its side."""
+    """Segments have frequencies, a class, and the 95 % quantile of energy. None is hit more often
+    than the road, and their sum is at least the frequency of the road."""
     rows, today = table(sheets, "Road segments"), boulders["today"]
     assert {*rows} == {*pieces()}
     for name, row in rows.items():

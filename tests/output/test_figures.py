@@ -434,7 +434,8 @@ def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
 
 
 def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatch):
-    """Found next to the result if it is the run's DEM; otherwise searched places are listed."""
+    """The DEM is found next to the result if it is that of the run; otherwise the searched places
+    are listed."""
     moved = place / "moved"
     moved.mkdir()
     Path("out.nc").rename(moved / "out.nc")
@@ -525,7 +526,7 @@ def test_a_result_without_boulders_is_refused(full):
 
 
 def test_a_small_fraction_is_not_rounded_to_nothing(full):
-    """Neither in the figure nor in its caption; this also applies to the ends of its interval."""
+    """The caption gives 6 of 20,000 boulders as 0.0300 %, with a lower limit above 0."""
     values, number = np.full(20_000, np.nan), np.arange(1, 20_001)
     values[:6] = 150.0
     rare = full.drop_dims(["boulder", "line", "crossing"]).assign(
@@ -540,7 +541,7 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
 def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
-    """Byte for byte, also for panels with a common axis."""
+    """Figures are equal byte for byte, also with panels that share an axis."""
     style.save(draw(full, name), tmp_path / "kept.svg")
     monkeypatch.setattr(style, "_keep_ticks", lambda figure: None)
     style.save(draw(full, name), tmp_path / "made.svg")
@@ -560,7 +561,7 @@ def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
 
 
 def test_contours_are_two_curves_of_all_their_levels(full):
-    """One bold, one thin, with gaps between pieces; the limits of the map are unchanged."""
+    """One curve is bold and one thin, with gaps between their pieces."""
     contours = relief.contours_of(TERRAIN, extent.reached(full))
     drawn = draw(full, "stops", TERRAIN)
     brown = [line for line in drawn.axes[0].lines if line.get_color() == relief.BROWN]

@@ -117,7 +117,7 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
 
 @pytest.mark.parametrize("n", [2, 40])
 def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
-    """Each scenario with its name, for any number and length of warnings."""
+    """Warnings of each scenario have its name, whatever their number and length."""
     groups = [
         (
             names,
@@ -149,7 +149,7 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
 
 
 def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
-    """Not the default sets of a case, but the grounds used by rebounds."""
+    """The sheet lists the grounds that rebounds used, not the default sets of a case."""
     shown = [text.get_text() for text in hazard_sheet(found).texts]
     whole = re.sub(r"\s+", " ", " ".join(shown))
     assert "frequencies refer to the boulders of these scenarios, not to &boulder" in whole

@@ -121,7 +121,7 @@ def test_every_column_of_numbers_has_a_unit(site, path):
     ],
 )  # fmt: skip
 def test_a_number_is_shown_with_its_digits_that_count(value, shown):
-    """As formatted by Excel: thousands separators, and decimals only for small numbers."""
+    """Excel shows at least three significant digits, with thousands separators."""
     form = number_format(value)
     assert re.fullmatch(r"#,##0(\.0+)?|0\.00E\+00", form)
     _, _, decimals = form.partition(".")
@@ -216,7 +216,7 @@ def test_a_document_is_of_its_language_and_splits_no_row(site, language):
     [("en", "12,345"), *((language, "12\u202f345") for language in ("de", "fr", "it"))],
 )
 def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
-    """In all kinds of files: page, document, sheet."""
+    """Counts of boulders have the thousands separator of the language, in cells and on the page."""
     result = rockfall.read_result("out.nc")
     case = case_of(result)
     case = case.replace(case={"boulders": 12345})
@@ -281,7 +281,7 @@ def test_a_missing_package_is_named(site, capsys, monkeypatch):
 
 
 def test_units_are_those_of_results(site):
-    """Units of the values shared by checks and loads."""
+    """Units of checks and loads equal those of the variables of a result."""
     result = rockfall.read_result("out.nc")
     assert UNITS["capacity"] == result["barrier_capacity"].attrs["units"]
     assert UNITS["height"] == result["barrier_height"].attrs["units"]

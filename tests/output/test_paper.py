@@ -126,7 +126,7 @@ def laid_out(*locales):
 @pytest.mark.all
 @laid_out("de", "fr", "it")
 def test_every_text_is_within_its_sheet_and_cell(documents, locale):
-    """Energies have seven digits."""
+    """Every text fits, even if energies have seven digits."""
     document = documents("wide", locale)
     all_within(document)
     assert "signature" in document.pages[0].anchors
@@ -141,8 +141,7 @@ def all_within(document):
 @pytest.mark.all
 @laid_out("en", "de-CH")
 def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
-    """Page 1 has the complete project and title. The map has at least 60 mm between its title and
-    its scale, a third of the sheet's width."""
+    """Page 1 has the complete project and title, and a map more than 100 mm high."""
     document = documents("usual", locale)
     all_within(document)
     intervals = [text for _, text, _ in texts(document) if text.startswith("(")]
@@ -174,7 +173,7 @@ def test_the_walk_finds_text_beyond_the_margin_and_beyond_its_cell():
 @pytest.mark.all
 @pytest.mark.parametrize("command", ["report out.nc --pdf", "report out.nc -o page.pdf"])
 def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
-    """Otherwise Pango would end the process by a signal."""
+    """Without the refusal, Pango would end the process by a signal."""
     rockfall.write_result(results["usual"], tmp_path / "out.nc")
     (tmp_path / "fonts.conf").write_text("<fontconfig><cachedir>cache</cachedir></fontconfig>")
     done = subprocess.run(

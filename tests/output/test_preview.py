@@ -48,7 +48,7 @@ def test_memory_is_that_of_the_arrays(tmp_path):
     need = pilot.memory(scene, run)
     assert need["rasters"] == 8 * Z.size
     box = np.prod(run.tally.box.shape)
-    assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, columns of bin counts
+    assert 4 * box * 2 <= need["maps"] <= 4 * Z.size * 2  # passages, column indices: 4 bytes
     assert need["made"] - pilot.PACKAGES <= 4 * Z.size  # the quantile map
     assert need["classes"] == 1000 * 440  # bytes of the energy bin counts per cell
     assert 0 <= need["results"] - (500 * (12 * 8 + 9) + 50 * 16) < 100  # sums
@@ -97,7 +97,7 @@ def test_what_is_not_asked_for_takes_nothing(tmp_path):
 
 
 def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
-    """Except for the run time; also on slower machines."""
+    """All lines except the run time are equal, also on slower machines."""
     scene = scene_of(tmp_path, 50, 10)
 
     def lines():

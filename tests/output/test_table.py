@@ -109,7 +109,7 @@ def of_workbook(table, folder):
 @pytest.mark.parametrize("rendered", [of_csv, of_workbook])
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_programs_read_the_same_numbers_in_full(table, tmp_path, rendered, language):
-    """Exactly, with limits in separate columns, whatever the language."""
+    """CSV and workbook have exact values, with limits in separate columns, in every language."""
     with speaking(language):
         head, *rows = rendered(table, tmp_path)
         limits = [f"energy, {say(f'interval.{end}_limit')} [kJ]" for end in ("lower", "upper")]

@@ -25,7 +25,7 @@ from rockfall.terrain.dams import COARSE, FINE
 from scenes import make_case, sets
 
 GRADIENT = 0.5
-WIDE, HIGH = 160.0, 240.0  # size of the terrain [m]
+WIDE, HIGH = 160.0, 240.0  # extents of the terrain in x and y [m]
 DAM = {
     "x": [10.0, 150.0], "y": [63.0, 67.0], "height": 4.0, "crest_width": 2.0, "slope": 55.0,
 }  # fmt: skip

@@ -41,7 +41,7 @@ MAPS = ("passages", "energy_mean", "energy_max", "speed_q95", "jump_height_max_m
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """Case as files, on a lively slope."""
+    """Case as files, on a rough slope."""
     monkeypatch.chdir(tmp_path)
     for k, seed in ("", 1), ("2", 2):
         make_raster(f"dem{k}.tif", scenes.rough(seed=seed, dtype="f4"))

@@ -33,7 +33,7 @@ NET = {"name": "net", "x": [5.0, 295.0], "y": [120.0, 120.0], "height": 3.0, "ca
 
 
 def case(folder, boulders=30, scatter=2.0, obstacles=True, **groups):
-    """Case with two sources on a lively slope, by default with trees and a net."""
+    """Case with two sources on a rough slope, by default with trees and a net."""
     usual = {
         "case": {"boulders": boulders},
         "surface": {"uniform_mean_radius": 0.3},

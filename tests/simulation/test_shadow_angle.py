@@ -14,7 +14,7 @@ from same import same
 from scenes import grid, make_case, sets
 
 SIDE = 640.0  # side of the terrain [m]
-CLIFF, TALUS = 60.0, 35.0  # [degree]
+CLIFF, TALUS = 60.0, 35.0  # slopes [degree]
 EDGE, FOOT, TOE = 60.0, 120.0, 330.0  # distances along the fall line [m]
 OBSERVED = {"shadow_angle": 30.0}
 
