@@ -14,7 +14,7 @@ FACTORS = Path(__file__).with_name("factors.csv")
 
 
 def rough(nx=60, ny=80, cell=5.0, gradient=0.8, relief=3.0, seed=1, dtype="f8"):
-    """Southward slope with bumps of all sizes down to one cell."""
+    """South-facing slope with bumps of all sizes down to one cell."""
     random = np.random.default_rng(seed)
     y, x = np.mgrid[ny - 1 : -1 : -1, 0:nx] * cell
     z = gradient * y + 1000.0

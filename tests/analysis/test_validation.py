@@ -318,7 +318,7 @@ def test_laws_that_hold_nowhere_are_refused(case, made):
 @pytest.mark.all
 @pytest.mark.parametrize("rows", ["named", "none"])
 def test_a_table_that_needs_sizes_of_rocks_is_refused_without(case, made, rows):
-    """The table is refused if it is requested; among the shipped tables it is omitted, with a note."""
+    """A requested table is refused; among the shipped tables it is omitted, with a note."""
     seen = read_observed(made[0] / "stops.csv")
     bare = with_zones(case, NAMED.format(""))
     if rows == "none":

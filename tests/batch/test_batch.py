@@ -68,7 +68,7 @@ def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path
 
 
 def test_options_change_what_they_name(ready, batch):
-    """Options, and keys of the case that determine no array, take effect without preparing again."""
+    """Options, and keys of the case that determine no array, work without preparing again."""
     case = rockfall.read_case(ready / "case.nml").replace(
         surface={"rg_reading": "radius"}, release={"drop_height": 2.0}, impact={"stop_speed": 0.3}
     )

@@ -191,7 +191,8 @@ def test_a_case_can_be_copied_by_pickle():
 
 
 def test_changes_in_place_stay_in_copies():
-    """A copy has a changed value, the default of a removed key, a changed line and an added line."""
+    """A copy has the changed value, the default of a removed key, the changed line and the new
+    line."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
         boulder={"volume_mean": 1.0, "density": 2500.0},

@@ -143,7 +143,7 @@ def test_the_command_for_objects_names_their_layer(capsys):
 
 
 def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
-    """On Windows no relative path leads from one drive to another: the case has the absolute path."""
+    """On Windows, no relative path leads to another drive: the case has the absolute path."""
     relpath = ntpath.relpath  # os.path on Windows
     monkeypatch.setattr(os.path, "relpath", lambda *_: relpath("D:/dem.tif", "C:/out"))
     assert new("-o", "case.nml") == 0

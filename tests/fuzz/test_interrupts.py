@@ -73,7 +73,7 @@ def test_a_run_that_slurm_ends_goes_on(place):
 
 @sends_signals
 def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
-    """The second signal is repeated until the run ends, because a busy machine starts a chunk late."""
+    """The second signal is repeated until the run ends: a busy machine starts a chunk late."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "1000000", "--threads", "1"]
     child = start(words, place, ONE_CHUNK + RUN)
     assert child.stdout.readline() == "begun\n"

@@ -72,8 +72,8 @@ def energy(result, line):
 
 
 def test_a_net_stops_what_is_below_its_edge_and_within_its_capacity(free, caught):
-    """The outcome follows from height and energy at the line. The same boulders reach the first
-    barrier, at the same speed and height as without it."""
+    """The outcome follows from height and energy at the line. Boulders reach the upper barrier with
+    the same speed and height as without it."""
     for line, height, capacity in (("wall", 2.0, CLASS_2), ("net", 3.0, 150e3)):
         high = at(caught, line, "passing_height") > height
         came = ~np.isnan(at(caught, line, "time"))
@@ -134,7 +134,7 @@ def test_no_boulder_passes_an_endless_strong_barrier(case):
 
 
 def test_barrier_without_strength_or_height_changes_nothing(case, free):
-    """One millimetre high: centres pass over it. With 1e-9 kJ: almost no energy is absorbed."""
+    """A net of one millimetre stops no boulder, because centres pass over it."""
     low = run(case.replace(barrier=[NET | {"height": 1e-3}]))
     assert np.array_equal(low.stop_x, free.stop_x) and np.array_equal(low.status, free.status)
     assert (at_lines(low)["barrier_outcome"].sel(line="net").values % 3 == 0).all()
@@ -161,8 +161,9 @@ def shot_over(folder, *barriers, **groups):
     [(1e5, 48.0, 1), (1e5, 51.0, 1), (0.01, 48.0, 2), (0.01, 51.0, 2), (1e5, 36.0, 3)],
 )
 def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcome):
-    """Over the first arm of a hairpin, but not over the second, in the same flight or later: the
-    outcome is that of the hit, and the line has the crossing of the hit."""
+    """A boulder passes over the first arm of a hairpin, and hits the second in the same flight or
+    later, or passes over both. The outcome is that of the hit, and so is the crossing of the
+    line."""
     bent = HAIRPIN | {"x": [30.0, 30.0, second_arm, second_arm], "capacity": capacity}
     result = shot_over(tmp_path, bent)
     assert float(at_lines(result)["line_x"][0, 0]) == pytest.approx(
@@ -181,7 +182,8 @@ def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcom
 
 @pytest.mark.parametrize(("left", "outcome"), [(0.49, 1), (0.51, 2)])
 def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, outcome):
-    """Energy above the capacity by that of `left` m/s; the stop speed is 0.5 m/s."""
+    """The energy exceeds the capacity by that of a speed of `left` m/s; the stop speed is 0.5
+    m/s."""
     net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e5}
     whole = shot_over(tmp_path, net)
     energy, speed = float(whole.energy_barriers[0]), float(at_lines(whole)["line_speed"][0, 0])
@@ -195,7 +197,8 @@ def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, o
 
 @pytest.mark.parametrize("angle", [0.0, 7.3, -13.1])
 def test_barrier_and_line_along_a_barrier_are_met_behind_it(case, angle):
-    """A weak net and, along the same straight line with other ends, a line and a strong net."""
+    """A line, or a strong net, is along the straight line of a weak net, with other ends. Boulders
+    that break through the weak net reach them."""
     side = np.tan(np.radians(angle))
 
     def along(west, east):
@@ -222,7 +225,8 @@ def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
 
 @pytest.mark.all
 def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    """Python is killed, the program resumes its checkpoint; the parts of both are merged."""
+    """Python is killed, the program resumes its checkpoint, and the merged parts of both equal one
+    run."""
     make_full_case(tmp_path)
     case = rockfall.read_case(tmp_path / "case.nml")
     nets = [
@@ -274,7 +278,8 @@ def test_statistics_of_barriers(caught):
 
 
 def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
-    """On a plane: correct crest height and slopes of the faces, unchanged terrain beyond."""
+    """A dam on a plane has the given crest height and slopes of its faces; the terrain beyond is
+    unchanged."""
     plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
     make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
     dam = {

@@ -32,7 +32,7 @@ DAM = {
 
 
 def plane(folder, cell):
-    """Southward slope with a given cell size; line and source below its upper part."""
+    """South-facing slope with a given cell size; source near the top, line near the foot."""
     ny, nx = round(HIGH / cell), round(WIDE / cell)
     z = 500.0 + GRADIENT * cell * (np.arange(ny)[::-1, None] + 0.5) + np.zeros((ny, nx))
     make_raster(folder / "dem.tif", z, Affine(cell, 0, 0, 0, -cell, HIGH), crs="EPSG:32632")

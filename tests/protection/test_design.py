@@ -82,7 +82,8 @@ def drawn(n, seed=3):
 
 
 def test_uni_by_hand():
-    """20 m/s, 1 m3 of 2600 kg/m3, the centre 3 m above the ground, a well-known site."""
+    """Boulders have 20 m/s and 1 m3 of 2600 kg/m3, their centres are 3 m above ground, and the site
+    is well known."""
     row = demand(equal(), known(**WELL_KNOWN), 2600.0)
     assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
     assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
@@ -102,7 +103,7 @@ def test_what_is_not_known_costs_more():
 
 
 def test_the_mass_is_that_of_the_densest_boulder_that_came():
-    """Also if a source layer gives other densities than the case."""
+    """Mass and energy follow the densest boulder, 3900 kg/m3, whatever the density of the case."""
     factors = known(**WELL_KNOWN)
     energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one boulder has 3900 kg/m3
     for density in 2600.0, 1000.0, 5000.0:
@@ -204,7 +205,7 @@ def test_normal_heights_are_those_above_a_plane(tmp_path):
 
 @pytest.mark.parametrize("residual", [0.0, 0.02, 0.2])
 def test_heights_in_steps_are_the_exact_ones_rounded_up(residual):
-    """Stepwise search, for hazards and sitings, compared with the exact search of a design."""
+    """The stepwise search of hazards and sitings agrees with the exact search of a design."""
     came, heights = drawn(400), [0.5 * k for k in range(1, 60)]
 
     def is_enough(ead_class, k):
@@ -283,7 +284,8 @@ def test_checks_say_what_fails(result, tmp_path):
 
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
-    """600 boulders may be too few if the barrier is close to the requirement."""
+    """The height of a barrier between the limits of the needed height is undecided; energy has its
+    own verdict."""
     asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high
@@ -469,8 +471,8 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
 
 
 def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
-    """This also applies to forests. Failed checks stay failed. Users confirm their own grounds by
-    declaring the rebound back-analysed."""
+    """Grounds and forests that are not confirmed give no "yes"; failed checks stay failed. Users
+    confirm their own grounds by declaring the rebound back-analysed."""
     head = "name,model,r_n,r_t,roughness_angle,min_hop,source\n"
     (tmp_path / "mine.csv").write_text(f"{head}mine,constant,0.5,0.95,4,1,fitted in 2024\n")
     size, stand = {"uniform_mean_radius": 0.02}, {

@@ -69,7 +69,8 @@ def calls(function):
 
 
 def test_lines_of_a_layer_cost_linear_time(case):
-    """Reading, writing as text, and reading the text."""
+    """Reading 400 lines, writing them and reading the text costs at most 4.4 times the calls for
+    100."""
     cost = {}
     for n in (100, 400):
         y = N - 5 - 0.2 * np.arange(n)

@@ -55,7 +55,8 @@ def test_grounds_are_those_of_the_program():
 
 
 def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
-    """Nor other environment variables that would start the program with the Python of QGIS."""
+    """Environment variables that would start the program with the Python or the data of QGIS are
+    removed."""
 
     class Feedback:
         def isCanceled(self):
@@ -315,7 +316,7 @@ def test_the_program_is_a_setting(within):
 
 
 class Feedback:
-    """Feedback like that of QGIS: cancelled as soon as something is done."""
+    """Feedback like that of QGIS, which cancels as soon as there is progress."""
 
     def __init__(self):
         self.progress, self.said = [], []

@@ -27,7 +27,7 @@ class Scatter(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """Rebound model and its parameters; None except the model: parameter not used."""
+    """Rebound model and its parameters; those that the model does not use keep their defaults."""
 
     model: str
     normal: Scatter = Scatter(0.0)  # R_n, or half speed [m/s]

@@ -146,7 +146,7 @@ def protected(tmp_path_factory):
 
 @pytest.mark.all
 def test_the_road_is_reached_as_often_as_its_readme_says(protected):
-    """Within four standard deviations of a single run, from the README."""
+    """Percentages are within four standard deviations of a single run, from the README."""
     for name, percent, error in (("road", 57.6, 0.2), ("net", 2.77, 0.06), ("dam", 7.6, 0.2)):
         reached = 100 * np.isfinite(at_lines(protected[name])["line_speed"].values[0]).mean()
         assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(6))
@@ -195,7 +195,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
 
 @pytest.mark.all
 def test_the_forested_slope_is_as_its_readme_says(tmp_path):
-    """Within four standard deviations of a single run, from the README."""
+    """Percentages are within four standard deviations of a single run, from the README."""
     place = CASES / "forested-slope"
     script(place / "make_terrain.py").write(tmp_path)
     known = {"bare": (98.7, 0.048), "forest": (69.6, 1.1), "forest-and-net": (13.8, 0.28)}

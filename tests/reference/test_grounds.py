@@ -102,7 +102,7 @@ def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
 
 @pytest.mark.all
 def test_very_fast_and_very_slow(tmp_path):
-    """Thrown at very high speed, and dropped from a very small height."""
+    """Boulders are thrown at 900 m/s, and dropped from 0.001 mm."""
     release = {"drop_height": 2.0, "velocity": [0.0, -200.0, -900.0]}
     for ground in MODELS:
         surface = {"uniform_mean_radius": 0.1, "ground": ground}

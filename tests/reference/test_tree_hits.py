@@ -161,7 +161,7 @@ def test_down_a_slope_through_trees(tmp_path, forest, impact):
 
 @pytest.mark.parametrize(("column", "off"), [(0, 1e-10), (3, 1e-11), (4, 1e-8), (6, 1e-8)])
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, column, off):
-    """In position, time or velocity of the first existing hit."""
+    """Errors of 1e-11 to 1e-8 in position, time or velocity of the first hit are found."""
     result, world, trees = flown(tmp_path, STAND)
     tracks = replay.tracks(result)
     number = 1 + next(k for k, rows in enumerate(tracks) if (rows[1:-1, RATIO] == 0).any())

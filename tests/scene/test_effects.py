@@ -125,7 +125,7 @@ def test_maps_and_scenarios_that_go_take_their_keys_along():
 
 
 def test_a_default_that_is_written_out_is_no_mistake():
-    """As written by programs, in any spelling."""
+    """Programs write out defaults, in any spelling."""
     forest = {"seed": 1, "turn_frontal": [22.5, 45, 8.5], "density_factor": 1}
     case = case_of({"forest": forest, "breakage": {"cone": 5e1}, "hazard": {"object_width": 10}})
     assert not case.has_forest and case.breakage["at"] == "none"
@@ -256,7 +256,7 @@ ONES = {
 
 @pytest.mark.parametrize("key, shape, name, values", MARKED, ids=lambda value: str(value))
 def test_numbers_for_missing_ones_are_questioned(key, shape, name, values):
-    """In every column of a range, unless other values are similar."""
+    """A value far above all others is questioned in every column that has a range."""
     step = 60.0 if shape == "strip" else 7.0
     one = frame(shape, a=[0]).geometry.iloc[0]
     shapes = [shapely.affinity.translate(one, step * k, 0) for k in range(len(values))]

@@ -166,7 +166,8 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
 @pytest.mark.all
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
-    """10000/(stems per hectare (2 R_b + DBH)); for random trees also up to the first tree."""
+    """The distance is 10000/(stems per hectare (2 R_b + DBH)), for random trees also up to the
+    first tree."""
     wide = MADE | {"uniform_dbh_std": 0.0, "spread": spread}
     trees = trees_of(tmp_path, wide, nx=200, ny=200)
     rng = np.random.default_rng(2)
@@ -303,6 +304,6 @@ def test_diameters_in_another_unit_are_doubted(tmp_path, dbh, unit):
 
 
 def test_memory_of_a_large_forest(tmp_path):
-    """Stems in Python and in the kernel: 64 bytes each, plus the kernel's grid."""
+    """Stems take 64 bytes each in Python and in the kernel, without the kernel's grid."""
     trees = forest.trees.Trees(*np.zeros((4, 1000)))
     assert trees.bytes == 64_000

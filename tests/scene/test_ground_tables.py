@@ -91,7 +91,7 @@ def test_the_kernels_table_is_that_of_the_file():
 
 
 def test_ranges_of_2023_are_a_table_of_their_own(tmp_path):
-    """Chosen by name, with the same names and ids; a shipped table, not a user's table."""
+    """The table is chosen by name, has the same grounds, and is no user's table."""
     (path,) = other_tables().values()
     table = GroundTable(path)
     assert table.names == SHIPPED.names
@@ -190,7 +190,7 @@ def test_ground_that_needs_no_rocks_needs_no_sizes(tmp_path):
 
 
 def test_a_ground_of_impact_sets_is_the_case_with_these_sets(tmp_path):
-    """Bit-identical results, and equal counts of rebounds beyond the fit."""
+    """Results are bit-identical, including counts of rebounds beyond the fit."""
     z = rough()
     case = case_with(tmp_path, uniform_mean_radius=0.2, ground="laboratory-spheres")
     one = rockfall.run(case, dem=z, transform=grid(z))
@@ -289,7 +289,7 @@ def test_sizes_that_a_ground_needs(tmp_path):
 
 
 def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
-    """In a case with an impact table, as if the column were absent; impact sets need it."""
+    """Zones may lack a size in a case with an impact table; impact sets need it."""
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,\n3,,rock\n")
     case = case_with(tmp_path, **surface)
     scene = read(case.replace(impact={"form": "table", "table": "meadow"}), **arrays)

@@ -447,7 +447,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_gives_its_line_and_no_other(site, what):
-    """In all languages of reports; checksums include how a layer was reprojected."""
+    """Each mistake gives one line, which reports have in each language."""
     change, words = MISTAKES[what]
     change(site)
     scene = read_scene(site.case())
@@ -671,7 +671,7 @@ def test_a_saddle_of_integers_has_no_steps(site):
 
 
 def test_a_model_in_a_laboratory(site):
-    """Cells of centimetres at coordinates that might be degrees."""
+    """Cells of 5 cm, at coordinates that might be degrees, give no warning."""
     site.dem(site.z / 100, crs=None, transform=Affine(0.05, 0, 0.0, 0, -0.05, 4.0))
     site.uniform(0.005)
     site.set("boulder", volume_mean=1e-6)

@@ -111,7 +111,8 @@ def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_
 
 @pytest.mark.parametrize("has_frequency", [True, False])
 def test_polygons_that_release_nothing_are_named(case, has_frequency):
-    """One between cell centres, one off the terrain, one covered by a later polygon."""
+    """One of five polygons is between cell centres, one off the terrain, one below a later
+    polygon."""
     narrow = shapely.box(W + 10.1, N - 40, W + 10.2, N - 20)
     away, covered = shapely.box(W - 50, N - 40, W - 20, N - 20), CLIFFS[0].buffer(-8.0)
     about = {"name": ["narrow", "away", None, "cliff", "tower"]}
@@ -154,7 +155,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
 
 
 def test_one_law_for_all_features_is_that_of_the_case(case):
-    """Exactly as if given in the case."""
+    """Equal attributes of all points give the boulders of a case with these values."""
     said = {"volume": ["normal"] * 4, "volume_mean": [1.5] * 4, "volume_std": [0.3] * 4}
     make_layer("p.gpkg", POINTS, density=[2500.0] * 4, drop_height=[3.0] * 4, **said)
     law = {"volume": "normal", "volume_mean": 1.5, "volume_std": 0.3, "density": 2500.0}
@@ -263,7 +264,7 @@ def test_a_hundred_thousand_points(case):
 
 
 def test_many_names_are_kept(case):
-    """More than fits in a compact netCDF-4 attribute (64 KiB)."""
+    """Names of 8,000 features exceed a compact netCDF-4 attribute (64 KiB)."""
     n = 8000
     make_layer("p.gpkg", POINTS[:1] * n, name=[f"block number {k}" for k in range(n)])
     case = at(case).replace(case={"boulders": 1}, output={"maps": None}, impact={"impact_limit": 1})
@@ -417,7 +418,8 @@ def test_scenarios_give_what_the_layer_does_not(case):
 
 
 def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path):
-    """With all boulders of their polygon, or, in results without features, of their cliff."""
+    """Observed boulders are compared with all boulders of their polygon or, in results without
+    features, of their cliff."""
     make_layer("cliffs.gpkg", CLIFFS, name=["left", "right"])
     result = rockfall.run(at(case, "cliffs.gpkg"))
     mine = result["source_feature"].values == 1

@@ -249,7 +249,8 @@ def test_the_line_of_a_net_has_no_stairs():
 
 
 def test_the_coordinate_system_of_a_folder_is_given(tmp_path):
-    """In results and on their maps; an invalid system is refused, and nothing is written."""
+    """Results have the system given by --crs; an invalid system is refused, and nothing is
+    written."""
     folder, out = make_folder(tmp_path / "rocky"), tmp_path / "case"
     assert main(["import-rockyfor3d", str(folder), "-o", str(out), "--crs", "EPSG:2056"]) == 0
     case = rockfall.read_case(out / "case.nml")
@@ -286,7 +287,8 @@ def test_branches_of_a_net_are_told(tmp_path):
 
 
 def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
-    """In the terminal and in the case; not for a folder without soil types or trees."""
+    """Limits of the models are printed and are in the case; a folder without soil types or trees
+    has none."""
     folder = make_folder(tmp_path / "rocky", **forest())
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (
@@ -438,7 +440,7 @@ def test_values_that_no_boulder_has(tmp_path, rasters, words):
 
 @pytest.mark.parametrize("name", ["rockdensity", "d1", "blshape"])
 def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
-    """Values are kept by the command that puts the raster on the cells of the DEM."""
+    """The command in the refusal keeps values on the cells of the DEM (--resampling nearest)."""
     raster = layers()[name][1:]
     with pytest.raises(RockfallError, match=r"are not on the cells .* --resampling nearest$"):
         read_scene(imported(tmp_path, **{name: raster}))

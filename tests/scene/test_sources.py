@@ -152,7 +152,7 @@ def numbers_of(result):
 @pytest.mark.parametrize("n", [1, 7])
 @pytest.mark.parametrize("tangent", [0.0, 0.75, 2.0])
 def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
-    """Also at the edge, without a 3x3 window: the area is that of a plane."""
+    """Cells have the area of the plane, also at its edge, without a 3x3 window."""
     z = plane(tangent, nx=20, ny=15)
     release = {"steep_cells": None, "cells": "cells", "by_area": True}
     case = steep(tmp_path, case={"boulders": n}, release=release)

@@ -132,7 +132,7 @@ def test_names_of_attributes_in_four_languages(tmp_path):
 
 
 def test_species_of_a_stand(tmp_path):
-    """Several species with percentages, in any language; without: conifers and broadleaves."""
+    """Stands have species with percentages, in any language, or else conifers and broadleaves."""
     halves = [shapely.box(0, 0, 150, 400), shapely.box(150, 0, 300, 400)]
     scene = stands_of(tmp_path, halves, **columns_of(2), Baumart=["Fichte 60, Buche 40 %", None])
     west = scene.trees.factor[scene.trees.x < 150]
@@ -248,7 +248,8 @@ def test_a_thinned_stand_is_a_part_of_the_full_one(tmp_path):
 
 
 def test_clearings_take_stems_out_of_lists_and_stands(tmp_path):
-    """All stems or a fraction by attribute; where clearings overlap, the smaller remainder."""
+    """Clearings leave no stems, or the fraction of an attribute; where they overlap, the smaller
+    one."""
     shapes = [shapely.box(0, 200, 150, 400), shapely.box(0, 100, 300, 300)]
     make_layer(tmp_path / "storm.gpkg", shapes, crs=None, Restanteil=[0.0, 0.4])
     storm = {"clearings": "storm.gpkg"}
@@ -306,7 +307,7 @@ def test_today_and_after_a_storm_are_compared_boulder_by_boulder(tmp_path):
 
 def test_logs_of_a_layer_are_low_barriers(tmp_path):
     """Height is the thickness or an attribute; strength is that of a standing stem of equal
-    diameter (38.7 DBH^2.31, spruce 0.9), a quarter less per decay class."""
+    diameter (38.7 DBH^2.31, spruce 0.9), a quarter less per decay class above 1."""
     logs = [shapely.LineString([(100, y), (200, y)]) for y in (300.0, 250.0, 200.0)]
     make_layer(
         tmp_path / "logs.gpkg", logs, crs=None, diameter=[40.0, 40.0, 30.0],

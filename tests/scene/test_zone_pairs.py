@@ -58,7 +58,7 @@ def same_runs(one, other):
 
 
 def test_a_zone_is_the_ground_of_a_table_with_its_numbers(case):
-    """Bit-identical; talus keeps the spread of its strength, and its rest angle."""
+    """Runs are bit-identical; talus keeps the spread of its strength, and its rest angle."""
     one, other = rockfall.run(write_pairs(case)), rockfall.run(by_table(case))
     assert one["ground"].values.tolist() == NAMES
     same_runs(one, other)
@@ -241,7 +241,7 @@ def test_models_vary_it_whole(case):
 
 @pytest.mark.parametrize("boulder", [{"ground_strength_sigma": 0.4}, {"mean_radius_sigma": 0.4}])
 def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
-    """Instead of being omitted themselves."""
+    """Models run without the keys that they do not use, instead of being omitted themselves."""
     ground = {} if "mean_radius_sigma" in boulder else {"ground": "talus"}
     whole = case.replace(surface=NO_ZONES | {"uniform_mean_radius": 0.3} | ground, boulder=boulder)
     scenes = dict(variants(whole, ["road"], []))
@@ -253,7 +253,7 @@ def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
 
 
 def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
-    """Its values are known."""
+    """Draws of talus are refused for a ground whose own strength and relief are known."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
     with pytest.raises(RockfallError, match="talus-ensemble'"):
         rockfall.ensemble(whole.replace(ensemble={"runs": 8, "sets": ["talus-ensemble"]}))
@@ -273,7 +273,8 @@ def smoother(scene):
 
 
 def test_own_grounds_are_said_to_stop_boulders_too_early(case):
-    """Relief is 2 degrees smaller, if tables have it; shipped values are calibrated."""
+    """The remark advises a relief up to 2 degrees smaller, if tables have it. Shipped grounds are
+    calibrated and have none."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
     assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
     parts = re.findall(r"ground '(talus|rock) .* up to (\d+) %", "\n".join(scene.remarks))

@@ -159,7 +159,7 @@ def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
 
 
 def test_boulders_so_far_come_from_all_sources(case):
-    """Otherwise the first boulders would be from the first sources."""
+    """The first boulders are evenly spread over all 20,000, and so over all sources."""
     steep = case.replace(
         case={"boulders_total": 20_000}, release=NO_PLACE | {"steep_cells": True},
         output={"maps": None, "rebounds": False, "trajectories": 0},

@@ -137,7 +137,7 @@ def test_the_order_of_the_shapes_and_the_unit_share_do_not_matter(mixed):
 
 
 def test_shares_are_met():
-    """Within four standard errors, for boulders from any number of sources."""
+    """Fractions of shapes are met within four standard errors, and do not depend on volumes."""
     case = rockfall.Case(
         case={"boulders": 4000, "seed": 5}, impact={"table": "talus", "impact_limit": 1},
         boulder={**MIX, "block_shape_share": None},
@@ -380,7 +380,8 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
 
 
 def test_only_tables_that_boulders_need_are_loaded(tmp_path):
-    """Boulders have two of three shapes, or shapes that only sources have."""
+    """Tables of two shapes take less memory than of three; with shapes of sources, those of the
+    case are not loaded."""
 
     def bytes_of(case):
         return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes
@@ -655,7 +656,7 @@ def test_a_scene_file_with_other_numbers_is_refused(gallery, tmp_path, name, val
 
 
 def moved_record(file):
-    """A table has one record less, the next one more: the numbers disagree with the bins."""
+    """Move one record from a table to the next: the numbers disagree with the bins."""
     shape = file["table_shape"][:]
     shape[:2, -1] += [-1, 1]
     file["table_shape"][:] = shape

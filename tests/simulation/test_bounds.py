@@ -38,7 +38,7 @@ def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):
 
 
 def test_the_bound_is_that_of_63_bits(tmp_path):
-    """Boulders of one volume: energy of the fall times their number."""
+    """The sum for boulders of one volume is the energy of the fall times their number."""
     scene = scene_of(tmp_path, boulders=1000)
     volume = 9.0e18 / (1000 * 2800 * G * fall(scene))
     for factor in 0.999, 1.001:
@@ -92,7 +92,7 @@ def test_maxima_are_of_single_precision(tmp_path):
 
 
 def test_no_boulder_passes_the_bound(tmp_path):
-    """Neither in speed nor in energy; the largest come close to the bound."""
+    """Neither speeds nor energies exceed the bound; the largest energy is more than 5 % of it."""
     scene = scene_of(tmp_path, boulders=300)
     result = run_scene(scene)
     assert result["energy_max"].max() <= 2800 * 0.8 * G * fall(scene) * (1 + 1e-6)

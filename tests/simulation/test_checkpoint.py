@@ -51,7 +51,7 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
 
 
 def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch):
-    """The clock only advances during saves, which take one second each."""
+    """Each chunk and each save takes one second: saves begin every 21 seconds."""
     now, begun = [0.0], []
 
     def slow(*_):
@@ -104,7 +104,8 @@ def interrupted(run, *arguments, **how):
 
 @pytest.mark.all
 def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
-    """After an interrupt right after `--resume`, and with another interrupt before it continues."""
+    """An interrupt right after the resumption precedes each crash, and another follows it; the
+    final result is that of a complete run."""
     whole, step, steps = simulate.run_scene(scene), 0, []
     before = tmp_path / "before"
     with monkeypatch.context() as patch, pytest.raises(Killed):

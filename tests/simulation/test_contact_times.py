@@ -67,8 +67,7 @@ def durations(table, radius):
 
 @pytest.mark.parametrize(("table", "gradient", "radius"), every_third(CONTACTS))
 def test_a_contact_lasts_as_long_as_one_of_the_laboratory(table, gradient, radius):
-    """Exactly, including sliding and waiting. A quarter of the slides down talus with a gradient of
-    0.3 once lasted longer than 2 sqrt(R_b/g), up to 20."""
+    """Durations are exactly those of records, including sliding and waiting."""
     result = thrown(table, gradient, radius)
     motion = motion_of(result)
     last = motion.vertex[np.diff(motion.boulder, append=-1) != 0]  # it may leave the terrain

@@ -36,7 +36,7 @@ STEADY = {"firm": 19.0, "hard": 18.0, "rocky-slope": 32.0}
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory):
-    """Folder with a table for each of these grounds."""
+    """Folder with an impact table for each ground of GROUNDS."""
     place = tmp_path_factory.mktemp("grounds")
     write_grounds(place)
     return place
@@ -100,7 +100,8 @@ SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
     ],
 )
 def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
-    """Sizes and densities have separate limits."""
+    """No rebound is counted below the lowest limit of a table's parts, and each above the highest.
+    Sizes and densities have separate limits."""
     if name == "rocky-slope":
         size = (RADIUS, size[1])
     slope = (STEADY | YIELDS)[name]

@@ -67,7 +67,7 @@ def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
 
 @pytest.mark.parametrize("shard", [(), ("--shard", "2/2")])
 def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
-    """A part with all boulders is not a result."""
+    """A part of a run is finished for both programs; a part with all boulders is not a result."""
     assert by_batch("-o", "a.nc", *shard) == 0
     assert by_python("-o", "a.nc", "--resume", *shard) == (0 if shard else 2)
     said = FINISHED if shard else "already exists; not overwritten (--overwrite replaces it)"

@@ -73,7 +73,8 @@ TABLES = "impact tables of rockfall's laboratory"
 
 
 def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
-    """In English in the file, whatever the language; a case may have sets that it does not use."""
+    """The file names models in English, whatever the language. A case may have sets that it does
+    not use."""
     classical = "rockyfor3d; pfeiffer bowen; constant; bourrier hungr"
     _, result = whole
     start, _, last = result.attrs["source"].partition("classical models: ")
@@ -141,7 +142,7 @@ def test_a_written_result_is_read_as_it_was(whole, tmp_path):
     ],
 )
 def test_both_programs_give_the_same_bits(batch, tmp_path, way):
-    """Grounds by zones with their own set, by a raster, everywhere, and in windows."""
+    """Grounds are given by zones with their own set, by a raster, everywhere, or in windows."""
     (tmp_path / "grounds.csv").write_text(OWN)
     (tmp_path / "calm.nml").write_text(CALM_SETS)
     rows = "zone,mean_radius,ground\n4,0.25,{}\n-2,,{}\n77,inf,\n"
@@ -257,7 +258,8 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
-    """On a plane of 33 degrees: on talus, not on meadow; the case's rest angle has priority."""
+    """On a plane of 33 degrees boulders rest on talus, but not on meadow; the rest angle of the
+    case has priority."""
 
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]

@@ -82,7 +82,8 @@ def test_statistics_are_those_of_the_rows(full, counted):
 
 
 def test_counts_with_a_tail_are_values(unit=1000.0):
-    """Values of both signs, more than are stored individually, from different sources."""
+    """The 100 largest of 20,000 values, from 40 sources and of both signs, are stored
+    individually."""
     random = np.random.default_rng(1)
     source = Sources.of(np.arange(20_000) % 40)
     values = random.normal(5.0 + source.number / 10, 4.0)

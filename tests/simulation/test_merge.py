@@ -156,7 +156,7 @@ def test_a_wrong_shard_is_refused_in_one_line(few_boulders, tmp_path, monkeypatc
 
 
 def change_table(folder):
-    """The .dbf next to a shapefile: changes its ids from 1 to 2."""
+    """Change the ids in the .dbf of a shapefile from 1 to 2."""
     path = folder / "zones.dbf"
     content = path.read_bytes()
     assert content.endswith(b"1\x1a")
@@ -164,14 +164,14 @@ def change_table(folder):
 
 
 def change_statistics(folder):
-    """An offset for the elevations, stored next to a raster as by GDAL."""
+    """Add an offset for the elevations, stored next to a raster as by GDAL."""
     (folder / "tile.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Offset>1</Offset></PAMRasterBand></PAMDataset>'
     )
 
 
 def change_mask(folder):
-    """Mask in a separate file."""
+    """Add a mask in a separate file."""
     (folder / "other").mkdir()
     shutil.copy(folder / "tile.tif", folder / "other")
     mask = np.full((80, 60), 255, "u1")
@@ -183,7 +183,7 @@ def change_mask(folder):
 
 
 def make_shapefile(folder):
-    """Zone 1 everywhere, and a table of zones 1 and 2."""
+    """Write zone 1 everywhere, and a table of zones 1 and 2."""
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     shapely = pytest.importorskip("shapely")
     wkb = np.array([shapely.to_wkb(shapely.box(0, 0, 300, 400))], object)

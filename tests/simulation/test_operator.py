@@ -123,7 +123,7 @@ def test_rows_of_ones_own_table_come_first(tmp_path):
 
 
 def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
-    """Zones that name the row would use the table."""
+    """Zones with the name of the row would use the table."""
     (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,meadow\n2,0.2,\n")
     zones = {"zones": "given", "table": "zones.csv", "ground_table": "own.csv"}
@@ -168,7 +168,7 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
-    """They would be alternatives, and not drawn together."""
+    """Tables would be alternatives to the sets, and not drawn together with them."""
     says = "is an impact table, which can only replace an impact table, not laboratory-spheres"
     for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
@@ -176,7 +176,8 @@ def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
 
 
 def test_a_name_that_has_no_effect_is_warned_of(tmp_path):
-    """Next to a ground for everything; a form alone causes no warning."""
+    """Sets and tables have no effect next to a ground for everything; a form alone causes no
+    warning."""
     mine = str(write_sets(tmp_path / "mine.nml", *sets(1.5)))
     for key, name in ("table", "unknown"), ("sets", mine):
         scene = read_scene(

@@ -160,7 +160,8 @@ def test_classical_grounds_keep_their_obstacles(tmp_path):
 
 
 def test_the_preview_has_neutral_slopes_of_all_boulders(tmp_path):
-    """Ranges for boulders with small and large rocks, although all have the same volume."""
+    """R_b/R_m has the range of the middle 90 % of rock sizes, although all boulders have the same
+    volume."""
     z = rough()
     case = case_in(tmp_path, **place()).replace(case={"boulders": 20})
     plain, wide = (

@@ -120,7 +120,7 @@ def descent(z, cell, source, length=400.0):
     ],
 )
 def test_the_apex_is_the_foot_of_the_whole_face_on_any_cells(tmp_path, cell, s, slopes, foot):
-    """On cells from 1 to 10 m, with blocks of half a metre on the ground."""
+    """The apex is within 5 m and half a cell of the foot, on cells of 1 to 10 m of rough ground."""
     falls = np.diff(s) * np.tan(np.radians(slopes))
 
     def elevation(along):

@@ -15,7 +15,7 @@ from rockfall.cli import main
 
 @pytest.fixture
 def commands(tmp_path):
-    """Environment of a job: `sbatch`, and none of our programs in PATH."""
+    """Environment of a job: `sbatch` in PATH, without the programs of rockfall."""
     folder = tmp_path / "bin"
     folder.mkdir()
     (folder / "sbatch").write_text('#!/bin/sh\necho "$@" >>jobs.txt\necho 4711\n')

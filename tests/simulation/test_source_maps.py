@@ -100,7 +100,7 @@ def test_sources_of_unequal_release(tmp_path):
 
 
 def test_a_part_tells_of_its_own_boulders(tmp_path):
-    """90 boulders of the first source, 200 of the second, 10 of the third."""
+    """The second half of a run has 100 boulders of the second source and 200 of the third."""
     case, arrays = case_of(tmp_path, 200), scattered(3)
     part = rockfall.run(case, **arrays, shard=(2, 2))
     assert part.attrs["boulder_first"] == 301

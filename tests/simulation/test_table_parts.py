@@ -125,7 +125,7 @@ def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
 @pytest.mark.all
 @pytest.mark.parametrize("relief", [3.0, 8.0, 9.0, 13.0, 19.0, 30.0])
 def test_boulders_take_the_rows_beside_their_relief_linearly(tmp_path, relief):
-    """Independently of the column."""
+    """Rows are used in proportion to the relief, independently of the columns."""
     own = np.sqrt(COLUMNS[0] * COLUMNS[1])
     ground = YieldingGround(38.0, STRENGTH, relief=relief)
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())
@@ -175,7 +175,7 @@ def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
 
 @pytest.mark.parametrize(("k", "m"), every_third([(3.0, 1.0), (1.0, 0.7), (5.0, 1.2)]))
 def test_size_density_and_strength_are_one_axis(tmp_path, k, m):
-    """R_b times k, density times m, strength times k m: the same parts."""
+    """Boulders use the same parts if R_b is multiplied by k, density by m, and strength by k m."""
     found = []
     for k_, m_ in ((1.0, 1.0), (k, m)):
         ground = YieldingGround(38.0, k_ * m_ * STRENGTH, 0.6, relief=11.0)
@@ -243,7 +243,8 @@ def test_the_strength_of_boulders_is_standard_normal(tmp_path):
 
 
 def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
-    """However the run is cut, merged or written, or its boulders selected."""
+    """Strengths do not depend on how a run is cut, merged or written, or on selections of
+    boulders."""
     case = coded_case(tmp_path, YieldingGround(38.0, STRENGTH), 90, radius=0.4)
     whole = rockfall.run(case, **plane())
     z = rockfall.ground_strength(whole)

@@ -246,7 +246,8 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
 
 @pytest.mark.parametrize("ratio", [1.5, 7.9])
 def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
-    """Not from heights accumulated over the facets they rolled on: once 61 R_b."""
+    """Boulders take off from less than 5 R_b, not from heights accumulated over facets they rolled
+    on."""
     result = on_rocks(tmp_path, ratio, output={"trajectories": 100})
     names = ("x", "y", "z", "velocity_x", "velocity_y", "velocity_z", "time", "in_t", "in_n")
     rises = []
@@ -264,7 +265,7 @@ def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
 
 @pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
-    """Boulders of all sizes, some beyond the table."""
+    """All contacts of boulders larger than the table's largest size are counted, and no others."""
     volumes = {"volume": "lognormal", "volume_mean": 0.27, "volume_std": 0.6}
     y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
     z = 500 + np.tan(np.radians(38.0)) * y
@@ -283,7 +284,7 @@ def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
 
 
 def test_where_terrain_ends_within_a_contact_all_is_known(made):
-    """Boulders that roll over the edge of the terrain, or into a hole."""
+    """Values are finite for boulders that roll over the edge of the terrain, or into a hole."""
     z = 500 + np.tan(np.radians(25.0)) * 2.5 * np.mgrid[79:-1:-1, 0:40][0]
     z[60:63, 10:14] = np.nan
     case = rockfall.Case(
@@ -320,7 +321,7 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
 
 @pytest.mark.parametrize("name", ensemble_names())
 def test_each_draw_of_an_ensemble_is_a_run_on_its_ground(tmp_path, name):
-    """The user's row with the values of the draw, bit for bit."""
+    """A draw is bit-identical to a run by a user's row with the values of the draw."""
     of = name.removesuffix("-ensemble")
     shipped = shipped_rows().rows[of].cells
     case = case_in(
@@ -346,7 +347,8 @@ def quoted(cell):
 
 
 def test_ensembles_of_several_grounds_come_together(tmp_path):
-    """Each draw of one ground with each of the other, for their own grounds only."""
+    """Each draw of a ground is combined with each of the others, and only replaces its own
+    ground."""
     names = ensemble_names()
     case = case_in(
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},

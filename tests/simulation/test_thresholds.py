@@ -38,7 +38,7 @@ def result(tmp_path_factory):
 
 
 def test_counts_are_those_of_the_boulders_one_by_one(tmp_path, result):
-    """Map of maxima of a single boulder (a shard), which shows the thresholds it exceeds."""
+    """The map of maxima of a single boulder (a shard) shows the thresholds that it exceeds."""
     counts = np.zeros(result.energy_exceeded.shape, int)
     case = make_case(tmp_path, ["energy_max"])
     for number in range(1, BOULDERS + 1):

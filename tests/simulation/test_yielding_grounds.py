@@ -116,7 +116,8 @@ LOOSE = {"model": "ploughed", "strength": 4e5, "relief": 14.3, "rest_angle": 36.
     LOOSE, LOOSE | {"strength_sigma": 0.8}, {**LOOSE, "model": "hard", "strength": 2e7},
 ])  # fmt: skip
 def test_a_boulder_16_times_as_large_goes_16_times_as_far(tmp_path, cells):
-    """On ground 16 times as strong and terrain 16 times as large, four times as fast."""
+    """On terrain 16 times as large, with ground 16 times as strong, boulders are four times as
+    fast."""
     velocity = np.array([1.5, -4.0, 0.5])
     small, large = (
         on_row(
@@ -342,7 +343,8 @@ def test_a_sigma_that_cannot_be_is_refused(value, said):
 def test_with_the_relief_advised_no_fewer_boulders_pass_than_as_thrown(
     tmp_path, model, n, relief, slope, thrown
 ):
-    """200 m along a plane near its neutral slope; `thrown`: by a laboratory table for this relief
+    """The fraction that passes 200 m along a plane near its neutral slope is at most 0.1 below
+    `thrown`, the fraction by a laboratory table for this relief
     (docs/archive/field_protocol.md)."""
     radius, cell, rows = 0.4, 5.0, 64
     fall = np.tan(np.radians(slope))
