@@ -30,11 +30,13 @@ from rockfall.plots import extent, style, terrain
 from rockfall.plots import map_figures as mapfigures
 from rockfall.plots import rebound_figures as reboundfigures
 from rockfall.plots.cartography import rasters, relief
-from rockfall.plots.figures import drawn_lines, figures, write_figures
+from rockfall.plots.figures import figures, write_figures
 from rockfall.plots.history_figure import history_figure
+from rockfall.plots.line_figures import passing_figure
+from rockfall.plots.map_figures import stops_figure
 from rockfall.plots.terrain import terrain_of
 from rockfall.result import trajectories
-from rockfall.result.crossings import at_lines, line_values
+from rockfall.result.crossings import at_lines, line_values, most_crossed
 from rockfall.result.variables import EXCEEDED, MAP
 from rockfall.terrain.height import height
 from scenes import grid, make_case, rough, sets
@@ -230,9 +232,25 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     some = {one.name: one for one in figures(result, most_lines=8)}
     assert "The 8 of 19 lines with the most passing boulders" in some["line_speed"].caption
     assert "of 19 lines" not in drawn["line_speed_1"].caption
-    which = drawn_lines(result, 8)
+    which = most_crossed(result, 8)
     assert len(which) == 8 and min(passed[which]) >= max(np.delete(passed, which))
     assert [f"along_{k + 1}" in some for k in range(19)] == [k in which for k in range(19)]
+
+
+def test_a_map_names_the_lines_passed_by_most_boulders(tmp_path):
+    """24 lines, all of them drawn; names of 20 on the profile of passing boulders, too."""
+    y = [375.0 - 3 * k for k in range(24)]
+    several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
+    result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
+    most = {f"L{k}" for k in most_crossed(result, 20)}
+    for figure in (stops_figure(result, (rough(), grid(rough()))), passing_figure(result)):
+        axes = figure.axes[0]
+        texts = {text.get_text().strip() for text in axes.texts}
+        assert {text for text in texts if text.startswith("L")} <= most
+    assert {text.get_text().strip() for text in axes.texts} == most
+    drawn = stops_figure(result, (rough(), grid(rough()))).axes[0].lines
+    level = {line.get_ydata()[0] for line in drawn if len(set(line.get_ydata())) == 1}
+    assert level >= set(y)
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ from rockfall.html_report.validity import cautions, sets_of, warnings
 from rockfall.io.atomic import atomic_write
 from rockfall.io.output_files import check_output
 from rockfall.language import say, speaking
-from rockfall.plots.figures import LABORATORY, Figure, drawn_lines, figures, section_entry
+from rockfall.plots.figures import LABORATORY, Figure, figures, section_entry
 from rockfall.plots.hazard.hazard_figures import hazard_figures
 from rockfall.plots.history_figure import history_figure
 from rockfall.plots.left_out import LeftOut
@@ -61,7 +61,7 @@ from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.protection.recorded import dams_of, stands_of
-from rockfall.result.crossings import line_names, sharing
+from rockfall.result.crossings import line_names, most_crossed, sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import Terrain
@@ -188,7 +188,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     left = inputs.left
     drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES, left)
     shown = [figure for figure in drawn if figure.name not in zoomed]
-    names, which = line_names(result), drawn_lines(result, DETAILED_LINES)
+    names, which = line_names(result), most_crossed(result, DETAILED_LINES)
     designed = [names[k] for k in sorted({*which, *barriers_of(result)})]
     add_steps(
         len(names) + 2 * len(which) + len(designed) + len(shown) + min(len(which), DRAWN_LINES)
@@ -314,7 +314,7 @@ def _convergence(
     key = "page.numbers_after_so_many_boulders_with"
     caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")
     names = line_names(result)
-    which = drawn_lines(result, DRAWN_LINES) if has_rows(result) else []
+    which = most_crossed(result, DRAWN_LINES) if has_rows(result) else []
     for line, numbers in rows.items():
         if numbers["speed"]["n"]:
             figure = None

@@ -48,7 +48,7 @@ from rockfall.plots.section_figure import section_figure
 from rockfall.plots.studies.ensemble_figures import ranges_figure
 from rockfall.plots.style import FORMATS, capital, save
 from rockfall.quantities import number
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import line_names, most_crossed
 from rockfall.result.grounds import sets_followed
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.maps.map_labels import map_label
@@ -101,7 +101,7 @@ def figures(
         *_trajectories(result, terrain, look),
         *(_reach(result, terrain, observed, look) if rows else ()),
         *_passages(result, terrain, observed, look),
-        *(_at_lines(result, observed, drawn_lines(result, most_lines)) if rows else ()),
+        *(_at_lines(result, observed, most_crossed(result, most_lines)) if rows else ()),
         *_ranges(result),
         *_rebounds(result, left or LeftOut()),
         *_maps(result, terrain, look),
@@ -188,14 +188,6 @@ def _passages(
             else say_count("figures.pass_frequency_and_observed", len(stops), boulders=boulders),
             lambda: map_figure(result, name, terrain, stops, look),
         )
-
-
-def drawn_lines(result: xr.Dataset, most: int | None = None) -> list[int]:
-    """Indices of the lines in figures, in order: all lines, or those with the most passages."""
-    if not lines(result):
-        return []
-    passed = result["row_size"].values
-    return sorted(np.argsort(-passed, kind="stable")[:most].tolist())
 
 
 def _at_lines(result: xr.Dataset, observed: Any, which: list[int]) -> Iterator[Figure]:

@@ -13,6 +13,7 @@ import xarray as xr
 from rockfall.analysis.observed.run_out import passing
 from rockfall.analysis.precision.intervals import passing_percent
 from rockfall.language import say, say_count, word
+from rockfall.plots.cartography.marks import named
 from rockfall.plots.style import (
     BARRIER,
     BLUE,
@@ -29,7 +30,7 @@ from rockfall.plots.style import (
 from rockfall.protection.barriers import barriers_of
 from rockfall.quantities import QUANTITIES, number, round_step
 from rockfall.result.crossings import boulders_at, line_names, places_at, values_at
-from rockfall.result.trajectories import from_start, left_terrain, lines, stop_distances
+from rockfall.result.trajectories import from_start, left_terrain, stop_distances
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,9 +141,9 @@ def _draw_passing(axes: Axes, result: xr.Dataset) -> None:
 
 
 def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None:
-    """Mark lines in all panels, at the median distance of the boulders that cross them."""
-    barriers = barriers_of(result)
-    for k, (name, _, _) in enumerate(lines(result)):
+    """Mark named lines in all panels, at the median distance of the boulders that cross them."""
+    barriers, names = barriers_of(result), line_names(result)
+    for k in sorted(named(result)):
         boulders = boulders_at(result, k)
         x, y = places_at(result, k)
         distance = from_start(result, x, y, boulders)
@@ -153,7 +154,7 @@ def mark_lines(panels: Iterable[Axes], result: xr.Dataset, labels: Axes) -> None
             axes.axvline(where, **(BARRIER if k in barriers else LINE))
         high = 0.02 + 0.08 * (k % 4)  # staggered, because lines may be close together
         style: dict[str, Any] = {"transform": labels.get_xaxis_transform(), "clip_on": True}
-        labels.text(where, high, f" {plain(name)}", **style)
+        labels.text(where, high, f" {plain(names[k])}", **style)
 
 
 def _finite(values: np.ndarray) -> np.ndarray:

@@ -60,6 +60,12 @@ def chosen_lines(result: Held, lines: Sequence[str | int] | None = None) -> list
     return [(k, names[k]) for k in chosen]
 
 
+def most_crossed(result: Known, most: int | None = None) -> list[int]:
+    """Indices of the lines that the most boulders pass, in line order; by default all lines."""
+    passed = np.asarray(result["row_size"]) if "row_size" in result else np.zeros(0)
+    return sorted(np.argsort(-passed, kind="stable")[:most].tolist())
+
+
 def rows_at(result: Known, line: int) -> slice:
     """Rows of crossings at the line with this index."""
     sizes = np.asarray(result["row_size"])

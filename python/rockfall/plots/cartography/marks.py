@@ -15,9 +15,11 @@ from rockfall.plots.cartography.sheet import Sheet
 from rockfall.plots.extent import Extent
 from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
+from rockfall.result.crossings import most_crossed
 from rockfall.result.trajectories import lines
 
 SMALL = 7  # font size for names
+NAMED = 20  # maximum number of lines with names, without barriers
 FEW_SOURCES = 20  # fewer sources are drawn individually
 FINEST = 2.5  # minimum cell side in the source outline [points]
 ROCK = "#00604a"  # colour of sources
@@ -51,12 +53,20 @@ def key_of(result: xr.Dataset) -> list[Any]:
 
 
 def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
-    """Draw sources, and named lines and barriers."""
+    """Draw sources, lines and barriers, with the names of those in `named`."""
     draw_sources(sheet, starts(result))
-    nets = barriers_of(result)
+    nets, shown = barriers_of(result), named(result)
     for k, (name, x, y) in enumerate(lines(result)):
         draw_line(sheet, x, y, NET if k in nets else LINE)
+        if k not in shown:
+            continue
         sheet.labels.put(name, beside(*inside(x, y, sheet.extent)), weight="bold", fontsize=SMALL)
+
+
+def named(result: xr.Dataset) -> set[int]:
+    """Indices of the lines whose names fit on a figure: those that the most boulders pass, and
+    barriers."""
+    return {*most_crossed(result, NAMED), *barriers_of(result)}
 
 
 def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
