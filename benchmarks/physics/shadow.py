@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stopping places of boulders that fall from a rock face onto talus, compared with the observed
-shadow angle of 27.5 degrees or more (Evans and Hungr 1993; docs/archive/field_protocol.md):
+"""Shadow angles of boulders that fall from a rock face onto talus, compared with observed shadow
+angles of at least 27.5 degrees (Evans and Hungr 1993; docs/archive/field_protocol.md):
 
     python -m benchmarks.physics.shadow [--talus TABLE ...] [--plain TABLE ...] [--boulders 500]
         [--radii 0.35 0.6 1.05 1.8] [--slopes 35 5] [--write]

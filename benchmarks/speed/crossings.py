@@ -42,7 +42,7 @@ CASE = """&case boulders = {boulders}, seed = 20090601 /
 
 def write_case(folder: Path, lines: int, boulders: int, pieces: int = 1) -> None:
     """Write two cases with lines cut into pieces, from 15 m below the release down: case.nml keeps
-    all crossings, none.nml none. Uses only keys known to all builds."""
+    all crossings, none.nml keeps no crossings. Uses only keys known to all builds."""
     rows, width = lines // pieces, ACROSS / pieces
     ends = (
         (1.25 + width * piece, 570.0 - 560.0 * row / rows)

@@ -235,8 +235,8 @@ def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]
 
 
 def _move(browser: Any) -> list[float]:
-    """Milliseconds from a key that moves the selected feature to its first and all results, and the
-    time within them spent in the page's script."""
+    """Times [ms] from a key press that moves the selected feature until the first results and until
+    all results, and the part of the latter spent in the page's script."""
     time.sleep(0.5)  # let the map arrive at the feature
     revision = browser.execute_script(LISTEN)
     browser.execute_cdp_cmd("Profiler.enable", {})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An impact table compared with its blocks, on planes:
+"""Compare the motion of boulders by an impact table with that of simulated blocks, on planes:
 
     python -m lab.benchmarks.law [--ground meadow] [--shape compact] [--relief 14]
         [--blocks 300] [--seed 77]

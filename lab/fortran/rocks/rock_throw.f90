@@ -69,7 +69,7 @@ module lab_rock_throw
       logical :: landed = .false.       !! the boulder touched the layer since it was placed
       real(wp) :: slow_since = 0        !! time since which the boulder has been slow [s]
       real(wp) :: wait = 0              !! time until which the boulder cannot leave the layer [s]
-      integer :: steps = 0              !! number of steps since the landing
+      integer :: steps = 0              !! number of steps since the boulder was placed on its facet
       integer(i8) :: landings = 0
    end type course_t
 

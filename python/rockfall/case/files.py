@@ -90,8 +90,7 @@ def _files_of(case: Case, kind: str, name: str) -> Iterator[Path]:
 
 def files_behind(result: Held) -> Iterator[Path]:
     """Yield the files that the case of a result reads, relative to the folder of the run; none if
-    the case cannot be read.
-    """
+    the case cannot be read."""
     if {"case", "case_file"} <= result.attrs.keys():
         try:
             case = case_of(result)

@@ -51,8 +51,7 @@ def first_fault(groups: Groups, at_points: bool) -> Fault | None:
 
 def _ensemble(groups: Groups) -> Broken:
     """Check &ensemble. Factors apply to boulders of the case and of the source layer, whose values
-    are unknown until it is read.
-    """
+    are unknown until it is read."""
     ensemble, boulder, release = (groups[name] for name in ("ensemble", "boulder", "release"))
     if ensemble["dem_error"] > 0 and "dem_correlation" not in ensemble:
         yield "dem_correlation is missing", "needed for dem_error"
@@ -76,8 +75,7 @@ def _ensemble(groups: Groups) -> Broken:
 
 def _hazard(groups: Groups) -> Broken:
     """Check &hazard. Classes must not decrease with intensity or frequency, so that the classes at
-    the limits of a frequency interval bound all classes in between.
-    """
+    the limits of a frequency interval bound all classes in between."""
     hazard = groups["hazard"]
     periods, factor = hazard["return_periods"], hazard["frequency_factor"]
     if any(later <= earlier for earlier, later in pairwise(periods)):
@@ -126,8 +124,7 @@ def _scenario(groups: Groups, number: int, at_points: bool) -> Broken:
 
 def _variant(variants: list[Groups], number: int) -> Broken:
     """Check that a variant is consistent, and that its name is a valid file name. The variant's
-    case is checked when it is built.
-    """
+    case is checked when it is built."""
     *earlier, given = variants[:number]
     name = given["name"]
     if len(name.encode()) > MAX_NAME:

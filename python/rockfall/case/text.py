@@ -59,8 +59,7 @@ _READ: dict[tuple[bytes, str, str], KernelValues] = {}  # cached texts, oldest f
 
 def read_values(text: bytes, name: str, form: str = "any") -> KernelValues:
     """Read the groups of a text. `form` is "case" (checked and completed), "any" (unknown keys are
-    allowed), or "defaults" (defaults of all case groups, regardless of the text).
-    """
+    allowed), or "defaults" (defaults of all case groups, regardless of the text)."""
     if (kept := _READ.get((text, name, form))) is not None:
         return kept
     read = KernelValues(*_core.read_values(form, *kernel_text(text, name)))
@@ -111,8 +110,7 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
     """Text of a namelist file that reproduces these values when read: non-empty groups, then
-    repeated groups (lists).
-    """
+    repeated groups (lists)."""
     single = {name: keys for name, keys in groups.items() if isinstance(keys, Mapping)}
     texts = [_group_text(name, keys, " " * indent) for name, keys in sorted(single.items()) if keys]
     for name, several in groups.items():

@@ -11,8 +11,7 @@ from rockfall.io.zone_table import Zone, read_zone_table, zones_of_polygons
 
 def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
     """Zones by id, in the order of the table or of the polygons; empty for a surface without
-    zones. Remarks on unusual values are added to `remarks`.
-    """
+    zones. Remarks on unusual values are added to `remarks`."""
     if "zones" not in case.surface:
         return {}
     if "table" in case.surface:

@@ -80,8 +80,7 @@ def _check_names(arguments: argparse.Namespace) -> None:
 
 def _leave_out(*packages: str) -> None:
     """Hide unused packages, which saves 0.25 s: pyogrio would import GeoPandas, and xarray would
-    import Dask (used only by `run`), to check data types.
-    """
+    import Dask (used only by `run`), to check data types."""
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
 

@@ -38,8 +38,7 @@ def warn_each(texts: Iterable[str]) -> None:
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
     """Within the block, print each warning of products (not of libraries) once. Yields a list that
-    contains the warnings after the block.
-    """
+    contains the warnings after the block."""
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # library warnings

@@ -203,8 +203,7 @@ def _covering(low: np.ndarray, high: np.ndarray, cell: float) -> Grid:
 
 def read_source(path: str | Path, crs: str | None = None, remarks: list[str] | None = None) -> Dem:
     """Read a DEM from a raster file. `crs` applies to a file without a CRS and is refused if the
-    file has another; if the DEM lies outside its area of use, a remark is added.
-    """
+    file has another; if the DEM lies outside its area of use, a remark is added."""
     z, grid = read_dem(path)
     if crs is not None:
         if grid.crs is not None:

@@ -108,8 +108,7 @@ class Grounds:
 
     def of_zone(self, layer: Layer, k: int) -> str:
         """Ground of a polygon: given for its zone, from its attribute or name, the default, or the
-        answer to a question.
-        """
+        answer to a question."""
         labels = _labels(layer, k)
         self.used |= self.by_zone.keys() & {*labels}
         given = next((self.by_zone[label] for label in labels if label in self.by_zone), "")

@@ -113,8 +113,7 @@ def _layers(files: Sequence[Path], grid: Grid) -> list[Layer]:
 
 def _take(new: New, layer: Layer) -> bool:
     """Record the use of a layer; only a single layer of zones, sources or trees is allowed. Return
-    False for a layer of unknown use that may contain sources.
-    """
+    False for a layer of unknown use that may contain sources."""
     kind, why = kind_of(layer)
     doubtful = may_be_sources(layer, kind)
     if kind in new.used and kind not in SEVERAL:
@@ -185,8 +184,7 @@ def _check_known(new: New, scene: Scene) -> None:
 
 def _write(new: New, place: Path, files: Iterable[Path]) -> None:
     """Write the case to a folder and read all its inputs. It is written twice, because its text
-    depends on the sources found. Raises its errors in the user's terms.
-    """
+    depends on the sources found. Raises its errors in the user's terms."""
     path = place / new.out.name
     path.write_text(new_text(new, place), encoding="utf-8")
     try:

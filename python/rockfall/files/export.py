@@ -419,8 +419,7 @@ def _sources(sources: SourceTable) -> Features:
 
 def _crossing_points(data: xr.Dataset) -> Iterator[Features]:
     """Yield the first crossings of lines, with all variables, in parts that fit in memory. Lines
-    with few crossings are combined, because GDAL indexes appended rows individually.
-    """
+    with few crossings are combined, because GDAL indexes appended rows individually."""
     import shapely
 
     pending: list[Features] = []

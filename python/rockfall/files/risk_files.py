@@ -44,8 +44,7 @@ def risk_columns(hazard: xr.Dataset) -> Iterator[tuple[str, np.ndarray]]:
 
 def total_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Table of sums over all objects, with limits that account for shared boulders, and with the
-    wider sums of the objects' limits.
-    """
+    wider sums of the objects' limits."""
     rows = []
     for name in SUMMED:
         three = [float(hazard[f"total_{name}{end}"]) for end in ENDS]

@@ -23,8 +23,7 @@ def has_segments(hazard: xr.Dataset) -> bool:
 
 def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
     """Table with a row for each segment: position [m], frequencies and return periods with limits,
-    class, and energies [kJ], heights and diameters [m] of the boulders that touch the segment.
-    """
+    class, and energies [kJ], heights and diameters [m] of the boulders that touch the segment."""
     words = np.array(CLASSES, dtype=object)
     columns: dict[str, np.ndarray] = {
         name: hazard[f"segment_{name}"].values.astype(object) for name in ("road", "name")

@@ -29,8 +29,7 @@ class SourceTable(NamedTuple):
 
 def are_cells(data: xr.Dataset) -> bool:
     """Return True if the sources of a result are terrain cells; False for points, and if the case
-    or the cells are unknown.
-    """
+    or the cells are unknown."""
     try:
         has_points = facts(case_of(data), "release").has_points
     except (RockfallError, KeyError):

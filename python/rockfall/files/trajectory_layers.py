@@ -73,8 +73,7 @@ def time_stamps(seconds: np.ndarray) -> np.ndarray:
 
 def in_milliseconds(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Round time stamps to milliseconds, the resolution of a GeoPackage: `end` up, others down, so
-    that every motion lasts at least 1 ms.
-    """
+    that every motion lasts at least 1 ms."""
     return {
         name: values
         if values.dtype.kind != "M"

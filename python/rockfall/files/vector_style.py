@@ -40,8 +40,7 @@ class Symbol(NamedTuple):
 class Style(NamedTuple):
     """Style of a layer: uniform, by the values of a field, or by intervals of an expression, each
     with a label and a symbol. Labels come from the field `named`; the temporal controller shows a
-    feature between the times in the two fields `times`.
-    """
+    feature between the times in the two fields `times`."""
 
     field: str
     symbols: Iterable[tuple[object, str, Symbol]]

@@ -180,8 +180,7 @@ class GroundTable:
 
     def ground(self, name: str, case: Case, pair: Mapping[str, float] | None = None) -> GroundRule:
         """Ground of a row, for the boulders of a case; `pair` (strength [Pa], relief [degree])
-        replaces the values of the row. The kernel checks the values.
-        """
+        replaces the values of the row. The kernel checks the values."""
         row, pair = self.rows[name], pair or {}
         model = row.choice("model", _columns()[0].allowed.split(", "))
         numbers = _numbers(row)
@@ -245,8 +244,7 @@ def _plane_rule(
     name: str, model: str, text: str, numbers: Mapping[str, float], where: str, case: Case
 ) -> GroundRule:
     """Ground with a plane of tables, for the boulders of a case. The kernel checks the values
-    first, because parts can only be selected for valid values.
-    """
+    first, because parts can only be selected for valid values."""
     _check_text(text, where)
     ground = _yielding(numbers)
     sigma = case.boulder.get("ground_strength_sigma", ground.strength_sigma)
@@ -351,8 +349,7 @@ def find_operator(case: Case, name: str) -> tuple[Path | None, bool]:
 
 def find_ground(case: Case, table: GroundTable, name: str, where: str) -> GroundRule:
     """Ground with a given name: a row in the ground table, an impact table, or impact sets. `where`
-    is the position of the name, for messages. Raises a RockfallError for other names.
-    """
+    is the position of the name, for messages. Raises a RockfallError for other names."""
     if name in table.rows:
         return table.ground(name, case)
     path, is_table = find_operator(case, name)
@@ -493,8 +490,7 @@ def grounds_by_shape(
 ) -> tuple[tuple[GroundRule, ...], list[list[int]]]:
     """Grounds for boulders of several block shapes: the given grounds with the table for one shape,
     followed by their replacements for other shapes. Also return, for each of BLOCK_SHAPES, the
-    number (from 1) of the ground that replaces each given ground.
-    """
+    number (from 1) of the ground that replaces each given ground."""
     rules = [*grounds]
     serving = [[*range(1, len(rules) + 1)] for _ in BLOCK_SHAPES]
     for k, ground in enumerate(grounds):

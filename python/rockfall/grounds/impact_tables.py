@@ -82,8 +82,7 @@ class ImpactTable:
     """Records of contacts in bins (theory, chapter 5), in parts by boulder size (columns) and
     ground relief (rows), stored row by row. Arrays of edges: (part, bins of the previous keys,
     edges). `map` (bin, MAPPED, INPUTS), `low` and `high` (bin, INPUTS). `record` (record, FIELDS)
-    is ordered by bin; bin b starts at the 0-based index `first[b]`.
-    """
+    is ordered by bin; bin b starts at the 0-based index `first[b]`."""
 
     size: np.ndarray  # (column): R_b/R_m, or rho_b g R_b/strength for yielding ground
     relief: np.ndarray  # (row): slope of the relief [degree]

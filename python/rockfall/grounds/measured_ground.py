@@ -357,8 +357,7 @@ def _scar(row: Row) -> Scar:
 
 def _nearest(model: str, radius: float, strength: float, relief: float) -> str:
     """Shipped ground of a model with the most similar strength and relief at R_b = radius [m];
-    NaN is ignored.
-    """
+    NaN is ignored."""
     grounds = shipped_rows()
     distances: dict[str, float] = {}
     for name in grounds.yielding:

@@ -23,8 +23,7 @@ QUANTUM = 2.0**-20  # rounding of heights [R_b], because the last bits of FFTs d
 class Spectrum:
     """Isotropic random surface whose power decreases as wavenumber**(-2 - 2 hurst) between two
     wavelengths (in units of the block radius R_b). `slope` is the standard deviation of the slope
-    along a line [degree]; 0 is flat ground.
-    """
+    along a line [degree]; 0 is flat ground."""
 
     slope: float
     shortest: float = 2.0

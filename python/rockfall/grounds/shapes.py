@@ -21,8 +21,7 @@ QUANTUM = 2.0**-20  # rounding of vertices: the last bits of a hull may differ b
 @dataclass(frozen=True)
 class Surface:
     """Closed convex surface: vertices (n, 3) in any unit of length, and triangles (m, 3) of vertex
-    indices, counterclockwise as seen from outside.
-    """
+    indices, counterclockwise as seen from outside."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -30,8 +29,7 @@ class Surface:
 
 def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
     """Block `number` with axes (3,): a perturbed box whose edges and corners are cut off by random
-    facets.
-    """
+    facets."""
     from scipy.spatial import HalfspaceIntersection
 
     draw = Uniform(seed, number)
@@ -74,8 +72,7 @@ def hull(points: np.ndarray, name: str = "block") -> Surface:
 
 def refine(surface: Surface, edge: float) -> Surface:
     """Split triangles at their longest edge until no edge exceeds `edge` times R_b (radius of the
-    sphere of equal volume), so that contacts in the middle of a facet are detected.
-    """
+    sphere of equal volume), so that contacts in the middle of a facet are detected."""
     vertices = list(surface.vertices)
     longest = edge * np.cbrt(3 * volume(surface) / (4 * np.pi))
     middles: dict[tuple[int, int], int] = {}

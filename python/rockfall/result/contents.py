@@ -63,8 +63,7 @@ class Contents:
 
     def dataset(self) -> xr.Dataset:
         """Convert to an xarray.Dataset. Variables are created explicitly, because xarray would
-        otherwise load Dask, if installed, to check their type (0.5 s).
-        """
+        otherwise load Dask, if installed, to check their type (0.5 s)."""
         import xarray as xr
 
         add_accessor()

@@ -152,8 +152,7 @@ def write_result(result: Held, path: str | Path) -> None:
 def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
     """Write data to a new file, never through a link; `name` is used in messages. netCDF4 is used
     directly, because xarray would copy whole maps and load Dask, if installed. Raises a
-    RockfallError if the file cannot be written.
-    """
+    RockfallError if the file cannot be written."""
     try:
         with open_netcdf(path, "x") as file:
             file.setncatts({key: data.attrs[key] for key in data.attrs if key != MODEL_WARNINGS})
@@ -170,8 +169,7 @@ def put_netcdf(data: Held, path: str | Path, name: str | Path) -> None:
 
 def _attached(result: Held, name: str) -> dict[str, Any]:
     """Attributes of a variable that exist only in files: missing value and auxiliary coordinates
-    (CF). Coordinates and texts have no missing values.
-    """
+    (CF). Coordinates and texts have no missing values."""
     variable = result.variables[name]
     if name in result.coords:
         return {}

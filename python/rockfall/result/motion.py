@@ -29,8 +29,7 @@ _NAMES = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
 
 class Motion(NamedTuple):
     """Motion segments (flights, ground legs, waits) of each boulder in chronological order. A
-    boulder that never moved has a single segment of zero duration.
-    """
+    boulder that never moved has a single segment of zero duration."""
 
     start: np.ndarray  # (4, n): x, y, z [m], time since release [s]
     end: np.ndarray  # (4, n)
@@ -71,8 +70,7 @@ def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
 
 def motion_of(result: Held, number: int | None = None, gravity: float | None = None) -> Motion:
     """Motion of the recorded boulders, or of at most `number` of them, evenly selected. The default
-    gravity [m/s2] is that of the case.
-    """
+    gravity [m/s2] is that of the case."""
     if "trajectory_boulder" not in result:
         none = np.empty(0, int)
         return Motion(np.empty((4, 0)), np.empty((4, 0)), np.empty((3, 0)), none, none, none)
@@ -123,8 +121,7 @@ def seconds(values: np.ndarray) -> np.ndarray:
 def spins(result: Held, motion: Motion) -> np.ndarray:
     """W = R_b omega [m/s] for each motion segment of the recorded boulders. On a roll or slide, W
     is the speed. At vertices without a rebound, W follows from the previous segment: a tree or
-    barrier reduces W and speed by the same fraction.
-    """
+    barrier reduces W and speed by the same fraction."""
     vertex, first, indices = np.unique(motion.vertex, return_index=True, return_inverse=True)
     piece = motion.take(first)
     out_w, ratio = (result[f"trajectory_{name}"].values[vertex] for name in ("out_w", "ratio"))

@@ -8,8 +8,7 @@ from collections.abc import Iterable
 
 def distinct_words(names: Iterable[str], only_ascii: bool = False) -> list[str]:
     """Convert names to unique words of letters, digits and a few marks, valid in file names and
-    (with `only_ascii`) in CF's flag_meanings.
-    """
+    (with `only_ascii`) in CF's flag_meanings."""
     words: list[str] = []
     taken: set[str] = set()
     for name in names:

@@ -21,8 +21,7 @@ MOST = 1_000_000  # maximum crossings read into memory at once
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
     """Crossing variables of an open result, read from its file on demand; {} if there are few
     crossings. `data` must stay open meanwhile: HDF5 fails on a file that is opened twice and
-    closed once.
-    """
+    closed once."""
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
     import xarray as xr

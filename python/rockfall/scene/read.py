@@ -56,8 +56,7 @@ def read_scene(
     trees, stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition
     to those of the case. Rasters in files that need more than half of `memory` [bytes] are read in
     windows on demand: see `rockfall.scene.windows`. An open session passes `stages` and
-    `frame_store` to each reading, so that only changed inputs are read.
-    """
+    `frame_store` to each reading, so that only changed inputs are read."""
     if not isinstance(case, Case):
         raise RockfallError(f"case = {case!r}: must be a Case, as read by rockfall.read_case(path)")
     check_single(case)

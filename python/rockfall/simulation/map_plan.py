@@ -13,8 +13,7 @@ HITS = "tree_impacts"  # counts stored with the sums, because of their larger ra
 
 class Plan(NamedTuple):
     """Tallies needed for the maps of a case. A value is the layer number in its stack, from 1; 0
-    means not needed.
-    """
+    means not needed."""
 
     #: Layers of passages, deposits, sources, released (boulders from these sources) and hits; first
     #: threshold layers of energy_exceeded and hits_energy_exceeded.

@@ -24,8 +24,7 @@ UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12}
 
 def machine_memory() -> float:
     """Memory [bytes] available to this process: the smallest limit of machine, job (control group)
-    and shell.
-    """
+    and shell."""
     limits = [MACHINE_MEMORY, *memory_limits()]
     with suppress(OSError):
         for file in limit_files(Path("/proc/self/cgroup").read_text()):
@@ -36,8 +35,7 @@ def machine_memory() -> float:
 
 def limit_files(groups: str) -> list[Path]:
     """Files with possible memory limits of the process's control group and its parents, in the
-    unified hierarchy or the older memory hierarchy. `groups` is the text of /proc/self/cgroup.
-    """
+    unified hierarchy or the older memory hierarchy. `groups` is the text of /proc/self/cgroup."""
     files = []
     for pattern, root, name in (
         (r"^0::/(.*)$", Path("/sys/fs/cgroup"), "memory.max"),

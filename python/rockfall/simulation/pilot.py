@@ -71,8 +71,7 @@ def pilot_run(scene: Scene) -> Pilot:
 
 def _follow(scene: Scene, number: int) -> Pilot:
     """Simulate boulders from random sources twice; the second pass, which allocates no memory, is
-    timed.
-    """
+    timed."""
     maps = scene.case.output.get("maps", [])
     output = {"maps": list(dict.fromkeys([*maps, "passages"])) if maps else None}
     drawn = np.sort(np.random.default_rng(0).integers(scene.x.size, size=number))
@@ -128,8 +127,7 @@ def _all_reached(passages: np.ndarray, more: float) -> float:
     """Number of cells that `more` times as many boulders would reach, if the passage rates of
     cells follow a gamma distribution (negative binomial counts; Fisher, Corbet & Williams 1943).
     Mean and shape are fitted to the numbers of cells passed at least once, and exactly once, in
-    the pilot run.
-    """
+    the pilot run."""
     total, cells, once = passages.sum(dtype="i8"), (passages > 0).sum(), (passages == 1).sum()
     if more <= 1 or not 0 < once < total:
         return float(cells * max(1.0, more))

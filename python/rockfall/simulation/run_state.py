@@ -44,8 +44,7 @@ class Run(RunArrays):
         """Simulate every `step`-th boulder on a scene or window, from number `first` (1-based); no
         boulder starts after `seconds`. Returns the number of completed boulders (at least one),
         and the numbers and exit positions (2, n) of boulders that left the window; these are not
-        counted.
-        """
+        counted."""
         done, left, code, message = _core.advance(
             self.handle, scene.kernel.handle, first, step, size, seconds
         )

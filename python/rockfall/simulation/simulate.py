@@ -182,8 +182,7 @@ def run_chunks(
 def _run_range(tally: Tally, first: int, size: int) -> int:
     """Simulate and store up to `size` boulders from number `first`; fewer if their sources are in
     different terrain windows, or if time is up. Return the number. A boulder outside all windows is
-    an internal error.
-    """
+    an internal error."""
     scene = tally.scene
     assert isinstance(scene, Scene)
     windows, grid = scene.windows, scene.grid
@@ -221,8 +220,7 @@ def trace(tally: Tally) -> None:
 
 def recorded_numbers(scene: Scene, wanted: int, first: int, last: int) -> list[int]:
     """Numbers of the boulders from `first` to `last` whose trajectories are recorded, if the run
-    records `wanted` evenly spread trajectories.
-    """
+    records `wanted` evenly spread trajectories."""
     numbers, n = _core.recorded_numbers(scene.kernel.handle, first, last, wanted)
     return numbers[:n].tolist()
 

@@ -201,8 +201,7 @@ class Tally:
 
     def restore_sources(self) -> bool:
         """Restore the source counts of an unpacked part, to continue its run; False if the cells
-        of split sources do not match.
-        """
+        of split sources do not match."""
         if not tells_sources(self.scene.case):
             return True
         assert isinstance(self.scene, Scene)

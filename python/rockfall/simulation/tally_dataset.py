@@ -34,8 +34,7 @@ MAXIMA = {
 
 def make_result(tally: Tally, maps: bool = True) -> Contents:
     """Create the results of a run, named as in `variables`, with or without maps (call `settle`
-    first). Unless the run continues, the map tallies are consumed.
-    """
+    first). Unless the run continues, the map tallies are consumed."""
     groups = "boulder", "count", "energy", "feature", "shape", "mass", "shadow", "tree", "breakage"
     data = table_variables(tally, *groups)
     data["boulder"] = ("boulder", tally.numbers(), variables.KEPT["boulder"])

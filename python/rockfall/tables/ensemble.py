@@ -79,8 +79,8 @@ def range_tables(result: xr.Dataset, rows: Rows, *, detailed: bool = False) -> l
 
 
 def _uncertainties(at: xr.Dataset, line: str, numbers: Numbers, detailed: bool) -> Table:
-    """Table of both uncertainties at a line. If `detailed`, it includes the mean
-    over draws, and the number of runs with too few passing boulders."""
+    """Table of both uncertainties at a line. If `detailed`, it includes the mean over draws, and
+    the number of runs with too few passing boulders."""
     keys = ["case_value", "q05", "q95", "monte_carlo_std", "epistemic_std", "mean"]
     rows = []
     for name, (quantity, number_name) in RESULTS.items():

@@ -35,8 +35,7 @@ PLACES = {"stopping_distance": "run-out in plan", AT_REST: "density at blocks at
 
 def models_text(models: Models) -> str:
     """Text with a table for each line and for the run-out: a row for each model, intervals in
-    brackets. Paired differences from the first model follow.
-    """
+    brackets. Paired differences from the first model follow."""
     parts = [f"{models.title}: {models.boulders:,} boulders per model, 95 % intervals"]
     for table in (*model_tables(models, detailed=True), run_out_table(models)):
         parts += [f"  {table.caption}", as_text(table, "    ")]

@@ -18,8 +18,7 @@ class Weights(NamedTuple):
 
 def interpolated(points: np.ndarray, grid: Grid, weights: Weights) -> np.ndarray:
     """Interpolate elevations (ny, nx) [m] at cell centres from points (n, 3) [m]; NaN where no
-    point is near. Elevations at the points, and constant elevations, are reproduced exactly.
-    """
+    point is near. Elevations at the points, and constant elevations, are reproduced exactly."""
     from scipy.spatial import cKDTree
 
     tree, z = cKDTree(points[:, :2]), np.empty(grid.shape)

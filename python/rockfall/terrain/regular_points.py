@@ -18,8 +18,7 @@ SPARSE = 100  # maximum nodes per point in a grid with gaps
 
 class Nodes(NamedTuple):
     """Elevations (ny, nx) [m] at nodes, NaN without a point; `grid` has a cell around each node.
-    `shared` counts the nodes with several different points, whose mean is used.
-    """
+    `shared` counts the nodes with several different points, whose mean is used."""
 
     z: np.ndarray
     grid: Grid

@@ -45,8 +45,7 @@ def without_pits(z: np.ndarray, deepest: float) -> np.ndarray:
 
 def _spill(z: np.ndarray) -> np.ndarray:
     """Lowest level [m] at which water drains from each cell to the edge of the terrain, found
-    along a minimum spanning tree of the cells.
-    """
+    along a minimum spanning tree of the cells."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 

@@ -51,8 +51,7 @@ def contributions(
     """Contribution of each data set, from log-likelihoods (sets, members) in which dependent data
     are down-weighted. `points` (members, parameters) and `levels` belong to a `Sampler`;
     `log_prior_weights` are log weights without a likelihood; `weight` are the weights from all
-    sets.
-    """
+    sets."""
     parameters, contributions = points.shape[1], []
     for data_name in log_likelihood:
         alone = normalised(log_prior_weights + smoothed(points, levels, data_name))
