@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compare six fast impacts of a 780 kg block on an alpine meadow with impacts simulated by the block
-laboratory and by its table `meadow`; and scar depths with a published formula.
+"""Compare six fast impacts of a 780 kg block on an alpine meadow with impacts simulated by the
+block laboratory and by its table `meadow`, and scar depths with a published formula.
 
     python -m benchmarks.physics.impacts CSV [--throws 300]
 
