@@ -58,7 +58,6 @@ def error(*fractions_and_numbers):
 
 
 def write_grounds(place):
-    """Write a ground table with GROUNDS to a folder."""
     rows = [f"{name},{model},{','.join(map(repr, ground))},test\n"
             for name, (model, ground) in GROUNDS.items()]  # fmt: skip
     head = f"name,model,{','.join(YieldingGround._fields)},source\n"

@@ -84,7 +84,6 @@ class Frame(pd.DataFrame):
 
 
 def make_frame(shapes, crs=UTM, **columns):
-    """Layer as a GeoDataFrame."""
     made = Frame({"geom": shapes, **columns}, index=[f"row {k}" for k in range(len(shapes))])
     made.crs = rasterio.crs.CRS.from_user_input(crs) if crs else None
     return made

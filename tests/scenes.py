@@ -80,7 +80,6 @@ def fitted(ratio):
 
 
 def usual(ratio):
-    """Usual optional keys of each set."""
     return lateral(ratio) + fitted(ratio)
 
 
@@ -102,7 +101,6 @@ def sets_text(mean, covariance, more=lambda ratio: ""):
 
 
 def write_sets(path, *sets):
-    """Write a file of impact sets."""
     path.write_text(sets_text(*sets))
     return path
 
@@ -122,7 +120,6 @@ def make_case(folder, mean, covariance, line=(), more=usual, **groups):
 
 
 def grid(z, cell=5.0, west=0.0, south=0.0):
-    """Grid of an array of elevations."""
     ny, nx = z.shape
     return Grid(west, south + ny * cell, cell, nx, ny)
 

@@ -32,7 +32,6 @@ def zones():
 
 
 def write_slope(folder="."):
-    """Write the files of the case to a folder."""
     make_raster(f"{folder}/dem.tif", slope(), nodata=-9999)
     make_raster(f"{folder}/zones.tif", zones(), nodata=-9999)
     for name, text in (("zones.csv", TABLE), ("sets.nml", scenes.CALM_SETS), ("case.nml", CASE)):

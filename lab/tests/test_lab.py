@@ -325,8 +325,7 @@ ALIKE = {  # (lengths, speeds) multiplied by 16 or 4; rounding commutes with suc
 
 @pytest.fixture(scope="module")
 def stiff():
-    """Case so stiff and slow that its time step is Rayleigh's, a product of powers of its
-    parameters."""
+    """Case so stiff and slow that its step is Rayleigh's, a product of powers of parameters."""
     case = SMALL.replace(
         lab={"layers": 1, "ratios": [1, 2]},
         packing={"friction": 0.3, "rigid_base": True},

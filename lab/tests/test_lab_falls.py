@@ -33,8 +33,7 @@ def folder(tmp_path_factory):
 
 
 def thrown(name, slope, drop):
-    """Fraction of laboratory blocks that pass MARK on a slope [degrees] after a fall of `drop`
-    [m]."""
+    """Fraction of blocks that pass MARK on a slope [degrees] after a fall of `drop` [m]."""
     speed = np.sqrt(2 * GRAVITY * drop)
     throw = {"slope": [slope] * 2, "speed": [speed] * 3, "angle": [90 - slope] * 3}
     lab = {"ground": "meadow", "throws": BLOCKS, "contacts": 60, "seed": 7}

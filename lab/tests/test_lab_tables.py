@@ -52,8 +52,7 @@ def made(tmp_path_factory):
 
 
 def test_rebounds_are_those_of_the_laboratory(made):
-    """The mean normal velocity after the first contact on a plane is that of records of similar
-    incidence."""
+    """The mean normal velocity after a first contact is that of records of similar incidence."""
     table = open_table(made / "meadow.nc")
     record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
     result = on_plane(made, 30.0, 3000)
@@ -217,8 +216,7 @@ THROWN = CASE.replace(lab={"ground": "talus", "throws": 40})
 
 
 def test_contacts_of_sizes_and_reliefs_make_columns_and_rows():
-    """Files in any order become parts sorted by relief and size; files without all pairs are
-    refused."""
+    """Files in any order are sorted by relief and size; files without all pairs are refused."""
     cases = {
         (relief, strength): THROWN.replace(
             ground={"relief": relief, "yield_pressure": strength, "yield_exponent": 0.0}
@@ -295,8 +293,7 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     ],
 )
 def test_a_shipped_table_of_a_plane_has_the_ground_and_parts_of_its_cases(name):
-    """Ground, sizes and reliefs follow from the cases in the file; `rockfall lab remake` takes
-    minutes."""
+    """The cases are in the file; `rockfall lab remake` from them would take minutes."""
     table = open_table(shipped_tables()[name])
     cases = [block_case_of(text, name) for text in cases_of(table.attrs)]
     files = [

@@ -92,8 +92,7 @@ def test_its_bounds():
 
 @pytest.mark.parametrize("sources", [10, 100])
 def test_limits_cover_the_fraction_of_all_sources(sources):
-    """95 % limits cover the truth in at least 93 % of 200 trials, also for rare boulders from 10
-    sources."""
+    """Limits hold in 93 % of 200 trials or more, also for rare boulders from 10 sources."""
     random, each, trials = np.random.default_rng(sources), 20, 200
     source = sample(sources, each)
     truth = values(np.random.default_rng(3), 200_000, 1, 1.0)
@@ -121,8 +120,7 @@ def test_limits_of_places_are_those_of_each():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):
-    """Limits are equal in hazard, variants and dossier, and narrower than with one boulder per
-    sampled source."""
+    """Hazard, variants and dossier have equal limits; sampled sources make them narrower."""
     x = np.linspace(60.0, 240.0, 60)
     release = {"x": x.tolist(), "y": [180.0] * x.size, "drop_height": 2.0, "sources": kind}
     line = {"name": "road", "x": [0.0, 300.0], "y": [110.0, 110.0]}

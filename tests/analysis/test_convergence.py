@@ -203,8 +203,7 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
 
 
 def test_too_few_turns_of_many_sources_are_refused(tmp_path, monkeypatch):
-    """Blocks use all 20 sources in turn: a reference of 319 boulders is refused, and 320 give
-    errors."""
+    """Blocks use all 20 sources in turn: a reference of 319 boulders is refused, 320 is not."""
     monkeypatch.setattr(convergence, "MIN_REFERENCE", 4_000)
     case = case_file(tmp_path, np.linspace(130, 170, 20), line=LINES[:1])
     with pytest.raises(rockfall.RockfallError, match="319: must be at least 320 boulders from "):

@@ -264,8 +264,7 @@ DATES = [1985.0 + 3 * k for k in range(12)]
     ],
 )
 def test_units_of_a_survey_are_questioned(tmp_path, factor, years, dates, told):
-    """Volumes or years in an unlikely unit add one question to the warnings; more than 10,000 years
-    are refused."""
+    """An unlikely unit adds one question; more than 10,000 years are refused."""
     volumes = [f"{factor * one:.6g}" for one in drawn(120)]
     rows = [f"{one},{dates[k] if dates else 1990:.0f}" for k, one in enumerate(volumes[:12])]
     rows = rows if dates else [row.partition(",")[0] + "," for row in rows]

@@ -412,7 +412,6 @@ def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
 
 @pytest.fixture(scope="module")
 def small(gallery):
-    """Ensemble of eight draws of two inputs."""
     ensemble = {"runs": 8, "radius_factor": 1.2, "source_shift": 20.0}
     return gallery.value(
         "ensemble", lambda folder: vary(case_of(folder, boulders=200, ensemble=ensemble))
@@ -455,8 +454,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
 
 
 def test_an_index_above_its_total_is_remarked(small, monkeypatch):
-    """The remark distinguishes an excess within the errors of both from a larger one; an index
-    below its total gives none."""
+    """The remark distinguishes an excess within the errors of both from a larger one."""
     changed = small.copy(deep=True)
     for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
         changed[name][...] = value
@@ -716,8 +714,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 
 def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
-    """The terminal lists the remarks of a run of the case, and the report the limits of impact
-    tables."""
+    """The terminal lists the remarks of a run, and the report the limits of impact tables."""
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
     found, run = (

@@ -84,8 +84,7 @@ def test_the_boulders_of_each_scenario_are_in_its_table(tmp_path):
 
 
 def test_rebounds_out_of_range_are_a_fraction_of_each_scenario(tmp_path):
-    """Boulders with R_b/R_m = 3.8 are within the impact sets, which end at 5.5; all with 6.0 are
-    outside."""
+    """Impact sets end at R_b/R_m = 5.5: boulders with 3.8 are within, all with 6.0 outside."""
     large = ONE | {"name": "large", "volume_mean": 3.0}
     found = hazard(make_case(tmp_path, ONE, large, surface={"uniform_mean_radius": 0.15}))
     assert found["fraction_out_of_range"].values.tolist() == [0.0, 1.0]
@@ -149,8 +148,7 @@ def test_doubts_about_inputs_are_said_and_kept(tmp_path):
 
 
 def test_scenarios_add_up(tmp_path):
-    """Scenarios of 0.125 and 0.375 per year give the frequencies and intervals of one of 0.5 per
-    year."""
+    """Scenarios of 0.125 and 0.375 per year give the intervals of one of 0.5 per year."""
     split = [{"name": "a", "frequency": 0.125}, {"name": "b", "frequency": 0.375}]
     two, one = hazard(make_case(tmp_path, *split)), hazard(make_case(tmp_path))
     assert two.sizes["scenario"] == 2

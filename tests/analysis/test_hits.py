@@ -130,8 +130,7 @@ POINT = {"x": [150.0, 150.0], "y": [250.0, 250.0]}
 @pytest.mark.parametrize("width", [0.0, 6.0])
 @pytest.mark.parametrize("where", [ROAD, POINT], ids=["road", "point"])
 def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, width):
-    """Boulders meet a line within their radius and half its width; their state is that at the first
-    contact."""
+    """Boulders meet a line within radius plus half its width, in the state at first contact."""
     line = [{"name": "o", **where, "object_width": width}]
     found = run(make_case(tmp_path, line=line, output={"trajectories": 200}))
     paths, radius = paths_of(found)

@@ -295,7 +295,6 @@ def test_rocks_without_a_size_beside_others_are_said(case):
 
 
 def values(models, name):
-    """Statistics of a model."""
     return models.table[models.table.model == name].value.dropna().tolist()
 
 

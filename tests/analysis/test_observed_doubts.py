@@ -160,8 +160,7 @@ def test_other_places_are_not(x, y, result):
 
 
 def test_local_coordinates_cannot_tell(tmp_path):
-    """Positions off the terrain give no warning if x and y have similar values: they may be
-    correct."""
+    """Positions off the terrain give no warning if x and y have similar values."""
     line = [{"name": "S", "x": [0.0, 300.0], "y": [280.0] * 2}]
     case = make_case(
         tmp_path, *sets(), line=line, case={"boulders": 50}, terrain={},

@@ -128,8 +128,7 @@ def test_no_hit_is_no_proof(case):
 
 
 def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
-    """Without a width, only counts above thresholds are known: damage and its upper limit are
-    overestimated."""
+    """Only counts above thresholds are known: damage and upper limit are overestimated."""
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0

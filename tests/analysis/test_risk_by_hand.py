@@ -36,8 +36,6 @@ def make_case(folder, **groups):
 
 @pytest.fixture
 def found(tmp_path):
-    """Hazard of objects with attributes."""
-
     def make(*objects, curves=None, **columns):
         columns = {"name": [f"o{k}" for k in range(len(objects))]} | columns
         path = make_layer(tmp_path / "objects.gpkg", list(objects), "EPSG:32632", **columns)
@@ -72,8 +70,7 @@ def three(found, name, k=0):
 
 
 def test_persons_in_a_house(found, boulders):
-    """Some of 0.5 boulders per year hit; 4 persons are present half the time, and one in ten
-    dies."""
+    """Some of 0.5 boulders per year hit; 4 persons are present half the time, one in ten dies."""
     home = {"persons": [4.0], "presence": [0.5], "lethality": [0.1]}
     risk = found(HOUSE, **home)
     hits = np.isfinite(boulders[0][0]).sum()
@@ -92,8 +89,7 @@ def test_persons_in_a_house(found, boulders):
 
 
 def test_vehicles_on_a_road(found, boulders):
-    """2,400 vehicles per day at 60 km/h are one per 600 m; a boulder of diameter d [m] hits those
-    within d + 4 m."""
+    """Vehicles have a distance of 600 m; a boulder of diameter d [m] hits those within d + 4 m."""
     traffic = {"aadt": [2400.0], "speed": [60.0], "vehicle_length": [4.0]}
     traffic |= {"persons_per_vehicle": [1.5], "trips": [4.0], "lethality": [0.8]}
     risk = found(ROAD, **traffic)

@@ -129,8 +129,7 @@ def test_flights_on_a_plane_by_hand(on_plane):
 
 
 def test_an_oblique_section_projects_on_itself(on_plane):
-    """At 45 degrees to a flight, a station is passed where the flight crosses the line across the
-    section."""
+    """A flight at 45 degrees passes a station where it crosses the line across the section."""
     data = thrown(on_plane, [10.0], [50.0])
     line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
     found = section_of(data, line, (PLANE, grid(PLANE))).passages

@@ -56,7 +56,6 @@ def hazard(case, roads, length=STEP, **how):
 
 
 def boulders_of(case):
-    """Paths of the boulders of a run, and their radii."""
     output = {"trajectories": BOULDERS}
     result = rockfall.run(case.replace(scenario=[], output=output), dem=Z, transform=GRID)
     at = {name: result[f"trajectory_{name}"].values for name in ("boulder", "x", "y")}
@@ -369,8 +368,7 @@ def test_segments_change_nothing_else(tmp_path):
 
 
 def test_a_sample_of_sources_has_wider_limits(tmp_path):
-    """Limits for two sampled places are wider than for independent boulders, but at most those of
-    two boulders."""
+    """Limits for two places are between those of independent boulders and of two boulders."""
     release = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0, "sources": "sample"}
     found = hazard(make_case(tmp_path, release=release), make_roads(tmp_path, ROAD), length=None)
     fraction = found.segment_passages.values.item() / BOULDERS

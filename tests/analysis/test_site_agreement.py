@@ -17,7 +17,6 @@ from rockfall.result.variables import STATUS
 
 @pytest.fixture
 def seen(place):
-    """Case with its result."""
     case = rockfall.read_case("case.nml").replace(case={"boulders": 1000})
     return case, rockfall.run(case)
 
@@ -128,7 +127,6 @@ def left(place):
 
 
 def front_of(page):
-    """Text of page 1."""
     text = Path(page).read_text(encoding="utf-8")
     return html.unescape(text[text.index("<main>") : text.index('id="signature"')])
 

@@ -177,8 +177,7 @@ def pair():
 
 
 def test_differences_exclude_chance_common_to_both(pair):
-    """Means and fractions differ as expected; the interval of the mean is less than half as wide as
-    for two samples."""
+    """The interval of a mean is less than half as wide as for two samples."""
     (before, here), source = pair
     value, low, high = difference_of_means(here, before, source)
     assert value == pytest.approx(np.nanmean(here) - np.nanmean(before), rel=1e-12)

@@ -186,8 +186,7 @@ def test_a_weight_counts_as_that_many_boulders():
 
 
 def test_more_boulders_of_a_source_do_not_move_the_test():
-    """Ten times as many boulders from a source, each with a tenth of the weight, give the same
-    statistic."""
+    """A source has ten times as many boulders, each with a tenth of the weight."""
     random = np.random.default_rng(3)
     seen, near, far = random.normal(size=20), random.normal(-1, 1, 30), random.normal(1, 1, 30)
     even = kolmogorov_smirnov(seen, np.concatenate([near, far]), np.ones(60))

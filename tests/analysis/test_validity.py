@@ -162,7 +162,6 @@ def ends(status, count=2, has_crossed=False, stop=(50.0, 80.0), fall=50.0):
 
 
 def crossings(*crosses):
-    """Variables of boulders of which some cross each line."""
     number = np.arange(1, crosses[0].size + 1)
     made = crossed(number, [*map(str, range(len(crosses)))], speed=np.where(crosses, 1.0, np.nan))
     return {"boulder": number} | {name: of for name, (_, of) in made.items()}
@@ -327,8 +326,7 @@ def scene_of(case):
 
 
 def test_check_summary_and_report_say_the_same(case, monkeypatch):
-    """The pilot run has all boulders of the run, so check, summary and report list the same
-    remarks."""
+    """The pilot run has all boulders of the run, so that all three list the same remarks."""
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 10**9)
     page = preview(scene_of(case))
     result = run_scene(scene_of(case))
@@ -562,8 +560,7 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
     tmp_path, tables, table, volume, said
 ):
-    """Ground of constant strength has the remark; where strength is proportional to R_b, all sizes
-    are alike."""
+    """All sizes are alike, and there is no remark, where strength is proportional to R_b."""
     shutil.copytree(tables, tmp_path, dirs_exist_ok=True)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))

@@ -127,8 +127,7 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
-    """Table and yearly value are "0 to" the upper limit if no boulder passes; other values have no
-    limit."""
+    """Table and yearly value are "0 to" the upper limit if no boulder passes."""
     above = [{"name": "above", "x": [0.0, 300.0], "y": [398.0, 398.0]}]
     result = run(bare(tmp_path, line=above + bare(tmp_path).line))
     table = compare_variants({"one": result, "two": result})

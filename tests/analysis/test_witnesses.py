@@ -81,8 +81,7 @@ def scattered(n, seed=1, scale=50.0):
 
 
 def test_the_density_of_two_boulders_is_that_of_hand():
-    """Kernels have half the distance to the only neighbour, 10 m; a third boulder is spread over 1
-    ha."""
+    """Kernels are half the distance of 20 m wide; a third boulder is spread over 1 ha."""
     kernel = Kernel(1.0, 2, np.inf, 1e4, 5.0)
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0]]), np.ones(2))
     sums = kernel_sums(kernel, blocks_at((0, 0), (500, 0)), rest)
@@ -498,8 +497,7 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
 
 
 def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
-    """Only boulders in the mapped area, y >= 150 m, are compared; blocks outside the area are
-    refused."""
+    """The mapped area is y >= 150 m; blocks outside the area are refused."""
     shapely = pytest.importorskip("shapely")
     monkeypatch.chdir(tmp_path)
     _, result = truth

@@ -118,8 +118,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
 @pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
-    """Both programs refuse to overwrite a result; files of a stopped run are replaced when it
-    resumes."""
+    """Both programs refuse to overwrite; files of a stopped run are replaced on resumption."""
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
     refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)

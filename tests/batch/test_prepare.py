@@ -42,7 +42,6 @@ def polygons(path, field):
 
 
 def case_of(folder, **changes):
-    """Case in a folder, with every output."""
     groups = {
         "case": {"title": "It's a slope, 'rough'", "boulders": 30, "seed": 2**62 + 1},
         "terrain": {"dem": "dem.tif"},

@@ -65,8 +65,7 @@ def test_values_have_the_types_of_their_keys():
 
 
 def test_what_is_given_is_told_from_defaults():
-    """Given values are in `given` and defaults in `usual`; a given value that equals its default is
-    in `usual`."""
+    """`given` has values that differ from defaults, and `usual` has the defaults."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
     assert found["impact"].given == {"form": "table"}  # implied by the table
@@ -173,8 +172,7 @@ def test_long_lists_arrive_whole():
 
 @pytest.mark.parametrize("path", SHIPPED, ids=str)
 def test_shipped_files_are_read_and_written_again(path):
-    """Cases, impact sets and laboratory cases have equal values when they are written and read
-    again."""
+    """Values of cases, impact sets and laboratory cases are equal after writing and reading."""
 
     def read(text):
         found = read_values(text, str(path)).groups
@@ -191,8 +189,7 @@ def test_a_case_can_be_copied_by_pickle():
 
 
 def test_changes_in_place_stay_in_copies():
-    """A copy has the changed value, the default of a removed key, the changed line and the new
-    line."""
+    """A copy has the changed value, a removed key's default, the changed and the new line."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
         boulder={"volume_mean": 1.0, "density": 2500.0},

@@ -59,7 +59,6 @@ def finish(what, folder):
 
 @pytest.fixture(autouse=True)
 def finished(gallery, tmp_path, monkeypatch, blank_figures, request):
-    """Finished output in the current folder."""
     what = request.node.callspec.params["what"]
     monkeypatch.chdir(gallery.copy(what, partial(finish, what), tmp_path))
 

@@ -128,8 +128,7 @@ def page(place, capsys):
 
 @pytest.mark.all
 def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
-    """The box at the top requests the spread; the page does not mention impact sets that made no
-    rebound."""
+    """The box at the top requests the spread; unused impact sets are not mentioned."""
     text = ON_GROUND.replace("boulders = 20", "boulders = 200")
     run(text.replace("&output", "&output rebounds = .true.,"), "out.nc")
     text, first = page()

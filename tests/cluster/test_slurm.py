@@ -179,7 +179,6 @@ def _answer(*words):
 
 
 def _states(job):
-    """States of a job, or of each job of an array."""
     words = _said("scontrol", "show", "job", job).split()
     return [one.removeprefix("JobState=") for one in words if one.startswith("JobState=")]
 

@@ -130,8 +130,7 @@ def test_no_message_on_validity_holds_a_number(language):
 
 
 def test_no_message_elsewhere_compares_with_a_site():
-    """No text of the catalogue or of the sources has a number with the name or the observations of
-    a site."""
+    """No text of the catalogue or the sources has a number next to the name of a site."""
     texts = [text for forms in catalogue("en").forms.values() for text in forms]
     for path in sorted((ROOT / "python/rockfall").rglob("*.py")):
         nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
@@ -173,8 +172,7 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
 
 
 def test_numbers_of_the_model_come_from_errors():
-    """The simulated number follows from its error in percent; without observations it is the value
-    itself."""
+    """The number follows from its error in percent; without observations it is the value."""
     passing = only("vaujany-forest", "forest", "passing", "vaujany-observed")
     assert passing.simulated == pytest.approx(34 * (1 + passing.error / 100))
     assert passing.simulated_error == pytest.approx(0.34 * passing.standard_error)

@@ -24,7 +24,6 @@ def survey(n=150, seed=1):
 
 
 def by_hand(points, x, y, weights):
-    """Shepard's mean at one point."""
     apart = np.hypot(points[:, 0] - x, points[:, 1] - y)
     order = np.argsort(apart)[: weights.neighbours]
     order = order[apart[order] <= weights.within]

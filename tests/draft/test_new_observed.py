@@ -29,7 +29,6 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """Write dem.tif in the current folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)  # of `check`
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")

@@ -108,8 +108,7 @@ def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
 
 
 def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, capsys):
-    """A vertex is more than 100 km off if blanks hide a decimal comma, or if coordinates are in
-    another CRS."""
+    """Blanks hide a decimal comma, so that a vertex is more than 100 km off."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     prepare(rockfall.read_case("case.nml"), tmp_path / "ready")

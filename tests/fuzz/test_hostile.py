@@ -31,8 +31,7 @@ from rockfall.studies.runs import merge
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Folder with valid inputs of every kind in `in`, a complete result, and the result in three
-    parts."""
+    """Folder with valid inputs of every kind in `in`, a result, and the same in three parts."""
     folder = tmp_path_factory.mktemp("made")
     hostile.make_rasters(folder / "in")
     hostile.make_cases(folder / "in")
@@ -55,8 +54,7 @@ def files(made, tmp_path, monkeypatch):
 
 @pytest.mark.all
 def test_thirty_spoiled_inputs():
-    """The benchmark runs in a separate process: forks of a process that has run OpenMP would wait
-    for its threads."""
+    """Forks of a process that has run OpenMP would wait: the benchmark has its own process."""
     command = [sys.executable, "-m", hostile.__name__, "--inputs", "30", "--seed", "11"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -430,8 +430,7 @@ def test_totals_add_up(folder, scene):
 
 
 def rebounds_at_rest(way):
-    """Number of rebounds without energy: these have no angle and no fractions, and are in no
-    histogram."""
+    """Number of rebounds without energy, which have no angle and are in no histogram."""
     hit = way["ratio"] > 0
     return int((sum(way[f"in_{part}"] ** 2 for part in "tnw")[hit] == 0).sum())
 

@@ -45,8 +45,7 @@ DESCRIBED = [
 
 @pytest.mark.parametrize("system", every_third(DESCRIBED))
 def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
-    """Coordinates from the parameters alone, as in a program that cannot read WKT, agree within 1
-    mm."""
+    """The parameters alone give coordinates within 1 mm, as in a program that cannot read WKT."""
     attributes = grid_mapping(CRS.from_user_input(system))
     assert attributes["grid_mapping_name"]
     alone = {key: value for key, value in attributes.items() if key not in WKT}

@@ -72,7 +72,6 @@ def tschamut(published):
 
 
 def script(case):
-    """Module of the script that makes the inputs of a case."""
     path = ROOT / "cases" / case / "make_case.py"
     spec = importlib.util.spec_from_file_location(f"make_{case}".replace("-", "_"), path)
     module = importlib.util.module_from_spec(spec)

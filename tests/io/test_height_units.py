@@ -208,7 +208,6 @@ RASTERS = {
 
 
 def run_offered(command):
-    """Run the commands of a message in order."""
     for one in command.split(" && "):
         words = shlex.split(one)
         assert words[0] == "rio"
@@ -220,7 +219,6 @@ def run_offered(command):
 
 
 def made_file(command):
-    """File made by the last of several commands."""
     found = re.findall(r"dem_(?:utm|m)\.tif", command)
     return found[-1]
 

@@ -147,8 +147,7 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
 
 
 def test_every_file_behind_a_case_is_known(place, capsys):
-    """Files of a case include the mask and notes of a GeoTIFF, an ESRI ASCII grid and a
-    shapefile."""
+    """Files of a case include mask and notes of a GeoTIFF, an ASCII grid and a shapefile."""
     pyogrio = pytest.importorskip("pyogrio")
     shapely = pytest.importorskip("shapely")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
@@ -189,8 +188,7 @@ def test_every_file_behind_a_case_is_known(place, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="rights are not modes there")
 def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
-    """A file is written in a separate folder with an unpredictable name, and gets the usual
-    permissions."""
+    """A file is written in a folder with an unpredictable name, and has usual permissions."""
     (tmp_path / "victim").write_text("mine")
     for name in (f".out.{os.getpid()}.csv", f".out.csv.{os.getpid()}"):
         (tmp_path / name).symlink_to("victim")
@@ -352,8 +350,7 @@ def test_a_file_that_is_open_is_not_lost(tmp_path):
 
 
 def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
-    """Other names are refused before the run: on Windows, netCDF uses paths in a code page of few
-    alphabets."""
+    """On Windows, netCDF uses paths in a code page of few alphabets: others are refused."""
     assert main(["run", "case.nml", "-o", "Blöcke.nc", "--quiet"]) == 0
     if sys.platform != "win32":
         monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")

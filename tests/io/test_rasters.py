@@ -49,7 +49,6 @@ def shifted(east):
 
 
 def read_aligned(path, grid, what, dtype):
-    """Read a complete raster on the cells of a grid."""
     array = np.empty(grid.shape, dtype)
     for rows, block in aligned_blocks(path, grid, what, dtype):
         array[rows] = block
@@ -57,7 +56,6 @@ def read_aligned(path, grid, what, dtype):
 
 
 def run_offered(error, *, after="with: "):
-    """Run the command offered by a message."""
     words = shlex.split(str(error.value).split(after)[1])
     assert words[0] == "rio"
     done = CliRunner().invoke(main_group, words[1:])
@@ -272,8 +270,7 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
 )
 @pytest.mark.parametrize("rising", [False, True])
 def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
-    """A part keeps the GeoTransform of the complete raster, which only some versions of GDAL
-    use."""
+    """A part keeps the GeoTransform of the complete raster, which some versions of GDAL use."""
     about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)
@@ -682,8 +679,7 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF3_64BIT_DATA"])
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
-    """The header of a classic file may claim more memory than exists, which would end the
-    process."""
+    """A classic header may claim more memory than exists, which would end the process."""
     netCDF4.Dataset("dem.nc", "w", format=format).close()
     said = "dem.nc: is classic netCDF: convert it to netCDF-4 by nccopy -k nc4 dem.nc dem_nc4.nc"
     for read in read_dem, read_result:

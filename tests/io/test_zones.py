@@ -250,7 +250,6 @@ def test_the_later_polygon_wins_and_holes_are_holes():
 
 
 def inside(path, grid):
-    """Cells inside a polygon."""
     return numbered_polygons(path, grid, [])[0] > 0
 
 

@@ -415,8 +415,7 @@ def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
 
 
 def test_a_single_model_is_said(case):
-    """Compact soil without rock sizes has a single model: this is reported before the run and on
-    page 1."""
+    """Compact soil without rock sizes is reported before the run and on page 1."""
     alone = case.replace(surface={"ground": "compact", "uniform_mean_radius": None},
                          impact={"sets": None}, variant=[])  # fmt: skip
     inputs = read_dossier(alone, **PLACE)
@@ -428,8 +427,7 @@ def test_a_single_model_is_said(case):
 
 
 def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(case, tmp_path):
-    """The second model has constant coefficients for talus and meadow; compact soil is
-    unchanged."""
+    """The second model has constant coefficients for talus and meadow, but not compact soil."""
     zones = [shapely.box(0, y, 300, y + 150) for y in (250, 100, -50)]
     names = ["talus", "meadow", "compact"]
     make_layer(tmp_path / "zones.gpkg", zones, crs=None, ground=names)
@@ -539,8 +537,7 @@ def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
-    """Both rows equal counts in the results of the two scenarios; loads are those of all boulders
-    that arrive."""
+    """Both rows equal counts in the results of scenarios; loads are of all that arrive."""
     few = case.replace(case={"boulders": 200}, hazard={"thresholds": [30.0, 300.0]})
     made = run_dossier(read_dossier(few, one_model=True, **PLACE))
     rows = made.frequencies[made.frequencies["line"] == "net"]

@@ -44,7 +44,6 @@ MATRIX = (("moderate", "low", "low"), ("high", "moderate", "moderate"), ("high",
 
 
 def below(y):
-    """Northing [m] at a distance south of the northern edge."""
     return NORTH - y
 
 
@@ -186,7 +185,6 @@ def touched(result, shapes, radius):
 
 
 def wilson(k, n, z=1.959963984540054):
-    """Wilson limits of a fraction (1927)."""
     middle, wide = k + z * z / 2, z * math.sqrt(k * (n - k) / n + z * z / 4)
     return (middle - wide) / (n + z * z), (middle + wide) / (n + z * z)
 

@@ -413,7 +413,6 @@ def ready(tmp_path_factory):
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """Current folder, a copy of `ready`."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -452,8 +451,7 @@ def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
 
 
 def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatch):
-    """The DEM is found next to the result if it is that of the run; otherwise the searched places
-    are listed."""
+    """The DEM of the run is found next to the result; else the searched places are listed."""
     moved = place / "moved"
     moved.mkdir()
     Path("out.nc").rename(moved / "out.nc")

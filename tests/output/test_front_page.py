@@ -170,8 +170,7 @@ def test_the_command_states_the_checksum_of_the_result(result, bare, tmp_path, m
 
 
 def test_many_lines_share_one_table_and_the_most_passed_have_their_own(tmp_path, monkeypatch):
-    """Three of 25 lines are above the release, 21 across the slope below it, and one at the
-    edge."""
+    """Three of 25 lines are above the release, 21 across the slope below, one at the edge."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))

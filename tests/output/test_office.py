@@ -233,7 +233,6 @@ def test_numbers_of_the_provenance_are_in_the_language(site, language, shown):
 
 
 def table_html(table):
-    """Table as on a page."""
     template = '{% from "parts.html.j2" import table with context %}{{ table(one) }}'
     return _environment().from_string(template).render(one=table, on_paper=True)
 

@@ -623,7 +623,6 @@ def test_without_the_extra_one_line_says_what_to_install(stored, capsys, monkeyp
 
 @pytest.fixture(scope="module")
 def browser():
-    """Headless Chromium without network access."""
     one = open_browser("--disable-gpu")
     one.execute_cdp_cmd("Network.enable", {})
     one.execute_cdp_cmd("Network.emulateNetworkConditions", {
@@ -867,8 +866,7 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
 
 
 def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
-    """Figures of the laboratory are apart from other figures, and absent for runs by other rebound
-    models."""
+    """Such figures are apart from others, and absent for runs by other rebound models."""
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
@@ -900,8 +898,7 @@ def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, mo
 
 
 def test_only_obstacles_of_the_case_are_listed(result, tmp_path):
-    """Barriers are listed if the case has any. Coordinate systems have their names, also without CF
-    parameters."""
+    """Barriers are listed if there are any; systems without CF parameters have their names."""
     listed = {row[0]: row[1] for row in input_table(result, Parties()).rows}
     assert not {"barriers", "dams", "trees"} & listed.keys()
     lv95 = result.assign(crs=result["crs"].assign_attrs(

@@ -182,8 +182,7 @@ def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcom
 
 @pytest.mark.parametrize(("left", "outcome"), [(0.49, 1), (0.51, 2)])
 def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, outcome):
-    """The energy exceeds the capacity by that of a speed of `left` m/s; the stop speed is 0.5
-    m/s."""
+    """The energy exceeds the capacity by that of `left` m/s; the stop speed is 0.5 m/s."""
     net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e5}
     whole = shot_over(tmp_path, net)
     energy, speed = float(whole.energy_barriers[0]), float(at_lines(whole)["line_speed"][0, 0])
@@ -225,8 +224,7 @@ def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
 
 @pytest.mark.all
 def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    """Python is killed, the program resumes its checkpoint, and the merged parts of both equal one
-    run."""
+    """Python is killed, and the program resumes its checkpoint; merged parts equal one run."""
     make_full_case(tmp_path)
     case = rockfall.read_case(tmp_path / "case.nml")
     nets = [
@@ -278,8 +276,7 @@ def test_statistics_of_barriers(caught):
 
 
 def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
-    """A dam on a plane has the given crest height and slopes of its faces; the terrain beyond is
-    unchanged."""
+    """A dam on a plane has its crest height and slopes; the terrain beyond is unchanged."""
     plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
     make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
     dam = {

@@ -82,8 +82,7 @@ def drawn(n, seed=3):
 
 
 def test_uni_by_hand():
-    """Boulders have 20 m/s and 1 m3 of 2600 kg/m3, their centres are 3 m above ground, and the site
-    is well known."""
+    """Boulders of 1 m3 (2600 kg/m3) have 20 m/s and 3 m height, on a well-known site."""
     row = demand(equal(), known(**WELL_KNOWN), 2600.0)
     assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
     assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
@@ -284,8 +283,7 @@ def test_checks_say_what_fails(result, tmp_path):
 
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
-    """The height of a barrier between the limits of the needed height is undecided; energy has its
-    own verdict."""
+    """A height between the limits of the needed height is undecided; energy is separate."""
     asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high

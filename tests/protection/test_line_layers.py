@@ -69,8 +69,7 @@ def calls(function):
 
 
 def test_lines_of_a_layer_cost_linear_time(case):
-    """Reading 400 lines, writing them and reading the text costs at most 4.4 times the calls for
-    100."""
+    """Reading and writing 400 lines costs at most 4.4 times as many calls as 100 lines."""
     cost = {}
     for n in (100, 400):
         y = N - 5 - 0.2 * np.arange(n)

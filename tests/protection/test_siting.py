@@ -85,8 +85,7 @@ def test_numbers_are_those_of_a_run_with_that_line_alone(case, found):
 
 
 def test_a_barrier_there_leaves_what_is_said(case, found):
-    """Boulders that pass over are unchanged; those that break through are slower, so fewer of them
-    reach the road."""
+    """Boulders that break through are slower, so fewer of them reach the road."""
     row = at(found, "road +160 m")
     net = {"name": "net", "x": ROAD["x"], "y": [340.0] * 2, "height": row["height_needed"],
            "class": int(row["ead_class"])}  # fmt: skip
@@ -98,8 +97,7 @@ def test_a_barrier_there_leaves_what_is_said(case, found):
 
 
 def test_what_passes_around_a_short_alignment_counts(case):
-    """The bypass is the fraction of boulders at the road that did not cross the short line
-    before."""
+    """The bypass is the fraction of boulders at the road that did not cross the short line."""
     short = [{"name": "short", "x": [140.0, 160.0], "y": [300.0, 300.0]}]
     result = rockfall.run(case.replace(line=[ROAD, *short]), **TERRAIN)
     comes, met = np.isfinite(at_lines(result)["line_time"].values)
@@ -179,8 +177,7 @@ def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
 
 
 def test_runs_in_turn_find_the_same(case, found):
-    """Memory holds 900 boulders at 3 lines, with 44 bytes each: the road, and two alignments in
-    each run."""
+    """Memory holds 900 boulders at 3 lines, 44 bytes each: the road, and two alignments."""
     memory = 2 * 44 * 900 * 3
     turns = site(
         case, "road", every=40.0, to=220.0, max_height=8.0, memory=memory, **TERRAIN
@@ -216,8 +213,7 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
 
 
 def test_the_table_says_what_is_printed(case):
-    """Alignments with unconfirmed rebounds are never certain to fit; one of them is still the
-    choice."""
+    """Alignments with unconfirmed rebounds are never certain to fit; one is still the choice."""
     ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
     about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
     found = site(ground, "road", max_bypass=1.0, **about, **TERRAIN)

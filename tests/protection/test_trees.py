@@ -172,8 +172,7 @@ def test_trees_that_take_nothing_turn_boulders_and_never_stop_them(case):
 
 
 def test_a_turn_of_nothing_but_its_smallest_class(case, wooded):
-    """With user weights of only the smallest class, no tree turns a boulder by more than 22.5
-    degrees."""
+    """With user weights of the smallest class only, turns by trees are at most 22.5 degrees."""
     ahead = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])
     straight = run(case.replace(forest=STAND | ahead))
     track = straight.trajectory_boulder.values

@@ -65,7 +65,6 @@ def drawn(chosen):
 
 
 def differing(one, other):
-    """Fraction of differing pixels."""
     dots = [(x, y) for x in range(0, 400, 2) for y in range(0, 400, 2)]
     return sum(one.pixel(*at) != other.pixel(*at) for at in dots) / len(dots)
 

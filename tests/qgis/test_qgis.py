@@ -55,8 +55,7 @@ def test_grounds_are_those_of_the_program():
 
 
 def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
-    """Environment variables that would start the program with the Python or the data of QGIS are
-    removed."""
+    """Environment variables that would start the Python of QGIS are removed."""
 
     class Feedback:
         def isCanceled(self):

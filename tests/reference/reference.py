@@ -274,7 +274,6 @@ def words(world: World, purpose: int, boulder: int, impact: int, draw: int) -> l
 
 
 def uniform(word: int) -> Decimal:
-    """Uniform number in (0, 1)."""
     return (word + HALF) / 2**32
 
 
@@ -328,7 +327,6 @@ def meeting(world: World, x: Decimal, y: Decimal, near: Decimal) -> list[Patch]:
 
 
 def surface(world: World, x: Decimal, y: Decimal) -> Decimal:
-    """Elevation at a point."""
     found, u, w = place(world, x, y)
     return found.height(u, w)
 
@@ -359,7 +357,6 @@ def nearest_cell(world: World, at: Patch, u: Decimal, w: Decimal, doubt: Doubt) 
 
 
 def last_boulders(world: World) -> list[int]:
-    """Last boulder of each source."""
     if not world.by_area:
         return [world.boulders * (k + 1) for k in range(len(world.sources))]
     total, last = ZERO, []
@@ -402,7 +399,6 @@ def volume(world: World, number: int) -> Decimal:
 
 @functools.cache
 def radius(world: World, number: int) -> Decimal:
-    """R_b of a sphere."""
     return (3 * volume(world, number) / (4 * PI)) ** (ONE / 3)
 
 
@@ -787,7 +783,6 @@ def step(world: World, number: int, hit: int, state: State) -> Contact:
 
 
 def leave(contact: Contact) -> State:
-    """State after a contact."""
     hit = contact.rebound
     return State(contact.landing.x, contact.landing.y, ZERO, hit.velocity, hit.spin, hit.heading)
 

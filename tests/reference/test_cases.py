@@ -29,12 +29,10 @@ RELEASE_Y = 587.5
 
 
 def read(path: Path):
-    """Groups of a namelist file."""
     return read_values(path.read_bytes(), str(path)).groups
 
 
 def script(path: Path):
-    """Script of a case as a module."""
     spec = importlib.util.spec_from_file_location(f"{path.parent.name}_{path.stem}", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -15,7 +15,6 @@ REBOUNDS, DROP, START = 100, 2.0, 20.0
 
 
 def script(name):
-    """Script of the case as a module."""
     spec = importlib.util.spec_from_file_location(f"plane_{name}", PLANE / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

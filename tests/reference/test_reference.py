@@ -172,8 +172,7 @@ def test_ratios_between_two_sets(tmp_path):
 @pytest.mark.all
 @pytest.mark.parametrize("scatter", [0.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
-    """The noise is alone, without scatter of A, or with so much scatter that draws are rejected and
-    redrawn."""
+    """The noise is alone, or with so much scatter that draws are rejected and redrawn."""
     rocks = np.random.default_rng(4).uniform(0.1, 0.6, (80, 60)).astype("f4")
     result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), scatter=scatter, more=scenes.noise,
                      surface={"mean_radius": "given"}, arrays={"mean_radius": rocks})  # fmt: skip
@@ -231,8 +230,7 @@ def test_sets_without_an_admissible_draw(tmp_path):
 
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
-    """The heading is along the aspect up to rounding, which must not turn all boulders to one
-    side."""
+    """Rounding of the heading must not turn all boulders to the same side."""
     y, x = np.mgrid[79:-1:-1, :60] * 5.0
     z = 1000.0 + 0.3 * x + 0.8 * y
     _, found = both(tmp_path, z, (241.7, 352.6), impact={"turning": turning, "impact_limit": 6})

@@ -147,7 +147,6 @@ def collide(
 
 
 def _turn(weights: list[Decimal], class_: Decimal, within: Decimal) -> Decimal:
-    """Angle of a turn [degrees]."""
     drawn, k = class_ * sum(weights), 0
     while k < 2 and drawn >= sum(weights[: k + 1]):
         k += 1

@@ -166,8 +166,7 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
 @pytest.mark.all
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
-    """The distance is 10000/(stems per hectare (2 R_b + DBH)), for random trees also up to the
-    first tree."""
+    """Distances are 10000/(stems per ha (2 R_b + DBH)), for random trees also to the first."""
     wide = MADE | {"uniform_dbh_std": 0.0, "spread": spread}
     trees = trees_of(tmp_path, wide, nx=200, ny=200)
     rng = np.random.default_rng(2)

@@ -48,7 +48,6 @@ def read(case, **arrays):
 
 
 def zones(tmp_path, rows, head="zone,mean_radius,ground\n"):
-    """Three adjacent zones."""
     (tmp_path / "zones.csv").write_text(head + rows)
     ids = np.repeat([[1, 2, 3]], 20, axis=1).repeat(80, axis=0)
     return {"zones": ids.astype("i4")}, {"zones": "given", "table": "zones.csv"}

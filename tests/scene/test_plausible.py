@@ -225,8 +225,6 @@ def points(*rows):
 
 
 def obstacles(*rg):
-    """Rasters of Rg70, Rg20 and Rg10."""
-
     def change(site):
         names = ("rg70", "rg20", "rg10")
         for name, value in zip(names, rg, strict=True):
@@ -237,8 +235,6 @@ def obstacles(*rg):
 
 
 def trees(*dbh):
-    """List of stems spread over the slope."""
-
     def change(site):
         places = [(EAST + 30 * (k % 9) + 20, NORTH - 30 * (k // 9) - 100) for k in range(len(dbh))]
         rows = [f"{x},{y},{d},spruce\n" for (x, y), d in zip(places, dbh, strict=True)]

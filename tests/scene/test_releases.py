@@ -111,8 +111,7 @@ def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_
 
 @pytest.mark.parametrize("has_frequency", [True, False])
 def test_polygons_that_release_nothing_are_named(case, has_frequency):
-    """One of five polygons is between cell centres, one off the terrain, one below a later
-    polygon."""
+    """The first polygon is between cell centres, the second off the terrain, the third covered."""
     narrow = shapely.box(W + 10.1, N - 40, W + 10.2, N - 20)
     away, covered = shapely.box(W - 50, N - 40, W - 20, N - 20), CLIFFS[0].buffer(-8.0)
     about = {"name": ["narrow", "away", None, "cliff", "tower"]}
@@ -361,7 +360,6 @@ def test_what_cannot_be_is_refused_in_one_line(case, capsys, subtests):
 
 @pytest.fixture
 def described(case):
-    """Case whose layer gives the boulders of some points."""
     make_layer("p.gpkg", POINTS, **ABOUT)
     return at(case)
 

@@ -61,7 +61,6 @@ def forest():
 
 
 def net(energy=5000.0, height=9.0):
-    """Net across the slope."""
     number = np.zeros((NY, NX))
     number[35] = 7
     return {"net_number": number, "net_energy": energy * (number > 0),
@@ -249,8 +248,7 @@ def test_the_line_of_a_net_has_no_stairs():
 
 
 def test_the_coordinate_system_of_a_folder_is_given(tmp_path):
-    """Results have the system given by --crs; an invalid system is refused, and nothing is
-    written."""
+    """Results have the system of --crs; for an invalid system nothing is written."""
     folder, out = make_folder(tmp_path / "rocky"), tmp_path / "case"
     assert main(["import-rockyfor3d", str(folder), "-o", str(out), "--crs", "EPSG:2056"]) == 0
     case = rockfall.read_case(out / "case.nml")
@@ -287,8 +285,7 @@ def test_branches_of_a_net_are_told(tmp_path):
 
 
 def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
-    """Limits of the models are printed and are in the case; a folder without soil types or trees
-    has none."""
+    """Limits are printed and in the case; folders without soil types or trees have none."""
     folder = make_folder(tmp_path / "rocky", **forest())
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (

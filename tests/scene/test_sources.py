@@ -21,12 +21,10 @@ LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
 
 def released(scene):
-    """Number of boulders per source."""
     return np.array([len(scene.numbers_of(k)) for k in range(scene.x.size)])
 
 
 def steep(folder, line=LINE, **groups):
-    """Case with steep cells as sources."""
     groups["release"] = {"steep_cells": True} | groups.get("release", {})
     return make_case(folder, *sets(2.0), line=line, **{"terrain": {}, **groups})
 

@@ -248,8 +248,7 @@ def test_a_thinned_stand_is_a_part_of_the_full_one(tmp_path):
 
 
 def test_clearings_take_stems_out_of_lists_and_stands(tmp_path):
-    """Clearings leave no stems, or the fraction of an attribute; where they overlap, the smaller
-    one."""
+    """Clearings leave no stems or a fraction; where they overlap, the smaller fraction."""
     shapes = [shapely.box(0, 200, 150, 400), shapely.box(0, 100, 300, 300)]
     make_layer(tmp_path / "storm.gpkg", shapes, crs=None, Restanteil=[0.0, 0.4])
     storm = {"clearings": "storm.gpkg"}

@@ -82,7 +82,6 @@ def mixed_case(folder, boulder=MIX, **groups):
 
 @pytest.fixture(scope="module")
 def mixed(gallery):
-    """Run of a mix with every output."""
     return gallery.value("mixed", made_of_mix)
 
 
@@ -92,7 +91,6 @@ def made_of_mix(folder):
 
 
 def write_parts(folder):
-    """Write both halves of the run of a mix."""
     case = mixed_case(folder)
     for k in (1, 2):
         name = folder / f"{k}.nc"
@@ -233,7 +231,6 @@ ROWS_OF_SOURCES = (
 
 
 def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
-    """Case with sources in a table."""
     (folder / "sources.csv").write_text(rows)
     release = {"points": "sources.csv", "drop_height": 5.0}
     impact = {"table": "talus", "sets": None}
@@ -380,8 +377,7 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
 
 
 def test_only_tables_that_boulders_need_are_loaded(tmp_path):
-    """Tables of two shapes take less memory than of three; with shapes of sources, those of the
-    case are not loaded."""
+    """Tables of two shapes take less memory than of three; shapes of sources have priority."""
 
     def bytes_of(case):
         return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes
@@ -694,7 +690,6 @@ def test_a_scene_file_of_an_earlier_layout_names_the_command_that_makes_it_again
 
 
 def prepare_three(folder):
-    """Prepare a scene of three shapes."""
     rows = NAMES + ROWS_OF_SOURCES.replace(",380", ",4999980").replace(",300", ",4999900")
     rows = re.sub(r"(?m)^(\d),(\d+),", lambda m: f"{m[1]},{600000 + int(m[2])},", rows)
     (folder / "sources.csv").write_text(rows)

@@ -14,7 +14,6 @@ G = 9.81
 
 
 def scene_of(folder, maps=("energy_mean", "energy_max"), boulders=1, **groups):
-    """Scene with a point that releases boulders."""
     release = {"x": [150.0], "y": [350.0], "drop_height": 5.0} | groups.pop("release", {})
     groups = {"case": {"boulders": boulders}, "output": {"maps": list(maps)}} | groups
     case = make_case(folder, *sets(), terrain={}, release=release, **groups)

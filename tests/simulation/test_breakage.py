@@ -226,8 +226,7 @@ def test_what_statistics_count_is_said(folder, bare):
 
 
 def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
-    """Blocks at rest are not the farthest fragments: back-analyses are refused, comparisons have a
-    note."""
+    """Blocks at rest are not the farthest fragments: refused by `back`, a note in `compare`."""
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
     with pytest.raises(

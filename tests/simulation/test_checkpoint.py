@@ -24,7 +24,6 @@ Z = rough()
 
 @pytest.fixture(autouse=True)
 def no_rest(monkeypatch):
-    """Save every chunk."""
     monkeypatch.setattr(checkpoint, "REST", 0.0)
 
 

@@ -59,8 +59,7 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
 @pytest.mark.parametrize("threads", every_third([2, 1]))
 @pytest.mark.parametrize("maps", [["passages", "energy_max"], ["passages", "hits"]])
 def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch, maps, threads):
-    """A call takes one batch per thread, in lanes and one by one; results equal those of a single
-    call."""
+    """A call takes one batch per thread, in lanes and one by one, without effect on results."""
     case = case_in(tmp_path, boulders=40).replace(output={"maps": maps})
     whole, sizes = run(case, chunk=10**6), []
     advance = Run.advance
@@ -97,8 +96,7 @@ def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):
 
 
 def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
-    """Four parts with maps and trajectories run at the same time, as on a Dask worker with
-    threads."""
+    """Four parts with maps and trajectories run at the same time, as on a Dask worker."""
     case = make_case(
         tmp_path, *sets(), release={"x": [150.0], "y": [350.0], "drop_height": 5.0},
         case={"boulders": 400, "threads": 1}, output={"maps": ["passages"], "trajectories": 60},

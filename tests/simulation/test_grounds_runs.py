@@ -73,8 +73,7 @@ TABLES = "impact tables of rockfall's laboratory"
 
 
 def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
-    """The file names models in English, whatever the language. A case may have sets that it does
-    not use."""
+    """The file names models in English, whatever the language; sets may be unused."""
     classical = "rockyfor3d; pfeiffer bowen; constant; bourrier hungr"
     _, result = whole
     start, _, last = result.attrs["source"].partition("classical models: ")
@@ -258,8 +257,7 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
-    """On a plane of 33 degrees boulders rest on talus, but not on meadow; the rest angle of the
-    case has priority."""
+    """On 33 degrees, talus holds boulders and meadow does not; a rest angle has priority."""
 
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]

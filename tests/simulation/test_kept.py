@@ -82,8 +82,7 @@ def test_statistics_are_those_of_the_rows(full, counted):
 
 
 def test_counts_with_a_tail_are_values(unit=1000.0):
-    """The 100 largest of 20,000 values, from 40 sources and of both signs, are stored
-    individually."""
+    """The 100 largest of 20,000 values of both signs, from 40 sources, are stored one by one."""
     random = np.random.default_rng(1)
     source = Sources.of(np.arange(20_000) % 40)
     values = random.normal(5.0 + source.number / 10, 4.0)

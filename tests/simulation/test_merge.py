@@ -171,7 +171,6 @@ def change_statistics(folder):
 
 
 def change_mask(folder):
-    """Add a mask in a separate file."""
     (folder / "other").mkdir()
     shutil.copy(folder / "tile.tif", folder / "other")
     mask = np.full((80, 60), 255, "u1")

@@ -86,7 +86,6 @@ def test_a_ground_of_a_table_needs_no_form():
 
 
 def models(folder, surface=(), **impact):
-    """Rebound models of a scene with a named ground."""
     case = case_in(folder, impact=impact, surface=SIZE | dict(surface), **place())
     scene = read_scene(case, dem=rough(), transform=grid(rough()))
     return [ground.model for ground in scene.grounds]
@@ -176,8 +175,7 @@ def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
 
 
 def test_a_name_that_has_no_effect_is_warned_of(tmp_path):
-    """Sets and tables have no effect next to a ground for everything; a form alone causes no
-    warning."""
+    """Sets and tables have no effect next to a ground for everything; a form has no warning."""
     mine = str(write_sets(tmp_path / "mine.nml", *sets(1.5)))
     for key, name in ("table", "unknown"), ("sets", mine):
         scene = read_scene(

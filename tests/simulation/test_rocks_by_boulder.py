@@ -160,8 +160,7 @@ def test_classical_grounds_keep_their_obstacles(tmp_path):
 
 
 def test_the_preview_has_neutral_slopes_of_all_boulders(tmp_path):
-    """R_b/R_m has the range of the middle 90 % of rock sizes, although all boulders have the same
-    volume."""
+    """Boulders of one volume have the R_b/R_m of the middle 90 % of rock sizes."""
     z = rough()
     case = case_in(tmp_path, **place()).replace(case={"boulders": 20})
     plain, wide = (

@@ -243,8 +243,7 @@ def test_the_strength_of_boulders_is_standard_normal(tmp_path):
 
 
 def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
-    """Strengths do not depend on how a run is cut, merged or written, or on selections of
-    boulders."""
+    """Strengths do not depend on how a run is cut, merged, written or selected from."""
     case = coded_case(tmp_path, YieldingGround(38.0, STRENGTH), 90, radius=0.4)
     whole = rockfall.run(case, **plane())
     z = rockfall.ground_strength(whole)

@@ -246,8 +246,7 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
 
 @pytest.mark.parametrize("ratio", [1.5, 7.9])
 def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
-    """Boulders take off from less than 5 R_b, not from heights accumulated over facets they rolled
-    on."""
+    """Boulders take off from less than 5 R_b; heights over facets do not accumulate."""
     result = on_rocks(tmp_path, ratio, output={"trajectories": 100})
     names = ("x", "y", "z", "velocity_x", "velocity_y", "velocity_z", "time", "in_t", "in_n")
     rises = []
@@ -347,8 +346,7 @@ def quoted(cell):
 
 
 def test_ensembles_of_several_grounds_come_together(tmp_path):
-    """Each draw of a ground is combined with each of the others, and only replaces its own
-    ground."""
+    """Each draw of a ground is combined with each of the others; it replaces only its ground."""
     names = ensemble_names()
     case = case_in(
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},

@@ -51,8 +51,7 @@ def test_sets_that_are_not_smooth_are_told():
 @pytest.mark.all
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
-    """The reach drops near R_b/R_m = 4.5, where sphere sets 4 and 5 differ most, only by the
-    nearest set."""
+    """Near R_b/R_m = 4.5, between sphere sets 4 and 5, the reach drops by the nearest set."""
     number, fraction = reaching(sets="laboratory-spheres", ratio=ratio)
     edges = np.linspace(volumes.SMALLEST, volumes.LARGEST, VOLUMES + 1)
     at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * volumes.ROCKS) ** 3)

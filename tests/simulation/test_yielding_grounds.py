@@ -116,8 +116,7 @@ LOOSE = {"model": "ploughed", "strength": 4e5, "relief": 14.3, "rest_angle": 36.
     LOOSE, LOOSE | {"strength_sigma": 0.8}, {**LOOSE, "model": "hard", "strength": 2e7},
 ])  # fmt: skip
 def test_a_boulder_16_times_as_large_goes_16_times_as_far(tmp_path, cells):
-    """On terrain 16 times as large, with ground 16 times as strong, boulders are four times as
-    fast."""
+    """Terrain is 16 times as large, ground 16 times as strong, speed four times as high."""
     velocity = np.array([1.5, -4.0, 0.5])
     small, large = (
         on_row(
@@ -218,7 +217,6 @@ def bins_of(row):
 
 
 def part_of(row, column):
-    """Records of a column of a row."""
     n = bins_of(row)
     return row.record[slice(*row.first[[column * n, (column + 1) * n]])]
 
