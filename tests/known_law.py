@@ -52,7 +52,7 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
 
 
 def stages(rules, random, draw=lognormal, cap=10**7):
-    """Run in stages with boulders of this distribution; return the last result."""
+    """Run in stages with boulders from `draw`; return the last result."""
     n, values = min(FIRST, cap), np.empty(0)
     while True:
         values = np.concatenate([values, draw(random, n - values.size)])

@@ -268,7 +268,7 @@ def test_physics_sees_no_file_and_never_stops():
 
 
 def test_no_code_in_init():
-    """At most a docstring and re-exports; those of `rockfall` itself are lazy."""
+    """Init files have at most a docstring and re-exports; those of `rockfall` are lazy."""
     allowed = ast.Import, ast.ImportFrom
     report(
         f"{path.relative_to(ROOT)}:{node.lineno} holds code"

@@ -138,7 +138,7 @@ def test_each_ratio_can_have_a_relief_of_its_own(data):
 
 
 def test_throws_without_a_stable_step_are_reported(data):
-    """Such throws are the fastest, not a random sample, and need stiffer rocks."""
+    """Throws without contacts are the fastest, not a random sample, and need stiffer rocks."""
     assert "warning" not in sequences_summary(data)
     few = data.isel(contact=(data["ratio"].values == 1) | (data["sequence"].values > 2))
     assert (

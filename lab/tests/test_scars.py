@@ -16,7 +16,7 @@ from rockfall_lab.blocks.contacts import run_throws
 def test_the_scar_of_the_laboratory_gives_its_strength(
     tmp_path, monkeypatch, model, strength, radius, speed
 ):
-    """The scar of a sphere that falls on flat ground gives its strength within 6 %."""
+    """Flat ground has the strength given by the scar of a falling sphere, within 6 %."""
     monkeypatch.chdir(tmp_path)
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(300)
     z = (2 * np.arange(300) + 1) / 300 - 1

@@ -120,7 +120,7 @@ def test_limits_of_places_are_those_of_each():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):
-    """Hazard, variants and dossier have equal limits; sampled sources make them narrower."""
+    """Hazard, variants and dossier have equal limits, narrower than with a boulder per source."""
     x = np.linspace(60.0, 240.0, 60)
     release = {"x": x.tolist(), "y": [180.0] * x.size, "drop_height": 2.0, "sources": kind}
     line = {"name": "road", "x": [0.0, 300.0], "y": [110.0, 110.0]}

@@ -196,7 +196,7 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
 
 
 def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
-    """Its cell is a cell of the terrain, not of the reachable area."""
+    """The cell of a point is a cell of the terrain, not of the reachable area."""
     low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
     scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]
     scenarios[1]["volume_mean"] = 20.0  # maps would otherwise cover different cells

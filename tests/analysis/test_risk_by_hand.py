@@ -89,7 +89,7 @@ def test_persons_in_a_house(found, boulders):
 
 
 def test_vehicles_on_a_road(found, boulders):
-    """Vehicles have a distance of 600 m; a boulder of diameter d [m] hits those within d + 4 m."""
+    """Vehicles are 600 m apart; a boulder of diameter d [m] hits those within d + 4 m."""
     traffic = {"aadt": [2400.0], "speed": [60.0], "vehicle_length": [4.0]}
     traffic |= {"persons_per_vehicle": [1.5], "trips": [4.0], "lethality": [0.8]}
     risk = found(ROAD, **traffic)

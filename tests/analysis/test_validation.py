@@ -217,7 +217,7 @@ def test_p_of_the_same_distribution_is_uniform():
 
 
 def test_several_results_count_as_one_site(case, made):
-    """A result given twice counts as twice the boulders: equal statistics, a smaller p."""
+    """A result given twice counts as twice the boulders: equal statistics, p at most as large."""
     folder, line, _ = made
     seen = read_observed(folder / "stops.csv", folder / "speeds.csv")
     result = rockfall.run(case)

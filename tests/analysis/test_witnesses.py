@@ -81,7 +81,7 @@ def scattered(n, seed=1, scale=50.0):
 
 
 def test_the_density_of_two_boulders_is_that_of_hand():
-    """Kernels are half the distance of 20 m wide; a third boulder is spread over 1 ha."""
+    """Kernels are 10 m wide, half the distance; a third boulder is spread over 1 ha."""
     kernel = Kernel(1.0, 2, np.inf, 1e4, 5.0)
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0]]), np.ones(2))
     sums = kernel_sums(kernel, blocks_at((0, 0), (500, 0)), rest)
@@ -92,7 +92,7 @@ def test_the_density_of_two_boulders_is_that_of_hand():
 
 
 def test_the_density_has_the_weight_of_all_boulders():
-    """Its integral is N/(N + 1) for N boulders; the rest is spread over the area."""
+    """The density integrates to N/(N + 1) for N boulders; the rest is spread over the area."""
     rest = scattered(60)
     kernel = fitted_kernel(blocks_at((0, 0)), rest, 5.0)
     x, y = np.meshgrid(np.arange(-600, 600, 4.0), np.arange(-600, 600, 4.0))

@@ -300,7 +300,7 @@ def test_frequencies_are_sums_over_scenarios_and_a_barrier_grows_until_they_are_
 
 
 def test_loads_and_frequencies_are_of_the_same_boulders(case):
-    """Boulders of the scenarios weighted by frequency: rare large boulders have little weight."""
+    """Boulders of scenarios are weighted by frequency: rare large boulders have little weight."""
     case, how = scenarios(case), {"every": 40.0, "to": 40.0, **TERRAIN}
     found = site(case, "road", **how)
     row = at(found, "road")

@@ -133,7 +133,7 @@ def test_breaking_takes_a_hundredth(folder):
 
 
 def test_a_boulder_that_does_not_break_is_as_without_breakage(folder):
-    """All common variables: the fall at release is too small, and impacts break nothing."""
+    """Common variables are equal: the fall at release is too small, and impacts break nothing."""
     for at, fall in (("release", 0.01), ("impact", None)):
         breakage = {"at": at, "min_area_ratio": 0.99, "min_volume": 10.0, "release_fall": fall}
         result = run(case(folder, breakage=breakage))

@@ -51,7 +51,8 @@ def test_sets_that_are_not_smooth_are_told():
 @pytest.mark.all
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
-    """Near R_b/R_m = 4.5, between sphere sets 4 and 5, the reach drops by the nearest set."""
+    """The reach drops near R_b/R_m = 4.5, where sphere sets 4 and 5 differ most, with `nearest`
+    only."""
     number, fraction = reaching(sets="laboratory-spheres", ratio=ratio)
     edges = np.linspace(volumes.SMALLEST, volumes.LARGEST, VOLUMES + 1)
     at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * volumes.ROCKS) ** 3)
