@@ -35,7 +35,7 @@ def counted(values, **known):
 
 
 def test_counts_have_the_dirichlet_multinomial_probability():
-    """SciPy's probability, except for a constant common to all runs."""
+    """Probabilities are SciPy's, except for a constant common to all runs."""
     data = counted(np.arange(18.0) + 0.5)
     runs = np.array([[30.0, 40, 10, 20, 15, 5], [20, 20, 20, 20, 20, 20]])
     assert data.counts.size == 6 and np.array_equal(data.counts, [3] * 6)

@@ -236,8 +236,8 @@ def test_limits_move_and_turn_with_the_values():
 
 
 def test_too_few_boulders_have_no_interval():
-    """Fewer than 10 for a mean, 100 for a standard deviation. Values shared by most boulders count
-    as one, because they contain no information on rarer values."""
+    """A mean needs 10 boulders, a standard deviation 100. Values shared by most boulders count as
+    one, because they contain no information on rarer values."""
     random = np.random.default_rng(2)
 
     def given(values):

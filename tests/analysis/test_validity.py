@@ -194,7 +194,7 @@ def test_who_leaves_the_terrain_before_a_line_is_said_to_lower_fractions(
 
 def test_a_void_between_two_lines_is_said(tmp_path):
     """Boulders that crossed the upper line would have met the lower line. This does not apply to
-    boulders that end aside, or behind the lines."""
+    boulders that end to the side of the lines, or behind them."""
     upper, held = {"name": "upper", "x": [0.0, 100.0], "y": [90.0, 90.0]}, ends("hit_nodata")
     for lower, said in (
         (LINE, True),
@@ -297,7 +297,7 @@ def test_check_and_run_say_that_a_void_ends_boulders(tmp_path, is_void):
 
 
 def test_remarks_are_in_the_order_of_their_grades_and_each_once(tmp_path):
-    """Boulders stopped by a void make fractions wrong: listed before mere uncertainties."""
+    """Boulders stopped by a void make fractions wrong, and come before mere uncertainties."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": "laboratory-spheres"})
     lost = ends("hit_nodata", 60)
     found = model_remarks(values(outside=(100, 300, 0)) | lost, case)

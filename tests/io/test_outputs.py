@@ -300,7 +300,7 @@ with atomic_folder(pathlib.Path("new")) as part:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its name")
 def test_temporary_folders_of_killed_processes_go(tmp_path):
-    """The next file in the folder removes them, except those in use or with replaced files."""
+    """The next file removes such folders, except those in use or with replaced files."""
     for replaced in ("a.csv", ""):
         subprocess.run([sys.executable, "-c", KILLED, *filter(None, [replaced])], cwd=tmp_path)
     assert len([*tmp_path.iterdir()]) == 2

@@ -177,7 +177,7 @@ def test_numbers_are_written_as_in_the_region(locale, number):
 
 
 def test_german_outside_switzerland_has_its_own_spelling():
-    """ß after long vowels and diphthongs, ss after short ones, and no Swiss words."""
+    """Texts have ß after long vowels and diphthongs, ss after short ones, and no Swiss words."""
     swiss, austrian = catalogue("de").forms, catalogue("de-AT").forms
     assert swiss == catalogue("de-CH").forms
     assert austrian == catalogue("de-DE").forms and austrian.keys() == swiss.keys()

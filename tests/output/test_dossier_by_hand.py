@@ -458,7 +458,7 @@ def test_the_second_model(sheets, boulders):
 
 
 def test_class_of_the_road(sheets, project):
-    """The highest class of the map cells that the line crosses."""
+    """The class is the highest of the map cells that the line crosses."""
     classes = read_hazard(project[0] / "dossier/hazard_today.nc")["hazard_class"].values
     line, n = shapely.LineString(ROAD), classes.shape
     crossed = [

@@ -923,7 +923,7 @@ def test_everything_has_a_name_for_those_who_cannot_see(browser, page):
 
 
 def test_what_is_left_out_depends_on_the_case(result):
-    """A case with trees, a net and no dam is not reported to lack protection."""
+    """A case with trees, a net and no dam is only reported to have no dams."""
     stand = {"stems": "stems.tif", "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
              "uniform_conifers": 60.0}  # fmt: skip
     net = {"name": "net", "x": [0.0, 9.0], "y": [5.0, 5.0], "height": 3.0, "class": 2}

@@ -194,7 +194,7 @@ def test_energy_never_grows_and_is_accounted_for(whole):
 
 
 def test_a_mirrored_scene_has_mirrored_boulders(tmp_path):
-    """East and west exchanged: headings turn the other way, everything else is unchanged."""
+    """With east and west exchanged, headings turn the other way, and all else is unchanged."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
     found = []
     for side in (1, -1):
