@@ -165,7 +165,7 @@ def wait_until_busy(pid, seconds=1.5):
 
 #: Makes `rockfall` report the number of completed boulders in lines on stderr.
 SAYS_PROGRESS = {"ROCKFALL_PROGRESS": "lines"}
-PROGRESS = r"rockfall: \d+ of \d+ \w+\n"
+PROGRESS = r"rockfall: \d+ of \d+ \w+(?:, run \d+ of \d+ \([^)\n]*\))?\n"
 
 
 def wait_until_running(child):

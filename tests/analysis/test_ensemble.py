@@ -446,7 +446,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
     low, high, case = (
         in_unit(at[name].item(), "fraction") for name in ("q05", "q95", "case_value")
     )
-    assert f"L: {low}–{high} % pass in 90 % of the draws" in first
+    assert f"L: {low}–{high} % of boulders pass in 90 % of the draws" in first
     assert f"{low} to {high} ({case})" in first
     assert "The ranges include the uncertain inputs" in first
     for denied in ("are not included.", "Sampling error", "Brackets: 95 %"):
@@ -460,7 +460,7 @@ def test_an_index_above_its_total_is_remarked(small, monkeypatch):
         changed[name][...] = value
     changed["first_order_error"][...] = 0.02
     assert list(orders_reversed(changed)) == []
-    about = "L: first-order index exceeds the total"
+    about = "L: first-order index exceeds the total index"
     changed["first_order"].loc[{"input": "radius", "result": "speed.mean"}] = 0.37
     changed["first_order"].loc[{"input": "source", "result": "speed.mean"}] = 0.22
     assert list(orders_reversed(changed)) == [

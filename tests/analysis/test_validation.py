@@ -271,7 +271,7 @@ def test_tables_hold_where_every_ground_has_a_name(case, made):
     assert found.laws[0] == AS_GIVEN and found.laws[-2:] == ("table talus", "table rocky-slope")
     means = {of(found, law, "mean").simulated for law in (AS_GIVEN, *found.laws[-2:])}
     assert len(means) == 3
-    (note,) = (note for note in found.notes if note.startswith("every place has a named ground"))
+    (note,) = (note for note in found.notes if note.startswith("all places have a named ground"))
     assert note.endswith(" on 58.3 % of the terrain")
     alone = with_zones(case, NAMED.format(0.2).replace("rock", "talus"))
     one, other = (
