@@ -316,6 +316,9 @@ def test_heights_of_both_models_are_compared(made):
     governs = "frequency: the case's model, energy: the case's model, height: talus"
     assert road[7] == governs
     assert table.head[5] == "height once in 100 years [m]"
+    other["line_energy_by_period"][...] = np.nan  # unknown: the higher frequency governs
+    (table,) = second_tables(Dossier({"": own}, pd.DataFrame(), second=Second("talus", other)))
+    assert [row[7] for row in table.rows if row[0] == "road"] == ["the case's model"]
 
 
 @pytest.mark.parametrize(

@@ -186,14 +186,14 @@ def _shown(model: str) -> Text | str:
 
 def _governing(pairs: Sequence[Sequence[Any]], model: Text | str) -> Text:
     """Names of the models with the higher frequency, energy and height; `pairs` are the values by
-    both models. Unknown values are omitted."""
+    both models. If a value is unknown, the model with the higher frequency governs."""
     names = say("dossier.the_case"), model
     higher = [
         names[other > own]
         for own, other in ([getattr(cell, "value", cell) for cell in pair] for pair in pairs)
         if "-" not in (own, other)
     ]
-    if len({*map(str, higher)}) == 1:
+    if len(higher) < len(pairs) or len({*map(str, higher)}) == 1:
         return say("dossier.governs_one", model=higher[0])
     frequency, energy, height = higher
     return say("dossier.governs_each", frequency=frequency, energy=energy, height=height)
