@@ -18,7 +18,7 @@ import numpy as np
 import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine
 from rockfall.scene.rebounds.coefficients import covariance_root
-from rockfall.scene.rebounds.rebound import admissible
+from rockfall.scene.rebounds.kernel_rebounds import admissible
 from rockfall.scene.rebounds.sets import read_sets
 
 SET = "vaujany-observed"

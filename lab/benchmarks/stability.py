@@ -23,7 +23,7 @@ from rockfall_lab._lab import lab_f2py as _lab
 
 from benchmarks.machine import machine
 from rockfall.errors import RockfallError
-from rockfall.scene.rebounds.rebound import INERTIA_FACTOR
+from rockfall.scene.rebounds.kernel_rebounds import INERTIA_FACTOR
 from rockfall_lab.case import LabCase, names
 from rockfall_lab.spheres.experiment import ENDED, STATUS, run_impacts
 

@@ -12,7 +12,7 @@ from rockfall.analysis.planes.plane_bounce import (
     neutral_slope,
     set_rebound,
 )
-from rockfall.scene.rebounds.rebound import admissible
+from rockfall.scene.rebounds.kernel_rebounds import admissible
 from rockfall_lab.sets import fit
 from rockfall_lab.sets.fit import Impacts, as_rebounds, fit_set
 from rockfall_lab.sets.resampled import resampled_rebound

@@ -15,7 +15,7 @@ import scenes
 from rockfall.cli import main
 from rockfall.errors import RockfallError
 from rockfall.result.crossings import at_lines
-from rockfall.scene.rebounds.rebound import INERTIA_FACTOR
+from rockfall.scene.rebounds.kernel_rebounds import INERTIA_FACTOR
 from rockfall.scene.rebounds.sets import Sets, read_sets, restitution
 from rockfall_lab.scorecard import score as scorecard
 from rockfall_lab.scorecard.score import (

@@ -14,7 +14,7 @@ from rockfall.case import read_case
 from rockfall.errors import RockfallError
 from rockfall.result.crossings import at_lines as crossed
 from rockfall.result.motion import are_met
-from rockfall.scene.rebounds.rebound import ratio_class
+from rockfall.scene.rebounds.kernel_rebounds import ratio_class
 from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall.studies.runs import run
 from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus

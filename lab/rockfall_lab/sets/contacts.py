@@ -12,7 +12,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.io.tables import Row, check_columns, read_table
-from rockfall.scene.rebounds.rebound import energy, ratio_class
+from rockfall.scene.rebounds.kernel_rebounds import energy, ratio_class
 from rockfall.version import __version__
 from rockfall_lab.case import COEFFICIENTS
 from rockfall_lab.sets.fit import GROUPS, Impacts, ImpactSet, as_rebounds, fit_set

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.scene.rebounds.rebound import MIN_NORMAL, admissible
+from rockfall.scene.rebounds.kernel_rebounds import MIN_NORMAL, admissible
 from rockfall_lab.sets.lateral import Lateral, fit_lateral, incidence
 from rockfall_lab.spheres.experiment import ENDED, STATES, STATUS
 

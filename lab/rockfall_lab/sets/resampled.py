@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from rockfall.analysis.planes.plane_bounce import Rebound, speed_of
-from rockfall.scene.rebounds.rebound import limited
+from rockfall.scene.rebounds.kernel_rebounds import limited
 
 NEAREST = 20  # number of impacts to draw from
 

@@ -18,9 +18,9 @@ from rockfall.case import keys_of
 from rockfall.errors import RockfallError
 from rockfall.grounds import YIELDING, check_yielding, shipped_rows, yielding_ground
 from rockfall.grounds.impact_tables import CONSTANTS, YieldingGround
+from rockfall.grounds.random_numbers import Uniform
 from rockfall.grounds.relief import Spectrum, measure, slope_between
 from rockfall.grounds.shapes import SHAPES, Surface, hull, random_block, refine, volume
-from rockfall.grounds.uniform import Uniform
 from rockfall.io.rasters.dem import read_dem
 from rockfall.io.tables import Row, check_columns, read_table
 from rockfall.kernel_rules import USUAL_DENSITY

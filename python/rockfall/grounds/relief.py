@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rockfall.errors import RockfallError
-from rockfall.grounds.uniform import Uniform
+from rockfall.grounds.random_numbers import Uniform
 
 CELLS = 512  # cells along a side of a patch
 CELLS_OF_WAVE = 16  # cells per shortest wave of a generated patch

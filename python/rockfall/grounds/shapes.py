@@ -8,7 +8,7 @@ import numpy as np
 
 from rockfall.errors import RockfallError
 from rockfall.grounds import block_axes
-from rockfall.grounds.uniform import Uniform
+from rockfall.grounds.random_numbers import Uniform
 
 #: Lengths of the axes of each shape class, relative to the longest axis.
 SHAPES = block_axes()

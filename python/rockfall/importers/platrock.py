@@ -21,7 +21,7 @@ from rockfall.io.coordinates.crs import plan_wkt
 from rockfall.io.rasters.grid import NO_ID
 from rockfall.io.tables import decimal
 from rockfall.io.vectors.layers import burn_polygons, plain, read_features
-from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 
 ROCKS, SOILS, FOREST, CHECKPOINTS = "rocks", "soils", "forest", "checkpoints"
 SOURCES, ZONES, STANDS, LINES = "sources.gpkg", "soils.tif", "stands.gpkg", "checkpoints.gpkg"

@@ -10,7 +10,7 @@ from rockfall.kernel_rules import EAD_ENERGY
 from rockfall.protection.crossings import Crossings
 from rockfall.protection.factors import Factors
 from rockfall.result.variables import ENDS
-from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 
 ABOVE = len(EAD_ENERGY)  # class of barriers whose declared energy exceeds the list
 

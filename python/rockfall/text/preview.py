@@ -25,7 +25,7 @@ from rockfall.result.grounds import rebounds_by_ground, sets_followed
 from rockfall.scene.ground import Ground
 from rockfall.scene.rebounds.breakage import breaking_speed, split_blocks
 from rockfall.scene.rebounds.coefficients import ANY_SPEED
-from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 from rockfall.scene.releases.sources import threshold
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory

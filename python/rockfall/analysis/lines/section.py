@@ -27,7 +27,7 @@ from rockfall.result.crossings import masses_of
 from rockfall.result.motion import Motion, motion_of, spins, spread
 from rockfall.result.samples import simulated
 from rockfall.result.trajectories import Terrain, curves
-from rockfall.scene.rebounds.rebound import kinetic_energy, sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import kinetic_energy, sphere_radius
 from rockfall.terrain.height import height, inside, steepness
 from rockfall.terrain.polyline import beside, lengths
 

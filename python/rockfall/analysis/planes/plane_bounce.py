@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rockfall.scene.rebounds.coefficients import covariance_root
-from rockfall.scene.rebounds.rebound import MAX_DRAWS, admissible, limited
+from rockfall.scene.rebounds.kernel_rebounds import MAX_DRAWS, admissible, limited
 
 FIRST, LAST = 20, 60  # first and last bounce counted, after the start-up phase
 FLATTEST, STEEPEST, NEAR = 5.0, 75.0, 0.05  # search range and tolerance of a neutral slope [degree]

@@ -19,7 +19,7 @@ from rockfall.result.crossings import AtLine, has_crossed, line_names
 from rockfall.result.grounds import rebounds_by_ground
 from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import STATUS
-from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 
 if TYPE_CHECKING:
     from rockfall.analysis.validity.remark import Variables

@@ -14,7 +14,7 @@ from rockfall.errors import RockfallError
 from rockfall.grounds.impact_sets import shipped_sets
 from rockfall.io.files import read_text
 from rockfall.scene.rebounds.coefficients import covariance_root, draws_in
-from rockfall.scene.rebounds.rebound import admissible
+from rockfall.scene.rebounds.kernel_rebounds import admissible
 
 ERROR_MARK = "Covariance of the errors of the means, lower triangle by rows:"
 DRAWS = 4000  # draws of the matrix A for means of R_t and R_n

@@ -13,7 +13,7 @@ from rockfall.io.input_warnings import InputWarning
 from rockfall.language import Text, say
 from rockfall.quantities import percent
 from rockfall.scene.ground import falls_and_rises
-from rockfall.scene.rebounds.rebound import sphere_radius
+from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 from rockfall.scene.releases.source_attributes import LAWS, MAX_AXIS_RATIO, values_of
 from rockfall.scene.scene import Scene
 from rockfall.scene.surface import radius_over_rg
