@@ -96,8 +96,8 @@ class _Came(NamedTuple):
 
 
 def check_acceptable(case: Case, acceptable: float | None) -> None:
-    """Raise a RockfallError for an `acceptable` frequency that is not positive, or whose case has
-    no scenarios."""
+    """Raise a RockfallError for an `acceptable` frequency that is not positive and finite, or
+    whose case has no scenarios."""
     if acceptable is None:
         return
     if not 0 < acceptable < math.inf:
@@ -112,8 +112,8 @@ def check_acceptable(case: Case, acceptable: float | None) -> None:
 def wanted(
     rows: Sequence[Mapping[str, Any]], alignments: Sequence[Alignment], most: Most
 ) -> list[Wanted]:
-    """Barriers to try at alignments that are not refused, cheapest first. Height and class are the
-    upper limits of their intervals where known, within the allowed maximum."""
+    """Barriers to try at alignments that are not refused: those that fit first, then by cost.
+    Height (in steps) and class are upper limits of their intervals where known, at most `most`."""
     able = [
         (row["fits"] != "yes", row["cost"], row["distance"], k)
         for k, row in enumerate(rows)
@@ -144,7 +144,7 @@ def advise(
 ) -> Advice | None:
     """First barrier (as proposed, higher, or of a higher class) for which the upper limit of
     boulders at the line is at most `acceptable` per year (None: any); if none suffices, the barrier
-    that the fewest boulders pass; None without barriers. `bare` has the results without a barrier
+    with the lowest upper limit; None without barriers. `bare` has the results without a barrier
     and their frequencies [1/year], for the same scenarios or for the case."""
     if not barriers:
         return None
@@ -174,8 +174,8 @@ def advise(
 def _stronger(
     case: Case, barrier: Wanted, after: Sequence[_Came], most: Most, acceptable: float
 ) -> Wanted | None:
-    """Cheapest higher or stronger barrier that at most `acceptable` boulders per year would pass;
-    None if there is none."""
+    """Cheapest barrier of at least this height and class for which the upper limit of boulders at
+    the line would be at most `acceptable` per year; None if there is none."""
 
     def is_enough(ead_class: int, k: int) -> bool:
         would = (

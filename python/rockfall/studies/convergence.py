@@ -51,7 +51,7 @@ class Convergence:
     for boulders).
 
     - study: boulders from each source; value; low and high, its 95 % interval (none for the
-      maximum); change from the previous row, which has fewer boulders.
+      maximum); relative change from the previous row, which has fewer boulders.
     - error: boulders over all sources; cpu_seconds; relative error (root mean square over blocks);
       number of blocks.
     - cost: slope of the log error against the log number of boulders, with its standard error;
@@ -85,11 +85,12 @@ def converge(
     """Measure how results at the lines of a case converge; see `Convergence`.
 
     The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
-    by default a million in total, equally from all sources. Statistical errors are measured on
-    `reference` boulders from each source (default: a million in total) in blocks, relative to as
-    many boulders with different seeds. Numerical errors are changes of the results for a
-    tenth of the boulders, the same boulders on each terrain. Only values at the lines need memory:
-    24 bytes per line and boulder. Invalid numbers, and cases without lines, raise a RockfallError.
+    by default 10,000 from each source, or a million in total if that is fewer. Statistical errors
+    are measured on `reference` boulders from each source (default: a million in total) in blocks,
+    relative to as many boulders with different seeds. Numerical errors are changes of the results
+    for a tenth of the boulders, the same boulders on each terrain. Only values at the lines need
+    memory: 24 bytes per line and boulder. Invalid numbers, and cases without lines, raise a
+    RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -188,7 +189,8 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
 
 
 def _numbers(values: np.ndarray) -> np.ndarray:
-    """Statistics (lines, numbers, blocks) of boulders in blocks; NaN if none crossed."""
+    """Statistics (lines, numbers, blocks) of boulders in blocks; all but fractions are NaN if none
+    crossed."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty|Degrees of freedom|All-NaN")
         fraction = np.isfinite(values[:, :1]).mean(axis=3)

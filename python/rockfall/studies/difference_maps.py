@@ -29,7 +29,8 @@ MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
     """Maps of the differences between each variant and the first, by name: the fraction of boulders
     that pass a cell, a verdict (-1 less, 1 more, 0 undecided), and the common maps of energy, speed
-    and height where boulders pass in both variants. Raises a RockfallError without passage maps.
+    and height where boulders pass in both variants. Raises a RockfallError for other sites,
+    boulders or cells, and without passage maps.
 
     Results do not record which boulders pass a cell, so the fractions are treated as independent.
     With common random numbers the intervals are then too wide: a cell may be undecided where a
@@ -87,7 +88,7 @@ def on_same_cells(results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
 
 
 def _same_cells(first: xr.Dataset, other: xr.Dataset) -> bool:
-    """Return True if the maps of two results have the same grid."""
+    """Return True if the maps of two results have the same cells; their extents may differ."""
     ours, theirs = (grid_of(data["passages"])[0] for data in (first, other))
     steps = np.array([theirs.west - ours.west, theirs.north - ours.north]) / ours.cell
     return theirs.cell == ours.cell and float(np.abs(steps - np.round(steps)).max()) <= OF_A_CELL

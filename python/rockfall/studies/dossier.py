@@ -131,7 +131,7 @@ def read_dossier(
 
 
 def _second(study: HazardInputs) -> tuple[str, HazardInputs] | None:
-    """Inputs of a hazard with a second model, if ground and memory allow it."""
+    """Inputs of a hazard with a second model; None for ground without one, or in windows."""
     model = second_model(study.scene) if study.scene.rasters.z.size else None
     if model is None:
         return None

@@ -110,7 +110,7 @@ def origins(hazard: xr.Dataset, place: str | Sequence[float], **arrays: Any) -> 
     their fraction of all arriving boulders; `reach`, the fraction of the cell's boulders that
     arrive; and their kinetic energies [J]: `energy_mean`, and the 95 % quantile `energy_q95` with
     the limits `energy_q95_low` and `energy_q95_high`, NaN if too few boulders arrive. Unknown
-    places, and points without a width, raise a RockfallError.
+    places, points without a width, and changed inputs raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -224,8 +224,8 @@ def run_study(
     checkpoints: Sequence[Checkpoint] = (),
     labels: Sequence[str] = (),
 ) -> xr.Dataset:
-    """Run the scenarios in turn, each from its checkpoint, or read its result file. Progress shows
-    `labels` (default: their names)."""
+    """Run the scenarios in turn, each from its checkpoint, or read their `results`, one file for
+    each. Progress shows `labels` (default: their names)."""
     if results and len(results) != len(study.scenarios):
         many = f"{len(study.scenarios)} scenarios"
         raise RockfallError(f"results: {len(results)} for {many}: give one for each, in this order")

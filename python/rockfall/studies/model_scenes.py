@@ -129,7 +129,8 @@ def by_tables(
 def second_model(own: Scene) -> tuple[str, Scene] | None:
     """Name and scene of another model for the ground of a scene. Impact sets replace tables and
     classical grounds if rocks have a suitable size, otherwise constant coefficients of the same
-    ground replace tables; the table `talus` replaces impact sets. None if no model is possible."""
+    ground replace tables; the table `talus` replaces impact sets and ratio tables. None if no model
+    is possible."""
     own = _with_named_apart(own)
     varied = _varied(own)
     if not _on_grounds(own, varied).any():

@@ -144,7 +144,8 @@ def site(
 
     The resulting barrier is verified by a run with the same boulders, or by a run for each
     &scenario. If the upper limit of arriving boulders (95 % interval) exceeds `acceptable` per
-    year, the next cheapest alignments are tried. Invalid arguments raise a RockfallError.
+    year, stronger barriers and the next cheapest alignments are tried. Invalid arguments raise a
+    RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders at candidate alignments, from a single run, or weighted from a run for each scenario."""
+"""Boulders at candidate alignments: from a run, or pooled by frequency from one per scenario."""
 
 from __future__ import annotations
 

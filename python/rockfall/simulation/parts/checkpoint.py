@@ -124,7 +124,7 @@ class Checkpoint:
             raise RockfallError(f"{error}. {kept}", error.code) from error
 
     def remove(self) -> None:
-        """Remove the file once the run has been written."""
+        """Remove the file, and its temporary file; for use after the result is written."""
         for path in self.path, self.part:
             with suppress(OSError):
                 path.unlink()

@@ -66,7 +66,7 @@ def contributions(
 
 
 def loss_of(values: np.ndarray, alone: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
-    """Difference of the weighted means of log-likelihoods, and its standard error.
+    """Mean log-likelihood with weights `alone` minus that with `weight`, and its standard error.
 
     >>> loss_of(np.array([0.0, -2.0]), np.array([0.5, 0.5]), np.array([0.0, 1.0]))[0]
     1.0

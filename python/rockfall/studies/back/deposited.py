@@ -99,8 +99,8 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of an equal number of boulders from the same run minus the log-density of
-        the blocks: a parameter-dependent discrepancy (Gelman, Meng and Stern 1996)."""
+        """Negative log-densities of the blocks, and of as many boulders from the same run:
+        parameter-dependent discrepancies (Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)
@@ -127,7 +127,7 @@ class Deposited(Witnesses):
 
 
 def _starts(result: xr.Dataset, sets: list[Blocks]) -> Starts | None:
-    """Release groups of a result, needed only if the source of some blocks is known."""
+    """Release groups of a result; None if no block has a known source."""
     return starts(result) if any(impact_set.source for impact_set in sets) else None
 
 
@@ -139,7 +139,7 @@ def _widths_at(kernel: Kernel, blocks: Blocks, rest: Rest) -> np.ndarray:
 
 
 def _others(kernel: Kernel, blocks: Blocks, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each block, sums of kernels and weights over half of the other blocks."""
+    """For each block, half of the sums of kernels, and of weights, over the other blocks."""
     both = kernel_values(kernel, blocks, Rest(blocks.place, blocks.volume, blocks.shape), widths)
     for overlap in both:
         np.fill_diagonal(overlap, 0.0)

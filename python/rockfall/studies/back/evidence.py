@@ -219,7 +219,8 @@ def evidence(
     result: xr.Dataset, seen: Observed, marks: list[Mark]
 ) -> tuple[list[Evidence], list[str]]:
     """Data sets for a back-analysis, and notes on unusable data; `result` is a run of the case with
-    a line at each mark. Raises a RockfallError without usable data."""
+    a line at each mark. Raises a RockfallError without usable data, or if too few boulders come
+    to rest for the density at the blocks."""
     notes: list[str] = []
     data = [
         *_of_stops(result, seen, notes),
@@ -319,8 +320,8 @@ def _at_line(line: int, quantity: str) -> Take:
 
 
 def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
-    """Weight of each data set (data,): the inverse sum of its squared rank correlations with all
-    sets."""
+    """Weight of each data set (data,): 1 / (sum of its squared rank correlations with all sets,
+    itself included)."""
     from scipy.stats import spearmanr
 
     values = [item.take(result) if isinstance(item, Counted | Printed) else None for item in data]
@@ -339,7 +340,7 @@ def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
     """Posterior predictive probability that as many simulated boulders as observed deviate from the
-    prediction at least as much as the observed boulders (Gelman, Meng and Stern 1996)."""
+    prediction at least as much as these (Gelman, Meng and Stern 1996); NaN if all are equal."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
     if np.array_equal(observed, again):  # nothing to compare

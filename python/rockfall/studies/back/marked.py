@@ -90,8 +90,8 @@ class Marked(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Log-density of equally many simulated hits minus the log-density of the marks, where at
-        least two boulders of the run pass."""
+        """Negative log-densities of the marks, and of equally many simulated hits; marks that
+        fewer than two boulders of the run pass are left out of both."""
         which = random.integers(Marked.AGAIN, size=picked.size)
         both = runs[:, -2 * Marked.AGAIN :].reshape(len(runs), 2, Marked.AGAIN)[picked, :, which]
         return -both[:, 0], -both[:, 1]
@@ -119,8 +119,8 @@ def _again(
     below: float,
     random: np.random.Generator,
 ) -> np.ndarray:
-    """Log-densities (2, AGAIN) of a mark and of simulated hits, each given the other hits; 0 for
-    fewer than two boulders."""
+    """Log-densities (2, AGAIN) of a mark given the boulders, and of simulated hits given the other
+    boulders; 0 for fewer than two boulders."""
     n = heights.size
     uniform = random.random((Marked.AGAIN, mark.hits))
     if n < 2:

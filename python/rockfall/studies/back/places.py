@@ -13,8 +13,8 @@ from rockfall.scene.scene import Scene
 
 
 def check_on_terrain(scene: Scene, where: Sequence[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Raise a RockfallError for the first place x, y [m] off the terrain; `where` gives the file
-    and row of each place."""
+    """Raise a RockfallError for a place x, y [m] outside the terrain, or else without an elevation;
+    `where` gives the file and row of each place."""
     if not len(x):
         return
     grid = scene.grid

@@ -97,7 +97,7 @@ def posterior_table(analysis: Back) -> pd.DataFrame:
 
 
 def alone_table(analysis: Back) -> pd.DataFrame:
-    """Rows of `posterior_table` from each data set alone (column `data`)."""
+    """Rows of `posterior_table` from each data set alone (column `data`), if it has weights."""
     tables = []
     for name, weight in zip(analysis.data["data"], analysis.alone, strict=True):
         if weight.any():

@@ -64,7 +64,7 @@ class Sampler:
         return new
 
     def more_of_prior(self, points: np.ndarray) -> None:
-        """Add points from the prior, if no point has a likelihood yet."""
+        """Add points from the prior; for use while all likelihoods are 0."""
         self.points = np.concatenate([self.points, points])
         self.sizes[0] += len(points)
         self.densities = [density(self.points) for density in self._all()]

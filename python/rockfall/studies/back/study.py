@@ -97,11 +97,11 @@ def back_analysis(
     """Posterior of the uncertain inputs in a case's group &ensemble, given observations: CSV files
     (docs/observed.md), or an `Observed`.
 
-    Members are drawn and run until the effective number reaches `enough`, or the total reaches
-    `members`. The prior is the distribution of the ensemble. Terrain errors, and rocks that no
-    boulder reaches, are drawn for each member but are not parameters (docs/back_analysis.md).
-    Invalid numbers and unusable observations raise a RockfallError. Ctrl-C raises
-    `Interrupted`; its `result` is the posterior from the completed rounds.
+    Members are drawn and run until the effective number reaches `enough`, or another round would
+    exceed `members`. The prior is the distribution of the ensemble. Terrain errors, and rocks that
+    no boulder reaches, are drawn for each member but are not parameters (docs/back_analysis.md).
+    Invalid numbers, unusable observations, and members that all miss them raise a RockfallError.
+    Ctrl-C raises `Interrupted`; its `result` is the posterior from the completed rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -242,7 +242,8 @@ class _Rounds:
         self.cube = np.concatenate([self.cube, points])
 
     def posterior(self, enough: int) -> Back:
-        """Result from the complete rounds; raises KeyboardInterrupt if there are none."""
+        """Result from the complete rounds. Raises KeyboardInterrupt if there are none, and a
+        RockfallError if no member has a likelihood."""
         read, sampler, weight = self.read, self.sampler, self.weight
         if not (done := sampler.log_likelihood.size):
             raise KeyboardInterrupt
@@ -292,8 +293,8 @@ def _row(draws: Iterable[Draw]) -> dict[str, float]:
 
 
 def _sought(inputs: Uncertain, base: xr.Dataset) -> np.ndarray:
-    """Columns of the cube that are parameters; rock sizes count only where boulders reach them.
-    Raises a RockfallError if there are none."""
+    """Columns of the cube that are parameters; rock sizes and grounds count only where boulders
+    reach them. Raises a RockfallError if there are none."""
     all_columns: list[int] = []
     for name in inputs.names:
         k = INPUTS.index(name)

@@ -76,8 +76,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
     Values are NaN if too few boulders pass in some run, or if the epistemic variance is not
     significant. The Dataset also has the draws, the results of all runs and, if the case requests
     passages or reach_probability, maps over the runs. `arrays` are as in `rockfall.run`. An invalid
-    group &ensemble raises a RockfallError. Ctrl-C raises `Interrupted`; its `result` is the
-    ensemble of the completed draws, if there are enough.
+    group &ensemble, or a case with neither lines nor such maps, raises a RockfallError. Ctrl-C
+    raises `Interrupted`; its `result` is the ensemble of the completed draws, if there are enough.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
@@ -148,7 +148,8 @@ def run_ensemble(case: Case, *, progress: bool = False, **arrays: Any) -> xr.Dat
 
 
 def lean(scene: Scene, what: str, maps: list[str] | None) -> Scene:
-    """Scene without outputs that studies do not use, except `maps`."""
+    """Scene without outputs that studies do not use, except `maps`. Raises a RockfallError if
+    sources release different numbers of boulders."""
     case = scene.case
     refuse_by_area(scene.case, scene, what)
     output = ROWS_ONLY | {"maps": maps, "energy_balance": False}
@@ -239,7 +240,7 @@ def _units(quantity: str, number: str) -> str:
 
 
 def _drawn(draws: list[list[Draw]], seeds: list[int]) -> dict[str, Any]:
-    """Drawn values for A and B in each run; dimensions run, side (and zone)."""
+    """Drawn values for A and B in each run; dimensions run, side (and zone or ground)."""
     kept = [{key: value for draw in drawn for key, value in draw.kept.items()} for drawn in draws]
     data: dict[str, Any] = {
         "side": ("side", np.array(["A", "B"], dtype=object)),

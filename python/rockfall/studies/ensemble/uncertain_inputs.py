@@ -114,9 +114,9 @@ class Uncertain:
             )
 
     def _operators(self) -> list[Operator]:
-        """Rebound models for the names in `sets`, one for each draw. Impact sets replace the case's
-        impact sets; tables replace its grounds: each draw in `talus-ensemble` replaces `talus`, any
-        other table the default ground. Refuses tables without effect."""
+        """Rebound models for the names in `sets`, one for each combination of draws. Impact sets
+        replace the case's impact sets; tables replace its grounds: each draw in `talus-ensemble`
+        replaces `talus`, any other table the default ground. Refuses tables without effect."""
         case, files = self.scene.case, list[SetFile]()
         stand_ins: dict[str, list[GroundRule]] = {}
         for name in self.given.get("sets", []):
@@ -159,8 +159,8 @@ class Uncertain:
         return path if is_table else None
 
     def _check_factors(self) -> None:
-        """Raise a RockfallError for factors on values that a source layer does not give (the kernel
-        checks cases without a layer), or on rocks if no zone has any."""
+        """Raise a RockfallError for factors on values that neither case nor source layer gives (the
+        kernel checks cases without a layer), or on rocks if no zone has any."""
         scene = self.scene
         of_case, features = {**scene.case.boulder, **scene.case.release}, scene.features
         for name in ("volume_std", "drop_height") if features is not None else ():
@@ -374,7 +374,7 @@ def has_rocks(sizes: np.ndarray) -> bool:
 
 def read_draws(path: Path, radii: int, sets: int, pairs: int) -> list[dict[str, float]]:
     """Read joint draws of inputs from a CSV file with one draw in each row. Raises a RockfallError
-    for missing columns, and for sets that the case lacks.
+    for unknown or missing columns, invalid values, and sets that the case lacks.
 
     Groups of columns, each complete or absent:
 
