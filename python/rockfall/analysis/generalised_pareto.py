@@ -64,8 +64,8 @@ def theta_at(place: ArrayLike, excess: np.ndarray) -> np.ndarray:
 
 
 def _stationary(excess: np.ndarray, max_place: float) -> float | None:
-    """Value of the search variable at the optimum, by Newton's method; None if it leaves its
-    range."""
+    """Value of the search variable at the optimum, by Newton's method; None if it does not
+    converge within the range."""
     place, n, largest = 0.0, excess.size, excess[-1]
     reach = np.log(n)
     for _ in range(20):
@@ -160,7 +160,8 @@ def _spectrum(shape: float, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def lowest_valid(tried: Sequence[Fit]) -> Fit | None:
-    """Fit with the lowest threshold that ForwardStop accepts (Bader, Yan and Zhang 2018, eq. 4)."""
+    """Fit with the lowest threshold that ForwardStop accepts (Bader, Yan and Zhang 2018, eq. 4);
+    None if it accepts none."""
     p = np.minimum([fit.p_value for fit in tried], 1 - 1e-12)
     mean = -np.log1p(-p).cumsum() / np.arange(1, p.size + 1)
     given_up = np.flatnonzero(mean <= FALSE)

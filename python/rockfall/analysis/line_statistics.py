@@ -63,7 +63,7 @@ def line_statistics(
     by = 'source', 'volume' or 'shape' gives these rows for each group of boulders. A column of that
     name has the group, and `boulders` its released number, the denominator of `fraction`; `classes`
     are the edges between classes of volume [m3] (see `rockfall.analysis.lines.groups.groups`).
-    Raises RockfallError for another `by` or quantity, or edges that do not increase.
+    Raises RockfallError for an unknown `by`, quantity or line, or edges that do not increase.
 
     energy_total is E_trans + E_rot, and rotational_share is E_rot / E_total. position is the
     distance from the first vertex along the line to the crossing [m]; its std is the lateral
@@ -136,7 +136,7 @@ def numbers(sample: Sample, quantity: str) -> dict[str, float]:
 def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict[str, float]:
     """Mean, standard deviation, quantiles and maximum of one value per boulder, with intervals.
     Statistics that a single value does not define are absent; limits from too few values are NaN.
-    Unless `signed`, means and limits are at least 0."""
+    Unless `signed`, the lower limit of the mean is at least 0."""
     return numbers_of(Values(v, source), signed)
 
 

@@ -104,8 +104,8 @@ def return_levels(
     shape with its limits, scale, p-value of the fit, upper end point of the tail and its upper
     limit. Refused values are NaN; `refused` gives the reason, else it is empty.
 
-    Levels that at least 25 boulders exceed are quantiles of the sample. Raises RockfallError for
-    levels that are not integers above 1.
+    Levels that at least 25 independent boulders exceed are quantiles of the sample. Raises
+    RockfallError for levels that are not integers above 1.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -232,8 +232,7 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels made to increase with N, because some come from the sample and others from its
-    tail."""
+    """Levels made to never decrease with N: some come from the sample, others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):

@@ -74,7 +74,7 @@ def drawn_scene(
     case: Case, scene: Scene, line: str, layer: Any, name: str | None, arrays: Mapping[str, Any]
 ) -> tuple[Scene, list[Alignment]]:
     """Scene with the lines of a layer (a file or GeoDataFrame) as evaluation lines, and these
-    lines; `scene` is the scene without them. Raises a RockfallError for too many lines."""
+    lines by distance; `scene` is without them. Raises a RockfallError for too many lines."""
     given = {"candidates": layer} if is_frame(layer) else {}
     with frame_files(given) as files:
         file = files.get("candidates", layer if is_frame(layer) else Path(layer).resolve())
@@ -139,7 +139,7 @@ def _steps(shift: Shift) -> int:
 
 def _direction(scene: Scene, line: str, vertices: np.ndarray, azimuth: float | None) -> complex:
     """Unit vector of the shift: along its azimuth, or perpendicular to the line's chord towards the
-    mean source position. Refuses a line with sources on both sides."""
+    mean source position. Refuses closed lines, and sources whose mean is on neither side."""
     if azimuth is not None:
         return complex(1j * np.exp(-1j * math.radians(azimuth)))
     chord = vertices[-1] - vertices[0]

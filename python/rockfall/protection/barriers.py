@@ -29,8 +29,8 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
     outcome at the barrier, with its 95 % limits (as in `line_statistics`).
 
     Outcomes are stopped, broken_through and passed_over; the remaining fraction never reached the
-    barrier. `height` [m] and `capacity` [J] describe the barrier. A result without boulder rows
-    raises a RockfallError.
+    barrier. `height` [m] and `capacity` [J] describe the barrier. A result with
+    barriers but without boulder rows raises a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -23,7 +23,7 @@ def demand(came: Crossings, factors: Factors, density: float, volume: float | No
     """Design values in SI units: v_d, m_d, E_d, h_d (of the centre, vertical, and normal to the
     slope), with 95 % limits; `height_needed` = h_d + f_min; and the EAD class for E_d. `volume`
     [m3] is the design block volume (None: a quantile of the boulders that reach the line).
-    `density` is the case's density, unless a source layer gives densities."""
+    `density` [kg/m3] is the case's; that of the densest boulder is used if it differs."""
     if volume is None:
         volume = quantile(came.volume, factors["quantile_volume"], came.source)[0]
     values = _uni if factors.conditions.standard == "UNI" else _onr
@@ -46,7 +46,7 @@ def _density(came: Crossings, density: float) -> float:
 
 
 def class_for(energy: float, factors: Factors) -> float:
-    """Lowest EAD class whose capacity covers a design energy [J]; ABOVE if none does, NaN if the
+    """Lowest EAD class whose usable capacity exceeds an energy [J]; ABOVE if none does, NaN if the
     energy is unknown. Class 0 kits are not tested at SEL."""
     first = 1 if factors.conditions.limit_state == "SEL" else 0
     enough = [k for k in range(first, ABOVE) if energy < usable(EAD_ENERGY[k], factors)]

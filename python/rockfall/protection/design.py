@@ -100,9 +100,9 @@ def design(
     `line` selects lines and barriers for the sheet by name. `along` selects a line to be cut into
     windows of `width` [m]; windows with fewer than `min_boulders` boulders are blank. `residual` is
     the fraction of boulders that may pass, `volume` [m3] the design block. `factors` is a table
-    with the factors of the standard; without it, no requirements are computed. `costs` is a table
-    of prices. `conditions` are fields of `rockfall.protection.factors.Conditions`. Invalid
-    arguments raise a RockfallError.
+    with the factors of the standard; without it, requirements are NaN and `along` is refused.
+    `costs` is a table of prices. `conditions` are fields of
+    `rockfall.protection.factors.Conditions`. Invalid arguments raise a RockfallError.
 
     >>> import rockfall
     >>> result = rockfall.run(rockfall.read_case("case.nml"))
@@ -215,7 +215,7 @@ def _check(
 
 
 def _loads(line: str, samples: LineSamples, k: int) -> Iterator[dict[str, Any]]:
-    """Quantiles and return levels for the boulders that reach the line with this index."""
+    """Statistics and return levels for the boulders that reach the line with this index."""
     for quantity in LOADS:
         sample, tail = tail_at(samples, k, quantity)
         row: dict[str, Any] = {"line": line, "n": sample.n, "quantity": quantity}

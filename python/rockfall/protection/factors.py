@@ -86,8 +86,8 @@ class Factors:
 
 
 def read_factors(conditions: Conditions, path: str | Path | None = None) -> Factors:
-    """Factors of a standard under `conditions`, from a table; all missing without a table. Raises a
-    RockfallError for other conditions, and for a factor that the table lacks."""
+    """Factors of a standard under `conditions`, from a table; all NaN without a table. Raises a
+    RockfallError for conditions not in `ALLOWED`, and for a factor missing from the table."""
     for key, allowed in ALLOWED.items():
         if (given := getattr(conditions, key)) not in allowed:
             raise RockfallError(f"{key} = '{given}': must be one of {', '.join(allowed)}")

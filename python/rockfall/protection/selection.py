@@ -40,8 +40,9 @@ class Choice(NamedTuple):
 
 def height_for(came: Crossings, capacity: float, residual: float) -> float:
     """Minimum height [m] at which at most the fraction `residual` of the boulders passes over or
-    through a barrier of this capacity [J]; NaN if too many break through. A single sort suffices:
-    the boulders that do not break through may pass over up to the rest of `residual`."""
+    through a barrier of this capacity [J]; NaN if too many break through, or without
+    boulders. A single sort suffices: of the boulders that do not break through, as many may pass
+    over as `residual` still allows."""
     heights = np.sort(came.passing_height[came.energy_total <= capacity])
     over = math.floor(residual * came.n * (1 + 1e-12)) - (came.n - heights.size)
     if not came.n or over < 0:
@@ -77,8 +78,8 @@ def least_heights(
     is_enough: Callable[[int, int], bool],
     costs: Costs | None,
 ) -> list[Choice]:
-    """Barrier of each class with the lowest sufficient height in an ascending list [m]; higher
-    barriers let fewer boulders pass."""
+    """Barrier of each class with the lowest of the ascending `heights` [m] (by index) for which
+    `is_enough(class, index)`; every higher barrier must suffice, too. NaN if none does."""
     numbers, ends = range(len(heights)), [*heights, math.nan]
     return [
         Choice.of(own, ends[bisect_left(numbers, True, key=partial(is_enough, own))], costs)
@@ -101,7 +102,8 @@ def residual_of(passing: np.ndarray, source: Sources | Weighted) -> tuple[float,
 
 def cost_of(ead_class: int, height: float, costs: Costs | None) -> float:
     """Cost per metre: the lowest price of a sufficiently high barrier of this class. Without
-    prices, energy x height [kJ m], which favours no manufacturer. NaN if no barrier has a price."""
+    prices, energy x height [kJ m], which favours no manufacturer. NaN if no such barrier has a
+    price, or if `height` is NaN."""
     if math.isnan(height):
         return math.nan
     if costs is None:

@@ -38,8 +38,8 @@ class YearlyDesign:
     period, judged by the upper limit (NaN if there is none); the annual numbers of boulders that
     pass it (`behind`) and that would break through any barrier of the class (`through`); and the
     advised (cheapest) barrier, if boulders may arrive more often than once in the period. `checks`:
-    annual number of boulders that pass the case's barriers, and whether it is at most one in the
-    period.
+    annual number of boulders that pass the case's barriers, whether it is at most one in the
+    period, and whether that verdict is certain.
     """
 
     period: float
@@ -109,7 +109,8 @@ def _loads(hazard: xr.Dataset, k: int, at: int) -> dict[str, float]:
 def _choices(
     hazard: xr.Dataset, k: int, allowed: float, prices: Costs | None
 ) -> Iterator[dict[str, Any]]:
-    """Rows for a line that at most `allowed` boulders [1/year] may pass."""
+    """Rows for each barrier class: the lowest height at which at most `allowed` boulders [1/year]
+    pass the barrier, by the upper limit."""
     tall = EXCEEDED["height"] <= HIGHEST
     rates = yearly(hazard, "line", k, hazard["line_class_behind"].values[:, k])
     heights, high = EXCEEDED["height"][tall].tolist(), rates[2]

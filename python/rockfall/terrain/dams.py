@@ -93,14 +93,14 @@ def with_dams(
 
 
 def finer(shape: DamShape) -> float:
-    """Largest cell size [m] with enough cells across the face, to two digits."""
+    """Cell size [m] with `FINE` cells across the face, rounded down to two digits."""
     cell = max(shape.face, 1e-3) / FINE
     unit = 10.0 ** (math.floor(math.log10(cell)) - 1)
     return math.floor(cell / unit) * unit
 
 
 def higher(shape: DamShape) -> int:
-    """Height [m] that gives the face just enough cells, if its width increases in proportion."""
+    """Height [m] with `COARSE` cells across the face, if face width is proportional to height."""
     return math.ceil(shape.requested[0] * COARSE / max(shape.face_cells, 1e-3))
 
 
@@ -183,7 +183,8 @@ def _face(
 def _slope(
     after: np.ndarray, own: np.ndarray, top: np.ndarray, off: np.ndarray, side: int
 ) -> float:
-    """Median angle [degree] of the chord from 10 to 90 % of a face's width."""
+    """Median angle [degree] of the chord between 10 and 90 % of a face's height; NaN without a
+    face."""
     on_side = side * off >= 0
     z, of_dam, out = after[:, on_side], own[:, on_side], abs(off[on_side])
     if side < 0:

@@ -53,8 +53,8 @@ def spaced(vertices: np.ndarray, number: int) -> np.ndarray:
 
 
 def lattice_cuts(vertices: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Distances along a polyline, in cells from the first cell centre, to its vertices and to its
-    intersections with the lines x = 0 to size[0] - 1 and y = 0 to size[1] - 1, in order."""
+    """Distances along a polyline to its vertices and to its intersections with the lines x = 0 to
+    size[0] - 1 and y = 0 to size[1] - 1, in order; coordinates in cells from the first centre."""
     cuts = [lengths(vertices)]
     for start, side, before in zip(vertices[:-1], np.diff(vertices), cuts[0][:-1], strict=True):
         axes = (start.real, side.real, size[0]), (start.imag, side.imag, size[1])

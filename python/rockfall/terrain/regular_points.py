@@ -18,7 +18,7 @@ SPARSE = 100  # maximum nodes per point in a grid with gaps
 
 class Nodes(NamedTuple):
     """Elevations (ny, nx) [m] at nodes, NaN without a point; `grid` has a cell around each node.
-    `shared` counts the nodes with several different points, whose mean is used."""
+    `shared` counts the nodes with points of different elevations, whose mean is used."""
 
     z: np.ndarray
     grid: Grid
@@ -50,7 +50,7 @@ def spacings(points: np.ndarray) -> tuple[float, float] | None:
 
 def regular_nodes(points: np.ndarray) -> Nodes | None:
     """Nodes of a regular grid with square cells; None if points (n, 3) [m] are not on the nodes of
-    such a grid."""
+    such a grid, or too few of its nodes have neighbours."""
     axes = _axes(points)
     if axes is None:
         return None
@@ -102,7 +102,7 @@ def _axes(points: np.ndarray) -> tuple[_Axis, _Axis] | None:
 
 
 def _axis(values: np.ndarray) -> _Axis | None:
-    """Nodes along an axis; None if the coordinates are not evenly spaced."""
+    """Nodes along an axis; None if coordinates are not evenly spaced, or most are unique."""
     places = np.unique(values)
     if not 2 <= len(places) <= len(values) / 2:
         return None

@@ -21,7 +21,8 @@ PLACES = "line", "object", "segment"
 
 
 class Period(NamedTuple):
-    """Return period [year] with its 95 % limits; infinite if no boulder arrived."""
+    """Return period [year] with its 95 % limits; `value` and `high` are infinite if no boulder
+    exceeds the level."""
 
     value: float
     low: float

@@ -52,9 +52,10 @@ class _Blocks(NamedTuple):
 
 
 def read_survey(blocks: Volumes, events: Volumes | None, years: float | None) -> Survey:
-    """Read a survey: `blocks` has the deposited blocks, `events` the blocks that fell within
-    `years` (default: the dated rows of `blocks`). Raises a RockfallError if dates are missing, or
-    in both tables."""
+    """Read a survey: `blocks` are the deposited blocks, `events` those that fell in a period of
+    `years` (None: the dated rows of `blocks`). Raises a RockfallError if `blocks` has no dates
+    without `events`, or any with `events`; if only some `events` are dated; and if `years` is None
+    or contradicts the dates."""
     deposited = _read(blocks, "blocks")
     if events is None:
         is_dated = ~np.isnan(deposited.dates)
@@ -106,7 +107,7 @@ def _period(years: float | None, fallen: _Blocks) -> float:
 
 
 def survey_remarks(survey: Survey) -> Iterator[str]:
-    """Remarks on probable unit errors in a survey."""
+    """Remarks on probably wrong units of volumes or `years`, and on incomplete records."""
     largest, years = float(survey.volumes.max()), survey.years
     if largest > LARGE:
         yield (f"the largest block has {largest:.3g} m3: are volumes in dm3 or kg, or axes in dm?")
@@ -171,7 +172,7 @@ def _volume(row: Row, has_axes: bool) -> float:
 
 
 def _decimal_year(row: Row, column: str) -> float:
-    """Date in a row as a decimal year; NaN if empty. Raises a ValueError for other texts."""
+    """Date in a row as a decimal year; NaN if empty. Refuses other texts and future years."""
     text = row.cells[column]
     if not text:
         return math.nan

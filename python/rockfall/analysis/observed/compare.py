@@ -159,7 +159,7 @@ def observed_files(case: Case) -> list[Path]:
 
 def site_observations(site: xr.Dataset | Scene) -> Observed | None:
     """Observations given by the case of a result or scene; None without observations. Raises a
-    RockfallError for unreadable files, and for observations at another site."""
+    RockfallError for invalid files, unknown lines, and places with x and y swapped."""
     case = site.case if isinstance(site, Scene) else case_of(site)
     if not (files := observed_files(case)):
         return None
@@ -302,7 +302,8 @@ def _verdicts(
 ) -> tuple[bool | None, bool | None]:
     """Verdicts: whether the interval of the simulated value contains the observed value, and
     whether the interval of their difference (Zou and Donner 2008) contains 0. An observed value
-    without an interval counts as exact; None if the simulated value has no interval."""
+    without an interval counts as exact; None if the observed value is NaN, or the simulated value
+    has no interval."""
     if np.isnan(observed) or np.isnan(from_):
         return None, None
     low, high = (observed, observed) if np.isnan(low) else (low, high)
@@ -353,7 +354,7 @@ def _ks(
 def _test(
     observed: np.ndarray, simulated: np.ndarray, share: np.ndarray
 ) -> tuple[int, int, float, float]:
-    """Sample sizes, statistic and p; NaN if a sample is empty."""
+    """Sample sizes, statistic and p; the latter are NaN without simulated values."""
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
     statistic, p = kolmogorov_smirnov(observed, simulated, share)

@@ -104,7 +104,7 @@ class Sums(NamedTuple):
 
 def witnesses(result: xr.Dataset, seen: Observed) -> list[Blocks]:
     """Blocks at rest without a known release, by source; blocks of unknown source come last. Empty
-    if all releases are known, from columns or because there is only one source. Errors as in
+    if all releases are known, from columns or because there is a single place. Errors as in
     `blocks_from`."""
     return blocks_from(starts(result), seen)
 

@@ -246,7 +246,7 @@ KINDS = (  # in this order: the first kind whose required columns are all in the
 
 
 def _read(path: str, grid: Grid | None, notes: list[str]) -> tuple[_Kind, Iterator[Row]]:
-    """Kind and rows of a table of observations; refuses layers and unknown columns."""
+    """Kind and rows of a table or layer; refuses layers without `grid`, and unknown kinds."""
     if is_point_layer(path):
         if grid is None:
             raise RockfallError(f"{path}: layers can only be read by compare, back and validate")

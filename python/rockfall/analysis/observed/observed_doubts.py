@@ -65,7 +65,7 @@ def check_exchanged(seen: Observed, site: xr.Dataset | Grid) -> None:
 
 
 def unit_notes(seen: Observed) -> Iterator[Text]:
-    """Notes on implausible heights and diameters of trees, and on implausible block volumes."""
+    """Notes on implausible mark heights, tree diameters and block volumes."""
     if seen.contacts is not None:
         height, dbh = (seen.contacts[name].to_numpy(float) for name in ("height", "dbh"))
         if np.nanmax(height, initial=0.0) > SCAR:

@@ -139,8 +139,8 @@ class Sums:
     def limits_of_mean(
         self, shape: Shape, signed: bool = False, fewest: int = MIN_FOR_MEAN, skewed: float = SKEWED
     ) -> tuple[float, float]:
-        """Limits of the interval of the mean, minus the mean, for values of this shape; NaN for
-        fewer than `fewest` values (or sources, if sampled). See `hall` for the other arguments."""
+        """Limits of the interval of the mean, minus the mean, for values of this shape; NaN if
+        `Shape.apart` of the values (or source sums, if sampled) is below `fewest`. See `hall`."""
         n = self.size
         if shape.apart < fewest:
             return WITHHELD
