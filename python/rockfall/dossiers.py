@@ -62,7 +62,8 @@ def dossier(
 ) -> list[Path]:
     """Run all scenarios for each variant of a case and write the dossier to `folder`: dossier.pdf
     (page 1 answers the main questions and can be signed), its tables as dossier.xlsx and
-    dossier.docx, and a hazard file for each variant. Return the files.
+    dossier.docx, frequencies.csv, and a hazard file for each variant and the second model. Return
+    the files.
 
     The first variant is also run with a second rebound model if its ground allows one, unless
     `one_model` is True. `return_period` [year], one of 10, 30, 100, 300 and 1,000, is used for the

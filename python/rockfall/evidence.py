@@ -72,12 +72,12 @@ def only(site: str, place: str, quantity: str, model: str) -> Evidence:
 
 
 def largest_error(rows: Iterable[Evidence]) -> int:
-    """Largest absolute error of the rows that have observations [%]."""
+    """Largest absolute error [%] of rows that must all have observations, rounded."""
     return round(max(abs(row.error) for row in rows))
 
 
 def error_range(rows: Iterable[Evidence]) -> tuple[int, int]:
-    """Lowest and highest error of rows with observations [%]."""
+    """Lowest and highest error [%] of rows that must all have observations, rounded."""
     errors = [round(row.error) for row in rows]
     return min(errors), max(errors)
 

@@ -61,7 +61,8 @@ def interrupts() -> Iterator[Callable[[], bool]]:
 
 
 def _end_at_second(reader: socket.socket) -> None:
-    """Read signal numbers from a channel until it is closed, and exit at the second signal."""
+    """Read signal numbers from a channel until it is closed, and exit at the second signal, if it
+    comes more than TOGETHER after the first."""
     first = None
     while numbers := reader.recv(64):
         stops = [number for number in numbers if number in STOPS]

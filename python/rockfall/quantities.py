@@ -117,7 +117,7 @@ NOISE = 1e-12
 
 def number(value: float, digits: int = 3, *, up: bool = False) -> Number:
     """Format a number with `digits` significant digits and thousands separators, without an
-    exponent unless six decimals would show 0; "-" if it is NaN. `up` rounds up, for required
+    exponent unless six decimals would show 0; "-" if it is not finite. `up` rounds up, for required
     minima."""
     value = float(value)
     if not math.isfinite(value):

@@ -22,8 +22,8 @@ def case_zones(case: Case, remarks: list[str] | None = None) -> dict[int, Zone]:
 def polygon_zones(
     case: Case, remarks: list[str] | None = None
 ) -> tuple[np.ndarray, dict[int, Zone]]:
-    """Id of each polygon (int32), and the zones by id, for a case without a zone table. Refuses a
-    default zone without ids, and polygons without grounds."""
+    """Id of each polygon (int32), and the zones by id, for a case without a zone table. Refuses
+    rasters, a default zone without ids, and polygons without grounds."""
     surface = case.surface
     path = case.path(surface["zones"])
     if surface["zones"] == FROM_ARRAY or path.suffix.lower() not in EXTENSIONS:

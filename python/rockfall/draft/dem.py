@@ -181,7 +181,7 @@ def _may_be_degrees(low: np.ndarray, high: np.ndarray) -> bool:
 
 
 def _check_places(path: str | Path, points: np.ndarray) -> None:
-    """Raise a RockfallError if most points coincide in plan."""
+    """Raise a RockfallError if most points coincide in plan, but not in elevation."""
     places = len(np.unique(points[:, 0] + 1j * points[:, 1]))
     if places < len(points) / 2 and len(np.unique(points[:, 2])) > places:
         raise RockfallError(
@@ -327,7 +327,7 @@ def _dam(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
 
 def _cut(dem: Dem, path: Path, remarks: list[str]) -> np.ndarray:
     """Elevations lowered within polygons or along lines, by `depth` or to `level` [m]. Refuses
-    points, invalid depths, and features that lower nothing."""
+    points, invalid depths, and layers that lower nothing."""
     shapes, columns = read_features(path, dem.grid, remarks)
     columns = {name.lower(): values for name, values in columns.items()}
     z = dem.z

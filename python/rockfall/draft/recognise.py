@@ -171,7 +171,7 @@ def _polygons(layer: Layer) -> tuple[str, str]:
 
 
 def may_be_sources(layer: Layer, kind: str) -> bool:
-    """Return True for a layer of unknown use that may contain sources."""
+    """Return True for a layer of unknown use, or lines named as sources: it may contain sources."""
     if layer.is_called(SOURCES):
         return kind in ("", LINES)
     return not kind and not any(map(layer.is_called, (TREES, SCARS)))

@@ -32,7 +32,7 @@ class Zones(NamedTuple):
 def zones_of(
     layer: Layer, grid: Grid, z: np.ndarray, stem: str, place: Path, grounds: Grounds
 ) -> Zones:
-    """Write the zone table of a layer and, if its ids are not unique, a copy with new ids."""
+    """Write the zone table of a layer and, if `_own_ids` finds no ids, a copy with new ids."""
     radii, pair = ([key for key in keys if layer.attribute(key)] for keys in (RADII, PAIR))
     columns = [*radii, "ground", *pair]
     rows = [_row(layer, radii, pair, k, grounds) for k in range(len(layer.shapes))]
@@ -89,7 +89,7 @@ def _names(layer: Layer, ids: list[int]) -> dict[int, str]:
 
 
 def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons; None if polygons with different rows share an id."""
+    """Ids of the polygons; None if they are no integers, or if different rows share an id."""
     values = layer.columns.get(ID)
     if values is None or values.dtype.kind not in "iu":
         return None
@@ -100,8 +100,8 @@ def _own_ids(layer: Layer, rows: list[tuple[str, ...]]) -> list[int] | None:
 def _rest(
     layer: Layer, grid: Grid, z: np.ndarray, copy: Path | None, field: str
 ) -> tuple[int | None, int]:
-    """Most frequent zone, for cells outside polygons, and the number of these cells. Refuses
-    polygons that contain no cell."""
+    """Most frequent zone, for cells outside polygons, and the number of these cells; (None, 0)
+    without such cells. Refuses polygons that contain no cell with an elevation."""
     name, path = (None, copy) if copy else (layer.name, layer.path)
     try:
         numbers = burn_polygons(path, grid, field, [], layer=name)[~np.isnan(z)]

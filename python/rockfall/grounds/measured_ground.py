@@ -126,11 +126,11 @@ def measure_ground(
 ) -> MeasuredGround:
     """Measure strength and relief of a ground, each with its standard error.
 
-    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or
-    normal `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`,
-    `speed_error`. `patch` is a raster of elevations [m]. The relief includes waves from 2 to 32
-    R_b for blocks of `radius` (R_b, m; default: mean of the scars); if the patch only has waves
-    from `shortest` to `longest` R_b, its Hurst exponent is used to extrapolate. `shape` is sphere,
+    `scars` are rows, or a CSV, with `depth` [m], `mass` [kg] or `volume` [m3], `fall` [m] or normal
+    `speed` [m/s], and optionally `density` [kg/m3], `depth_error`, `fall_error`, `speed_error`.
+    `patch` is a raster of elevations [m]. The relief includes waves from 2 to 32 R_b for blocks of
+    `radius` (R_b, m; default: geometric mean of the scars); if the patch only has waves from
+    `shortest` to `longest` R_b, its Hurst exponent is used to extrapolate. `shape` is sphere,
     compact, elongated or platy. `proportional` makes the strength proportional to R_b. Raises
     RockfallError for implausible data.
 

@@ -32,7 +32,7 @@ class Spectrum:
 
 
 def patches(spectrum: Spectrum, count: int, seed: int) -> tuple[np.ndarray, float]:
-    """Heights (CELLS, CELLS, count) and width of periodic patches, in units of R_b."""
+    """Heights (CELLS, CELLS, count; flat: 1, 1, 1) and width of periodic patches, in R_b."""
     if spectrum.slope == 0:
         return np.zeros((1, 1, 1)), 1.0
     width = spectrum.shortest * CELLS / CELLS_OF_WAVE
@@ -78,9 +78,9 @@ def measure(
     wavelengths, for blocks of radius R_b [m]; and the standard error of its slope [degree], from
     the number of independent waves in the patch.
 
-    A patch smaller than four times the longest wavelength, or too coarse for the shortest, raises
-    an error; `name` is the file name for messages. The power is computed with a Hann window, after
-    removing the best-fitting plane.
+    A patch with missing heights, smaller than four times the longest wavelength, or too coarse for
+    the shortest, raises an error; `name` is the file name for messages. The power is computed with
+    a Hann window, after removing the best-fitting plane.
     """
     if not np.isfinite(heights).all():
         raise RockfallError(f"{name}: has cells without an elevation: cut out a complete patch")

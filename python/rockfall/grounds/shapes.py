@@ -47,8 +47,8 @@ def random_block(axes: Sequence[float], seed: int, number: int) -> Surface:
 
 
 def hull(points: np.ndarray, name: str = "block") -> Surface:
-    """Convex hull of points (n, 3), with vertices rounded to 1e-6 of its size. Refuses points in a
-    plane."""
+    """Convex hull of points (n, 3), centred on their mean and scaled to a largest coordinate of 1;
+    vertices are rounded to 1e-6. Refuses points in a plane."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = points - points.mean(axis=0)

@@ -300,7 +300,7 @@ def columns_at(result: Held, line: int) -> dict[str, np.ndarray]:
 
 def at_lines(result: xr.Dataset) -> xr.Dataset:
     """Crossings of a few lines as a dense Dataset: line_x, line_y, line_time and so on, with
-    dimensions (line, boulder); NaN if a boulder does not cross.
+    dimensions (line, boulder); NaN, or 0 for fragments and outcomes, if a boulder does not cross.
 
     Raises a RockfallError for more than 2 GB.
 

@@ -42,7 +42,7 @@ def check_same_case(first: xr.Dataset, other: xr.Dataset, what: str) -> None:
 
 
 def check_same_site(results: Mapping[str, xr.Dataset]) -> None:
-    """Refuse results (by file name) from different sites: different CRS, or far apart."""
+    """Refuse results (by file name) if two in succession differ in CRS, or do not overlap."""
     for (name, data), (next_name, other) in pairwise(results.items()):
         _check_crs(data, other, next_name)
         if not _overlap(_extent(data), _extent(other)):
@@ -73,8 +73,8 @@ def _crs_name(data: xr.Dataset) -> str:
 
 
 def _extent(result: xr.Dataset) -> np.ndarray:
-    """Extent of the boulders [m], (2, 2): minimum x and y, maximum x and y; unlimited without maps
-    and rows."""
+    """Extent [m] of the maps, else of the boulders, (2, 2): minimum x and y, maximum x and y;
+    unlimited without maps and rows."""
     if "x" in result.sizes:
         half = corner_of(result["crs"].attrs)[2] / 2
         ends = [

@@ -56,7 +56,7 @@ class _Rows:
 
     def values(self, name: str, first: int, last: int) -> np.ndarray:
         """Values of a variable in rows first to last - 1. Raises a RockfallError if they cannot be
-        read."""
+        read, or are impossible."""
         try:
             values = self._data.variables[name][first:last].values
         except (OSError, RuntimeError) as error:

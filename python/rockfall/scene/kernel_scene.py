@@ -56,7 +56,7 @@ class KernelScene:
             self._box = None
 
     def keep_within(self, box: Box) -> None:
-        """Confine boulders to the map cells; called once, before all runs."""
+        """Confine boulders to the cells of a box; repeated calls with this box have no effect."""
         if self._box != box:
             _core.limit_terrain(self.handle, **box.corners())
             self._box = box

@@ -49,12 +49,12 @@ def read_scene(
     frame_store: FrameFiles | None = None,
     **rasters: Any,
 ) -> Scene:
-    """Read and check all inputs of a case; invalid inputs raise a RockfallError.
-    `dem` and `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean,
-    dbh_std, conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the
-    DEM (for the DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources,
-    trees, stands, clearings) may be given as GeoDataFrames: lines, barriers and dams in addition
-    to those of the case. Rasters in files that need more than half of `memory` [bytes] are read in
+    """Read and check all inputs of a case; invalid inputs raise a RockfallError. `dem` and
+    `rasters` (zones, mean_radius, rg70, rg20, rg10, ground_map, cells, stems, dbh_mean, dbh_std,
+    conifers) may be given as arrays: an xarray.DataArray, or NumPy on the cells of the DEM (for the
+    DEM itself with its `transform`). Layers (lines, barriers, dams, zones, sources, trees, stands,
+    clearings) may be given as GeoDataFrames: lines, barriers and dams in addition to those of the
+    case. Rasters in files that need more than half of `memory` [bytes] (None: no limit) are read in
     windows on demand: see `rockfall.scene.windows`. An open session passes `stages` and
     `frame_store` to each reading, so that only changed inputs are read."""
     if not isinstance(case, Case):

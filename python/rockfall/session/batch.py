@@ -29,7 +29,7 @@ RECORDED = 100  # default number of trajectories
 
 class Batch:
     """Results of the boulders that a session's run has completed so far, spread evenly over all
-    sources (with maps by source: from the first sources). The last batch is complete and equals
+    sources (with maps by source: from the first sources). A complete batch equals
     `rockfall.run` bit for bit.
 
     Statistics and trajectories are available at any time; a Dataset, which includes the maps, only
@@ -188,8 +188,8 @@ class Batch:
 
     def dataset(self) -> xr.Dataset:
         """Result so far, with maps, in the form of `rockfall.run`; the attribute `complete` is 0
-        before the last batch. Raises a RockfallError once the run has continued, because the maps
-        have changed.
+        before the last batch. If the case has maps, raises a RockfallError once the run has
+        continued, because they have changed.
 
         >>> import rockfall
         >>> with rockfall.open(rockfall.read_case("case.nml")) as session:

@@ -163,7 +163,7 @@ class Session:
         batch_seconds: float = BATCH_SECONDS,
     ) -> Iterator[Batch]:
         """Run the case and yield a `Batch` with the results so far about every `batch_seconds` [s];
-        the last batch is complete. Raises a RockfallError for numbers out of range.
+        the last batch is complete. Raises a RockfallError for invalid numbers or rules.
 
         `boulders` is the total over all sources, instead of the case's number; the last batch then
         equals `rockfall.run` with `&case boulders_total`. The run ends early if a batch meets the

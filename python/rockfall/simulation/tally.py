@@ -225,8 +225,8 @@ class Tally:
 
 
 def shard_range(scene: Scene, shard: tuple[int, int]) -> range:
-    """Boulders (0-based) of shard I of N; sizes differ by at most one. Raises a RockfallError for I
-    > N, and for more shards than boulders."""
+    """Boulders (0-based) of shard I of N; sizes differ by at most one. Raises a RockfallError
+    unless I is 1 to N, and for more shards than boulders."""
     which, parts = shard
     if not 1 <= which <= parts:
         raise RockfallError(f"shard = {which}/{parts}: must be I/N with I from 1 to N")

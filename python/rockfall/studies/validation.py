@@ -89,8 +89,9 @@ def validate(
     statistics at lines. Models replace the same ground as in `run_models`; the notes list
     exceptions.
 
-    Raises a RockfallError if no observation can be compared, a line or source is not in the case,
-    no ground can have another model, or a table needs rock sizes that the case lacks.
+    Raises a RockfallError for fewer than two seeds, if no observation can be compared, a line or
+    source is not in the case, no ground can have another model, or a table needs rock sizes that
+    the case lacks.
     """
     if seeds < FEWEST:
         raise RockfallError(f"--seeds {seeds}: must be at least {FEWEST} to estimate errors")

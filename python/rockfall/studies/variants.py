@@ -170,8 +170,8 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
     A boulder that a barrier stops at the line does not pass it. `verdict` is less or more; it is
     undecided if the interval contains 0, or if too few boulders pass for an interval. Lines that
-    some variants lack have no difference. Variants with other sources, boulders or seeds raise a
-    RockfallError.
+    the first variant lacks have no difference. Variants with other sources, boulders or seeds raise
+    a RockfallError.
 
     Limits for differences of fractions follow Newcombe (1998, method 10), with the correlation of
     boulders within sources; limits for means and quantiles are linearised.
@@ -201,7 +201,8 @@ def compare_variants(results: Mapping[str, xr.Dataset]) -> pd.DataFrame:
 
 
 def check_variants(results: Mapping[str, xr.Dataset]) -> None:
-    """Raise a RockfallError for results with another site, other boulders or another seed."""
+    """Raise a RockfallError for results with another site, other sources, boulders or kept rows, or
+    another seed."""
     check_same_site(results)
     (name, first), *others = results.items()
     for other_name, other in [(name, first), *others]:

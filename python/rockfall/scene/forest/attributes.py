@@ -67,7 +67,8 @@ class Attributes(NamedTuple):
     columns: dict[str, np.ndarray]
 
     def own_name(self, key: str) -> str | None:
-        """Name of an attribute in the layer; None if missing. Refuse several matches."""
+        """Name of an attribute in the layer; None if missing. Refuse several matches, but use the
+        first for `name`."""
         matches = matching(key, self.columns)
         if len(matches) > 1 and key != "name":
             raise RockfallError(

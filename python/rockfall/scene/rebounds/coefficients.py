@@ -56,7 +56,7 @@ def open_sets(path: Path) -> SetFile:
 
 
 def draws_in(path: Path, turning: str) -> list[SetFile]:
-    """Draws of a set file (one or more), with the numbers that a turning rule requires."""
+    """Draws of a set file (one or more), all checked for the numbers that a turning rule needs."""
     first = open_sets(path)._replace(draw=1)
     _, number = first.read(turning)
     draws = [first._replace(draw=draw) for draw in range(1, number + 1)]

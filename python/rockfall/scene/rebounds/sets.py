@@ -42,7 +42,7 @@ class Sets:
     lateral: tuple[Lateral, ...] | None = None
 
     def redrawn(self, generator: np.random.Generator) -> Sets:
-        """Sets with means perturbed by draws from their error distribution."""
+        """Sets with means perturbed by draws from their errors; unchanged if these are unknown."""
         if self.error is None:
             return self
         off = [

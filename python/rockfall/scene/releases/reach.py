@@ -30,7 +30,8 @@ class Survey:
         kernel.check(*_core.scan_rows(kernel.handle, first + 1, stop, minima, self.head))
 
     def box(self, kernel: KernelScene) -> Box:
-        """Box of all cells that boulders can reach. No rebound adds energy, so no boulder rises
+        """Box of all cells that boulders can reach; the whole grid without maps, or if they cover
+        the terrain. No rebound adds energy, so no boulder rises
         above its energy head at release (theory, chapter 5)."""
         if "maps" not in self._output or self._output["map_extent"] == "terrain":
             return self._grid.box

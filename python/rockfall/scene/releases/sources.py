@@ -253,8 +253,8 @@ def _note_lost(
 
 
 def _with_boulders(inputs: Inputs, sources: Sources) -> Sources:
-    """Sources with boulder volume, inertia and density; boulders of shape 0 are left out, and
-    refused at all sources."""
+    """Sources with boulder volume, inertia and density; sources of shape 0 are left out, and
+    refused if there are no others."""
     boulder = inputs.case.boulder
     if "shape" in boulder:
         shape = _at_sources(inputs, sources, "shape", "shapes", np.int32)

@@ -66,7 +66,7 @@ class Joined:
 
     def result(self) -> Contents:
         """Result of the complete run; the parts cannot be used afterwards. Raises a RockfallError
-        if boulders or trajectories are missing."""
+        if boulders are missing or duplicate, or if rows or trajectories are missing."""
         tally = self.tally
         if tally is None:
             raise RockfallError("merge requires the parts of a run")
