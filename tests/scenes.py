@@ -75,7 +75,7 @@ NOISE = NOISE / np.arange(1, 6)[:, None, None]
 
 
 def fitted(ratio):
-    """Ranges of the fit of a set: some rebounds of most scenes are outside."""
+    """Fit ranges of a set; in most scenes, some rebounds lie outside them."""
     return f" speed_range = {0.5 * ratio}, {10 + ratio}\n angle_range = {3 + ratio}, {50 + ratio}\n"
 
 

@@ -34,7 +34,7 @@ WINE, WINESERVER = "/usr/lib/wine/wine64", "/usr/lib/wine/wineserver64"
 #: netCDF4 1.6.5 warns about NumPy's size: import it before tests for which this is an error.
 PYTEST = [WINE, PYTHON / "python.exe", "-m", "pytest", "--all", "-p", "no:cacheprovider"]
 PYTEST += ["-p", "netCDF4"]
-#: Newest versions that Wine 8 can load, with dependencies; then newest packages for tests.
+#: Newest versions that Wine 8 can load, with dependencies; then packages for tests.
 PACKAGES = """
 numpy==1.26.4 scipy==1.12.0 netCDF4==1.6.5 cftime==1.6.3 pandas==2.1.4 xarray==2024.11.0
 nanoarrow==0.7.0 pyogrio==0.11.0 shapely==2.0.2 pyproj==3.6.1 rasterio==1.4.0 rich colorama tzdata

@@ -90,8 +90,8 @@ def slope(path: str | None) -> tuple[np.ndarray, Grid]:
 
 
 def case_of_slope(z: np.ndarray, grid: Grid) -> tuple[rockfall.Case, dict]:
-    """Case and its arrays: sources are the steepest cells in the third quarter of elevations; the
-    road runs from east to west, beyond where a fifth of the boulders stop."""
+    """Case and its arrays: sources are the steepest cells between the median and the upper quartile
+    of elevation; a fifth of the boulders stop beyond the road, which runs from west to east."""
     fall, right = np.gradient(z, grid.cell)
     steep, levels = np.hypot(fall, right), np.nanquantile(z, [0.5, 0.75])
     steep[~((z > levels[0]) & (z < levels[1]))] = 0

@@ -73,7 +73,7 @@ def both(number: int) -> tuple[replay.Replay, replay.Retrace]:
 
 
 def examine(scene: Scene, processes: int) -> bool:
-    """Print the tables of a scene; return True if all errors are within their bounds."""
+    """Print a scene's tables; True if errors, undecided contacts and p-values are within bounds."""
     scene = replay.at_origin(scene)
     result = run_scene(scene)
     shared.update(world=replay.world_of(scene), tracks=replay.tracks(result), result=result)

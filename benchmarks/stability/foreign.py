@@ -96,7 +96,7 @@ def ascii_header(random: np.random.Generator, folder: Path) -> Made:
     rows += [["dx", size], ["dy", size]] if split else [["cellsize", size]]
     if nodata is not None:
         rows.append(["NODATA_value", "NaN" if nodata != nodata else _spelled(random, nodata)])
-    if random.random() < 0.3:  # GDAL recognises the format by any first key except the nodata mark
+    if random.random() < 0.3:  # shuffle all rows but the first: GDAL rejects a leading nodata key
         rows[1:] = [rows[k] for k in 1 + random.permutation(len(rows) - 1)]
     mark = -9999.0 if nodata is None else nodata
     z[int(random.integers(ny)), int(random.integers(nx))] = mark

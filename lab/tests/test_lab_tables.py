@@ -293,7 +293,7 @@ def test_a_table_is_made_again_bit_for_bit(made, capsys, tmp_path, monkeypatch):
     ],
 )
 def test_a_shipped_table_of_a_plane_has_the_ground_and_parts_of_its_cases(name):
-    """The cases are in the file; `rockfall lab remake` from them would take minutes."""
+    """Check against the cases stored in the file, because remaking the table takes minutes."""
     table = open_table(shipped_tables()[name])
     cases = [block_case_of(text, name) for text in cases_of(table.attrs)]
     files = [

@@ -184,8 +184,8 @@ def made(blocks, rest, worth=1.0):
 
 @pytest.mark.parametrize(("worth", "near"), [(1.0, 0.02), (0.2, 0.2)])
 def test_blocks_in_places_apart_have_the_dirichlet_multinomial_probability(worth, near):
-    """Each block counts half of the other blocks, a midpoint rule for the product of the urn, which
-    is coarse if weighted boulders are fewer than blocks."""
+    """The likelihood adds half of the other blocks to the boulders: a midpoint rule for the product
+    of Polya's urn. The rule is inaccurate if weighted boulders are fewer than blocks."""
     seen, runs = [8, 6, 6], ([40, 30, 30], [70, 20, 10])
     blocks = blocks_at(*in_places(seen))
     kept = [made(blocks, Rest(in_places(run), np.ones(100)), worth) for run in runs]

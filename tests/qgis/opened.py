@@ -52,7 +52,7 @@ answers["extent"] = [
 
 
 def drawn(chosen):
-    """Picture of some layers."""
+    """Rendered image of the `chosen` layers."""
     settings = QgsMapSettings()
     settings.setDestinationCrs(project.crs())
     settings.setLayers(chosen)

@@ -185,7 +185,7 @@ def _quantiles(values, level):
 
 
 def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
-    """Each boulder alone gives its maxima in each cell."""
+    """Run each boulder alone to obtain its maxima in each cell."""
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
     z = slope()
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
