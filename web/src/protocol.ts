@@ -24,7 +24,7 @@ export type Layers = Readonly<Record<Layer, readonly Feature[]>>;
 export interface CaseDocument {
   readonly settings: Settings;
   readonly layers: Layers;
-  readonly variant: string; // name of its variant; '' for the case without variants
+  readonly variant: string; // name of the edited variant; '' for the base case
 }
 
 /** A key of the case, or a property of a feature. */

@@ -12,7 +12,7 @@ module rockfall_namelist_json
    private
    public :: json_of
 
-   !> Text that grows at its end by doubling.
+   !> Text buffer for appending; its capacity is doubled when exceeded.
    type :: growing_t
       character(len=:), allocatable :: text
       integer :: n = 0

@@ -267,7 +267,7 @@ contains
    !> Find the part of the table for each boulder, and the record of a contact that follows the recorded sequence.
    subroutine find_parts(table, contact, lane, touch, b)
       type(impact_table_t), intent(in) :: table
-      integer, intent(in) :: contact(:)          !! contacts from this table
+      integer, intent(in) :: contact(:)          !! indices of the contacts that use this table
       integer, intent(in) :: lane(lanes)         !! lane of each contact
       type(touch_t), intent(in) :: touch(lanes)  !! state of each lane's boulder
       type(table_batch_t), intent(inout) :: b
@@ -336,7 +336,7 @@ contains
    !> Choose the records of contacts that do not follow a sequence, in short loops, so that memory accesses overlap.
    subroutine choose_records(table, contact, word, b)
       type(impact_table_t), intent(in), target :: table
-      integer, intent(in) :: contact(:)  !! contacts from this table
+      integer, intent(in) :: contact(:)  !! indices of the contacts that use this table
       integer(i8), intent(in) :: word(lanes)
       type(table_batch_t), intent(inout) :: b
       integer, dimension(lanes + 1) :: drawn, held, from, width

@@ -154,7 +154,7 @@ class Room:
         client.send("role", text_message("role", writer=True))
 
     def _open(self, path: Path) -> None:
-        """Open a filethat replaces the previous one; refuses a missing file."""
+        """Open a file, which replaces the previous one; refuses a missing file."""
         if not path.is_file():
             raise RockfallError(f"{path}: no such file")
         language = self._writer.language if self._writer else self._language or LANGUAGES[0]

@@ -131,7 +131,7 @@ def objects_message(offer: Offer | None, grid: Grid) -> Message:
 
 
 def stands_of(case: Case, grid: Grid) -> list[dict[str, Any]]:
-    """Names and outlines of the forest stands of a case; empty without a layer of stands."""
+    """Names and outlines of the forest stands of a case; empty without a readable layer."""
     import shapely
 
     given = case.forest.get("polygons", FROM_ARRAY)

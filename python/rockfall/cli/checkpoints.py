@@ -27,7 +27,8 @@ def is_done(
     checkpoints: Iterable[Checkpoint],
     are_finished: Callable[[], bool],
 ) -> bool:
-    """Return True if `--resume` finds a finished study; refuse others without `--overwrite`."""
+    """Return True if `--resume` finds a finished study. With `--resume`, refuse existing files of
+    an unfinished or different study, unless `--overwrite` is given."""
     there = [path.exists() for path in made]
     if not (arguments.resume and any(there)):
         return False

@@ -37,8 +37,8 @@ def warn_each(texts: Iterable[str]) -> None:
 
 @contextmanager
 def warnings_told() -> Iterator[list[str]]:
-    """Within the block, print each warning of products (not of libraries) once. Yields a list that
-    contains the warnings after the block."""
+    """Collect warnings of products (not of libraries) within the block; print each once after it.
+    Yields a list that then contains the warnings."""
     told: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")  # library warnings

@@ -123,7 +123,7 @@ def put_export(
     data: xr.Dataset, folder: Path, chosen: Chosen = EXPORTED, result: object = "result"
 ) -> list[Path]:
     """Write the files of `export` to a new folder; `result` is used in messages. Raises a
-    RockfallError if the result is incomplete."""
+    RockfallError for unknown formats, and if the result is incomplete or cannot be read."""
     data = flat_maps(data.set_coords({"crs"} & set(data.data_vars)))
     try:
         check_formats(chosen.formats, FORMATS)
@@ -252,7 +252,7 @@ def _numbers(data: xr.Dataset, dim: str) -> np.ndarray:
 
 
 def _flag_words(data: xr.DataArray) -> tuple[list[str], np.ndarray]:
-    """Words of a CF flag variable, and for each value the index of its word."""
+    """Words of a CF flag variable, then "unknown", and for each value the index of its word."""
     stored, flags = _stored(data)[0], flags_of(data)
     which = np.full(stored.shape, len(flags))
     for k, flag in enumerate(flags.values()):
@@ -290,7 +290,7 @@ def _parts(columns: dict[str, xr.DataArray]) -> Iterator[dict[str, xr.DataArray]
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
-    """Columns of the boulders that cross a line, with the precision of the result."""
+    """Columns of the boulders that cross a line, in single precision; x, y with few decimals."""
     import xarray as xr
 
     columns = {}

@@ -124,7 +124,7 @@ def _lines(texts: str | Sequence[str], kind: str) -> int:
 
 
 def _fitted(texts: Sequence[str], kind: str, most: int) -> tuple[list[str], list[str]]:
-    """Split texts into those that fit in `most` lines, in order, and the rest."""
+    """Split texts into those that fit in `most` lines (at least one), in order, and the rest."""
     texts, used = list(texts), 0
     for k, text in enumerate(texts):
         used += _lines(text, kind)

@@ -309,7 +309,8 @@ def _pictures(shown: Iterable[Figure], on_paper: bool) -> list[Picture]:
 def _convergence(
     result: xr.Dataset, rows: Rows, on_paper: bool
 ) -> Iterator[tuple[str, Picture | None, Table | None]]:
-    """Convergence figure and table for each line; none if no boulder passes."""
+    """Precision table of each line, with a convergence figure for the most crossed lines; None if
+    no boulder passes."""
     of_several = LineSamples(result).sources > 1
     key = "page.numbers_after_so_many_boulders_with"
     caption = say(key if of_several else "page.numbers_after_so_many_boulders_with_2")

@@ -38,7 +38,7 @@ class Given(NamedTuple):
     title: str = ""  # page title; "": title of the first result
 
     def check(self, results: Mapping[str, xr.Dataset]) -> None:
-        """Raise a RockfallError for a cost below 0, or of an unknown variant."""
+        """Raise a RockfallError for a negative or infinite cost, or that of an unknown variant."""
         for name, cost in self.costs.items():
             if name not in results:
                 raise RockfallError(

@@ -161,7 +161,7 @@ def _objects(made: Import, path: Path) -> None:
 def _groups(
     made: Import, place: Path, ground: str, paths: list[Path], releases: list[tuple[str, str]]
 ) -> Iterator[Group]:
-    """Groups of the case; file names are relative to a folder."""
+    """Groups of the case; file names are relative to the folder `place`."""
     files = [
         copy or relative_name(path.resolve(), place.resolve())
         for path, (_, copy) in zip(paths, releases, strict=True)

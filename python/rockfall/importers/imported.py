@@ -102,7 +102,7 @@ def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
 
 def tree_rows(path: Path) -> tuple[list[str], bool]:
     """Lines of a CSV table made from a tree list (x, y, DBH separated by spaces, commas or
-    semicolons), and True if the list has further columns. Refuses other lists."""
+    semicolons), and True if the list has further columns. Refuses lists with invalid or no rows."""
     rows = ["x,y,dbh"]
     more = False
     for line, cells in _lines(read_text(path)):

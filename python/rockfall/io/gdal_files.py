@@ -36,7 +36,8 @@ _MAX_TAG = 65536  # bytes
 
 
 def plain_file(path: str | Path) -> str:
-    """Return the absolute path of a file after checking that it and its companions are regular.
+    """Return the absolute path of a file. Refuses an empty file, files (also companions) that are
+    not regular, and masks that are no GeoTIFF.
 
     GDAL never reads an absolute path as a command such as `WMS:...`.
     """

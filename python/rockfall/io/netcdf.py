@@ -29,7 +29,8 @@ os.environ.setdefault(_LOCKING, "FALSE")
 
 def open_netcdf(path: str | Path, mode: Mode = "r") -> netCDF4.Dataset:
     """Open a netCDF-4 file. Raises a RockfallError for a file that is not regular, a name that
-    netCDF cannot open, or classic netCDF, whose header could make the library abort the process."""
+    netCDF cannot open, a file system without locks, or classic netCDF, whose header could make the
+    library abort the process; an OSError for other failures."""
     import netCDF4
 
     check_regular(path)

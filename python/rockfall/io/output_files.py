@@ -49,8 +49,9 @@ def check_output(
     path: str | Path, inputs: Iterable[str | Path] = (), *, tries: bool = True
 ) -> None:
     """Refuse an output path before the work starts: an input, an existing file (unless
-    `overwriting` allows it), a folder, or a file in a missing folder; with `tries`, also a path
-    without write permission. After the work, finished files are kept wherever possible."""
+    `overwriting` allows it), a folder, or a file in a missing folder; with `tries`, also a folder
+    in which files cannot be written or renamed. After the work, finished files are kept wherever
+    possible."""
     path = Path(path)
     check_outputs([path], inputs)
     if not path.parent.is_dir():

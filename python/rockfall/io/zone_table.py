@@ -78,7 +78,7 @@ def read_zone_table(path: str | Path, remarks: list[str] | None = None) -> dict[
 
     Cells are separated by commas or semicolons; unknown columns are ignored and mentioned in
     `remarks`. An empty cell gives no size. A zone with its own ground may have zero sizes (no
-    rocks). A strength and relief replace the ground's values.
+    rocks). A strength or relief replaces that of the ground.
     """
     where, columns, rows = read_table(path)
     names = ("zone", *MATERIAL)
@@ -111,8 +111,8 @@ def zones_of_polygons(
     """Zone id of each polygon (int32), zones by id, and True if the ids are from the layer. Polygon
     attributes mean the same as columns of a zone table; a RockfallError if they are missing.
 
-    Polygons with equal attributes form a zone. Its id is the integer attribute `field` if this is
-    unique for each zone, else its number in file order, from 1.
+    The zone id is the integer attribute `field` if polygons with the same id have equal attributes.
+    Otherwise, polygons with equal attributes form a zone, numbered in file order from 1.
     """
     texts_of = {name: attribute(columns, name) for name in (*MATERIAL, *NAMES)}
     given = {
@@ -144,7 +144,7 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons; None without integers, or if different polygons share an id."""
+    """Ids of the polygons; None without 32-bit integers, or if unlike polygons share an id."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]

@@ -73,7 +73,7 @@ def map_figure(
 def trajectories_figure(
     result: xr.Dataset, terrain: Terrain | None = None, look: Look | None = None
 ) -> Figure:
-    """Recorded trajectories in plan."""
+    """Plan view of recorded trajectories, at most `MAX_TRAJECTORIES`."""
     from matplotlib.lines import Line2D
 
     key = [*key_of(result), Line2D([], [], label=say("axis.trajectory"), color=VERMILION, lw=0.7)]

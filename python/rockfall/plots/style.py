@@ -111,8 +111,8 @@ def draw_bars(axes: Axes, fraction: np.ndarray, edges: np.ndarray) -> None:
 
 
 def save(figure: Figure, path: str | Path, dpi: int | None = None, **options: Any) -> None:
-    """Write a figure atomically, with reproducible bytes. Raises Stopped if a stop was requested.
-    `options` are passed to Matplotlib's `savefig`."""
+    """Write a figure atomically, with reproducible bytes. Raises Stopped if a stop was requested,
+    and a RockfallError for an unknown extension. `options` are passed to Matplotlib's `savefig`."""
     import matplotlib
 
     step()

@@ -27,7 +27,8 @@ MAX_CELLS = 16_000_000  # maximum cells at full resolution; larger terrain is th
 def terrain_of(
     result: xr.Dataset, dem: str | Path | None = None, beside: Path | None = None
 ) -> Terrain | None:
-    """Elevations (ny, nx) [m] within the extent of a result, and their grid.
+    """Elevations (ny, nx) [m] within the extent of a result, with its dams, thinned to about
+    `MAX_CELLS`, and their grid.
 
     The terrain is read from the file `dem`, else from the case's file (relative to the folder of
     the run), else from a file of this name in the result's folder `beside`. A `dem` that differs

@@ -355,7 +355,7 @@ def period_table(dossier: Dossier) -> Table:
 
 
 def remaining_tables(dossier: Dossier) -> Iterator[Table]:
-    """Tables of the residual hazard of each variant: highest class of an object, damage, expected
+    """Tables of the residual hazard of each variant: highest class of a place, damage, expected
     deaths per year, highest annual individual risk, and cost. No table if none of them is known."""
     costs, risky = dossier.costs, has_risk(dossier.first)
     kinds = [kind for kind in PLACES if f"{kind}_hazard_class" in dossier.first]

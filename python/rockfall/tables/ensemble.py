@@ -145,7 +145,7 @@ def cases_outside(data: xr.Dataset) -> Iterator[Text]:
 
 def orders_reversed(data: xr.Dataset) -> Iterator[str]:
     """Warnings about first-order indices that exceed the total index, which is impossible in
-    theory; for each line, only the result with the most significant difference."""
+    theory; for each line and input, only the result with the largest difference."""
     for index, line in enumerate(line_names(data)):
         within: list[str] = []
         beyond: list[str] = []

@@ -48,8 +48,8 @@ def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
 
 
 def scenario_table(hazard: xr.Dataset) -> Table:
-    """Table with the annual frequency, the number of boulders, and the released boulders for each
-    scenario."""
+    """Table of scenarios: annual frequency, return period, number of simulated boulders, and range
+    of the quantities of the released boulders."""
     columns = (hazard[name].values.tolist() for name in ("scenario", "frequency", "boulders"))
     heads = [f"hazard.{name}" for name in ("scenario", "a_year", "years", "simulated")]
     shown = dict(RELEASED_HEADS)
@@ -72,7 +72,7 @@ def _released(hazard: xr.Dataset, k: int, what: str) -> str:
 
 
 def class_table(hazard: xr.Dataset) -> Table:
-    """Table of cells and area for each class present, highest class first."""
+    """Table of cells, area and certain fraction for each class present, highest class first."""
     classes, cell = hazard["hazard_class"].values, grid_of(hazard["hazard_class"])[0].cell
     certain = hazard["hazard_class_certain"].values > 0
     rows = [
@@ -86,7 +86,7 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
     """Tables of energies and heights by return period at the named places (default: lines, and the
-    most frequently hit objects and segments). None if unknown."""
+    most frequently hit objects and segments). No table if all levels are unknown."""
     places = [
         (kind, int(k))
         for kind in PLACES

@@ -101,7 +101,7 @@ def spread_answer(models: Models | None) -> Iterator[Text]:
 
 
 def spread_words(models: Models | None) -> Iterator[str]:
-    """Sentences on the run-out by all models, and their names."""
+    """Sentences on the range of the run-out over all models, and the notes of `models`."""
     if models is None:
         return
     far = _at(models, "", (RUN_OUT, "q95"))["value"].to_numpy(float)

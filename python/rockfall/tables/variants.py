@@ -46,7 +46,8 @@ def variants_text(
 
 
 def comparison_notes(results: Mapping[str, xr.Dataset], yearly: bool = False) -> Iterator[str]:
-    """Notes on the variants' boulders (`population_notes`), and on lines that have moved."""
+    """Notes on the variants' boulders (`population_notes`), on the boulders that have rows, and on
+    lines whose position differs between variants."""
     first = next(iter(results.values()))
     yield from population_notes(case_of(first), yearly)
     if note := kept_note(first):

@@ -50,7 +50,7 @@ def loads_table(sheet: YearlyDesign) -> Table:
 
 
 def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Tables of barriers by class, for the lines that need a barrier."""
+    """Tables of barriers by class, for the lines with an advised barrier."""
     heads = (
         say("yearly.class"), Column(say("yearly.capacity"), "kJ", 0),
         Column(say("yearly.least_height"), "m", 1), say("yearly.behind"), say("yearly.through"), "",

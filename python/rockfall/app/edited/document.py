@@ -31,7 +31,7 @@ class Document:
 
     settings: Settings = field(default_factory=dict)
     layers: dict[str, list[Feature]] = field(default_factory=lambda: {name: [] for name in LAYERS})
-    variant: str = ""  # name of its &variant group; "" for the case without variants
+    variant: str = ""  # name of the edited &variant group; "" for the base case
 
     def content(self) -> dict[str, Any]:
         """Content of the document, as sent to the page."""

@@ -49,7 +49,7 @@ def new_command(arguments: argparse.Namespace) -> int:
 
 def _grounds(options: Iterable[str]) -> tuple[str, dict[str, str]]:
     """Default ground, and grounds by zone, from `--ground [ZONE=]GROUND`; refuses repeated
-    zones."""
+    zones or defaults."""
     usual, by_zone = "", {}
     for option in options:
         zone, equals, ground = option.rpartition("=")

@@ -49,8 +49,8 @@ def ground_command(arguments: argparse.Namespace) -> int:
 
 
 def _scars(arguments: argparse.Namespace) -> Scars | None:
-    """Scars from the file or the options; a single value applies to all scars. Refuses other
-    numbers of values."""
+    """Scars from the file or the options; a single value applies to all scars. Refuses options
+    with different numbers of values, and options together with a file."""
     given = {key: getattr(arguments, key) for key in COLUMNS}
     given = {key: values for key, values in given.items() if values}
     if not given:

@@ -66,7 +66,7 @@ def lines_command(arguments: argparse.Namespace) -> int:
 
 
 def _edges(given: str | None) -> list[float] | None:
-    """Class edges from a comma-separated text; refuses other texts."""
+    """Class edges [m3] from numbers separated by commas; refuses texts that are not numbers."""
     if given is None:
         return None
     try:
@@ -89,8 +89,8 @@ def _print_lines(path: str | Path, table: str | Path | None = None) -> None:
 
 def _print_hazard(path: str | Path, table: str | Path | None = None) -> None:
     """Print frequencies, energies and heights by return period at the lines, objects and
-    segments of a hazard. If `table`, a CSV file, is given, write them to it. Refuses hazards
-    without these."""
+    segments of a hazard. If `table`, a CSV file, is given, write energies and heights to it.
+    Refuses hazards without such places."""
     place, hazard = table and _csv(Path(table)), read_hazard(path)
     if not places_of(hazard):
         raise RockfallError(f"{path}: has no lines, objects or segments")

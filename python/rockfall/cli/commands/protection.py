@@ -141,7 +141,7 @@ def _check_mode(arguments: argparse.Namespace, keys: list[str]) -> None:
 
 
 def _design_block(arguments: argparse.Namespace) -> int:
-    """Print and write the block of a return period. Refuses a missing survey."""
+    """Print and write the block of a return period. Refuses results, and a missing survey."""
     if arguments.results:
         raise RockfallError(
             "--return-period: requires hazards HAZARD.nc or the survey --blocks, not results"

@@ -65,8 +65,8 @@ def report_command(arguments: argparse.Namespace) -> int:
 
 
 def _report_hazard(arguments: argparse.Namespace, given: Path) -> int:
-    """Write the dossier page of a hazard; refuses options for results, and names of other
-    formats."""
+    """Write the dossier page of a hazard; refuses options for results and, with `--pdf`, names not
+    ending in .pdf."""
     ending = ".pdf" if arguments.pdf else ".html"
     path = arguments.output or given.with_suffix(ending)
     if arguments.pdf and path.suffix.lower() != ending:
@@ -124,7 +124,7 @@ def section_command(arguments: argparse.Namespace) -> int:
 
 def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]:
     """Path of a file with a section's line, or the vertices of the line from pairs X,Y. Refuses
-    other texts."""
+    anything else."""
     words = " ".join(given).split()
     pairs = [tuple(map(plain_decimal, word.split(","))) for word in words if word.count(",") == 1]
     if len(pairs) == len(words) > 1 and all(map(math.isfinite, itertools.chain(*pairs))):
@@ -139,7 +139,7 @@ def drawn(given: Sequence[str], option: str) -> Path | list[tuple[float, float]]
 
 
 def _places(output: Path) -> list[Path]:
-    """Files of a section: tables, and the figure in the format of the output. Refuses other
+    """Files of a section: tables, and the figure in the format of the output. Refuses unknown
     formats."""
     ending = output.suffix.lower()
     if ending not in ENDINGS:

@@ -166,7 +166,8 @@ def _simulate(
 
 
 def _keep(result: Contents, path: Path, checkpoint: Checkpoint | None) -> int:
-    """Save the completed boulders after Ctrl-C, and return the exit status."""
+    """Save the completed boulders after Ctrl-C, and return the exit status. Raises
+    KeyboardInterrupt without any."""
     done, requested = simulated(result), result.attrs["boulders_requested"]
     if not done:
         raise KeyboardInterrupt

@@ -157,7 +157,7 @@ def degrees_way(crs: CRS, bounds: Bounds) -> Transformation:
 
 
 def vertical_datum(crs: CRS) -> str:
-    """Name of the vertical datum; `NO_DATUM` if there is none."""
+    """Name of the vertical system; "ellipsoid" for ellipsoidal heights, `NO_DATUM` if unknown."""
     system = _pyproj(crs)
     names = [part.name for part in system.sub_crs_list if part.is_vertical]
     if not names and len(system.axis_info) == 3:
@@ -210,8 +210,8 @@ Cure = Callable[[str | None, float], str]
 def check_metres(
     grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
 ) -> None:
-    """Refuse plan coordinates and elevations in units other than the metre; `stated` lists units
-    that the file gives in addition to its CRS."""
+    """Refuse units other than the metre, contradictory elevation units, depths, and systems without
+    plan coordinates. `stated`: elevation units that the file gives in addition to its CRS."""
     system = None if grid.crs is None else _pyproj(grid.crs)
     plan = METRE
     if system is not None:
@@ -344,7 +344,7 @@ def plan_wkt(crs: CRS | str) -> str:
 
 
 def _utm(grid: Grid) -> str | None:
-    """UTM zone at the centre of a raster; None if the centre is not on the Earth.
+    """EPSG code of the UTM zone at the centre of a raster; None if the centre is not on the Earth.
 
     `pyproj.database.query_utm_crs_info` takes 0.1 s, and near the poles it gives two zones or
     none.
@@ -358,7 +358,7 @@ def _utm(grid: Grid) -> str | None:
 
 def length_scale(grid: Grid) -> float:
     """Coordinate metres per metre on the ground at the centre of a raster: geometric mean of the
-    east and north scales; 1 without a projected CRS.
+    east and north scales; 1 without a projected CRS, or if undefined.
 
     `pyproj.Proj.get_factors` has an error of 0.2 % for the Mercator projection of web maps.
     """

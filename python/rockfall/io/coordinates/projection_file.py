@@ -40,7 +40,7 @@ def _text(file: Path) -> str:
 
 def projection_crs(path: str | Path) -> CRS | None:
     """CRS in the projection file of a grid, for grids whose CRS GDAL could not read; None without a
-    file. Refuses an unreadable file."""
+    file or if it is empty. Refuses a file without a readable CRS."""
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 

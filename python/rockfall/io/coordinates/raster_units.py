@@ -23,7 +23,7 @@ _MAX_METADATA = 2_000_000  # bytes
 
 def stated_units(raster: RasterFile) -> list[Stated]:
     """Elevation units in the band, its description, tags, GeoTIFF keys, and companion files.
-    Refuses depths."""
+    Refuses depths, and a plan unit that contradicts the CRS."""
     source, file = raster.source, raster_file(raster.path)
     if isinstance(source, AsciiSource):
         return []

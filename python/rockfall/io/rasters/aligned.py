@@ -63,7 +63,7 @@ def aligned_blocks(
 
 
 def _refuse_mark(raster: RasterFile, what: str, value: float, largest: int) -> None:
-    """Refuse a number above `largest` as undeclared nodata, with the command that declares it."""
+    """Refuse a magnitude above `largest` as undeclared nodata, with a command that declares it."""
     if abs(value) <= largest:
         return
     cure = "declare it as nodata"

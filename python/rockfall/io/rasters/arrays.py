@@ -57,7 +57,7 @@ def from_array(
 
 def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
     """float32 for types that it represents exactly (integers of up to 16 bits), else float64.
-    Refuses complex numbers and text."""
+    Refuses types other than real numbers."""
     stored = np.dtype(stored)
     if stored.kind not in "iuf":
         raise RockfallError(f"{name}: elevations have type {stored}: must be real numbers")
@@ -65,7 +65,7 @@ def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
 
 
 def check_elevations(name: str, z: np.ndarray) -> None:
-    """Refuse rasters with too few cells for a patch, infinite elevations, or no elevations."""
+    """Refuse rasters with too few cells for a patch, implausible elevations, or no elevations."""
     ny, nx = z.shape
     if min(nx, ny) < 2:
         raise RockfallError(f"{name}: {nx} x {ny} cells: must be at least 2 x 2")

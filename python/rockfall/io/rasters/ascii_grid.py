@@ -150,7 +150,7 @@ def _value(where: str, key: str, text: str) -> float:
 
 
 def _check_keys(path: str, values: dict[str, float]) -> None:
-    """Check that each key for the position of a grid occurs exactly once."""
+    """Check that the header gives size, corner (or centre) and cell size exactly once each."""
     given = values.keys()
     if not {"ncols", "nrows"} <= given:
         raise RockfallError(f"{path}: the header lacks ncols or nrows")

@@ -26,7 +26,7 @@ def read_dem(path: str | Path, remarks: list[str] | None = None) -> tuple[np.nda
     be added to `remarks`.
 
     float32 stays float32; integers of 8 and 16 bits become float32, which is exact; other types,
-    and ESRI ASCII grids, become float64. `path` may be `file.nc:variable`.
+    packed values and ESRI ASCII grids become float64. `path` may be `file.nc:variable`.
     """
     with open_raster(path) as raster:
         _check_dem(raster)

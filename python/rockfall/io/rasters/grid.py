@@ -170,7 +170,8 @@ def flaw_of(transform: Affine | Transform, far: int) -> str:
 
 
 def row_blocks(shape: tuple[int, int], multiple: int = 1) -> Iterator[slice]:
-    """Slices of about a million cells in whole rows; row counts are multiples of `multiple`."""
+    """Slices of about a million cells in whole rows; each row count except the last is a multiple
+    of `multiple`."""
     ny, nx = shape
     step = max(1, _BLOCK // (max(1, nx) * multiple)) * multiple
     return (slice(first, min(first + step, ny)) for first in range(0, ny, step))

@@ -148,7 +148,7 @@ class _Validity:
 
     def values(self, key: str, many: int | None) -> np.ndarray:
         """Attribute values in the variable's type; there must be exactly `many`, unless `many` is
-        None."""
+        None. Empty without the attribute; refuses values that do not fit the type."""
         if key not in self.attributes:
             return np.empty(0, self.dtype)
         given = np.atleast_1d(np.asarray(self.attributes[key]))
@@ -183,7 +183,8 @@ def _found(variable: netCDF4.Variable, name: str) -> netCDF4.Variable | None:
 
 
 def _coordinates(path: str, variable: netCDF4.Variable, axis: int) -> np.ndarray:
-    """Cell centres along a dimension [m]; refuses other units, packed and uneven coordinates."""
+    """Cell centres along a dimension [m]; refuses other units, and coordinates that are missing,
+    packed, uneven or fewer than 2."""
     name = variable.dimensions[axis]
     coordinate = _found(variable, name)
     if coordinate is None or coordinate.dimensions != (name,) or coordinate.dtype.kind not in "iuf":

@@ -127,7 +127,7 @@ class RasterFile:
         return self.transform.e > 0
 
     def blocks(self, box: Box | None = None) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Yield blocks north-up: (rows in memory, values, valid mask), overwritten by the next."""
+        """Yield blocks north-up: (rows of the box, values, valid mask), overwritten by the next."""
         box = box or self.grid.box
         scale, offset = self.cells.packing
         for rows, block, valid in self.cells.rows(self._in_file(box)):
@@ -142,7 +142,7 @@ class RasterFile:
 
     def warp(self, suffix: str, options: str, factor: float = 1.0) -> str:
         """Command that resamples this file to STEM_SUFFIX.tif, with holes as nodata instead of 0.
-        Values are unpacked and multiplied by `factor` first, because `rio warp` does neither."""
+        Values are unpacked and multiplied by `factor` afterwards, as `rio warp` does neither."""
         if self.source.nodata is None:
             dtype = np.dtype(self.source.dtypes[0])
             mark = np.iinfo(dtype).max if dtype.kind == "u" else -9999
@@ -210,7 +210,7 @@ class RasterFile:
 def open_raster(path: str | Path) -> Iterator[RasterFile]:
     """Open a georeferenced raster with a single band; `path` may be `file.nc:variable`.
 
-    Errors of GDAL or netCDF during opening or reading become one-line errors.
+    Errors of GDAL or netCDF during opening or reading become one-line RockfallErrors.
     """
     path = str(path)
     with ExitStack() as stack:
@@ -355,7 +355,7 @@ def _check_packing(raster: RasterFile) -> None:
 
 
 def _check_size(raster: RasterFile) -> None:
-    """Refuse a file whose header implies more cells than fit in memory."""
+    """Refuse a file whose header implies more cells than fit in memory, or oversized tiles."""
     ny, nx = raster.grid.shape
     need = 4e-9 * nx * ny
     have = 1e-9 * MACHINE_MEMORY

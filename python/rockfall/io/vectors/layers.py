@@ -154,8 +154,8 @@ def _numbered(
     polygons: _Features, grid: Grid, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Number of the polygon part that contains each cell (the last, or for order -1 the first); the
-    feature number (from 1) of each part, after a leading 0; and the parts. Refuses polygons that
-    contain no cell centre."""
+    feature number (from 1) of each part, after a leading 0; and the parts. Refuses a layer if none
+    of its polygons contains a cell centre."""
     import shapely
 
     parts, owner = shapely.get_parts(polygons.shapes, return_index=True)
@@ -233,7 +233,7 @@ def read_points(
 
 
 def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
-    """Column with this name, ignoring case; names may be truncated as in shapefiles."""
+    """Column with this name, ignoring case; may be truncated as in shapefiles. None if missing."""
     lower = {own.lower(): column for own, column in columns.items()}
     return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
 
@@ -247,7 +247,7 @@ def named_attribute(path: str | Path, columns: dict[str, np.ndarray], name: str)
 
 
 def plain(value: Any) -> Any:
-    """Attribute of a feature as a Python value; None if empty."""
+    """Attribute of a feature as a Python value; None if empty or NaN."""
     value = value.item() if hasattr(value, "item") else value
     if value is None or value != value or (isinstance(value, str) and not value.strip()):
         return None
@@ -308,7 +308,7 @@ def _drawn(
 ) -> np.ndarray:
     """Shapes in a layer of a drawing, which has neither attributes nor a CRS. Closed lines and
     hatches become polygons if polygons are allowed. Other entities, such as texts, are left out
-    with a remark; a line where a polygon is required is refused."""
+    with a remark; an open line where polygons are required is refused."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import shapely
 
@@ -427,7 +427,7 @@ def _read(
     except (RuntimeError, UnicodeDecodeError, shapely.errors.ShapelyError) as error:  # from GDAL
         raise RockfallError(f"{path}: cannot be read as a vector layer ({error})") from error
     by_name = dict(zip(about_read["fields"], values, strict=True))
-    # layer order, because pyogrio 0.11 sorts columns by name
+    # requested order, or layer order: pyogrio 0.11 sorts columns by name
     return info, shapes, {name: by_name[name] for name in names}
 
 
@@ -518,7 +518,8 @@ def _plain_layer(path: str) -> str | bytes:
 
 
 def _check_geopackage(path: str, start: bytes) -> None:
-    """Refuse a database with anything except stored tables and their spatial indexes."""
+    """Refuse a database that is no GeoPackage, is being written, has views, or has virtual tables
+    other than spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: is a database but not a GeoPackage")
     for journal in ("wal", "journal"):

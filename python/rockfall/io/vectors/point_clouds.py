@@ -58,7 +58,7 @@ def read_clouds(
     given: CRS | None = None,
 ) -> tuple[np.ndarray, CRS | None]:
     """Read points (n, 3) [m] from all files, and their common CRS, from LAS files or `given`.
-    Raises a RockfallError for invalid options.
+    Raises a RockfallError for invalid options, files or CRSs.
 
     LAS files contribute the points of the `classes` (default: 2, ground) that are not withheld.
     With `thin`, the points in each square of this side [m] are replaced by their mean.
@@ -155,7 +155,8 @@ def _sums(squares: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _common_crs(paths: Sequence[str | Path], given: CRS | None) -> CRS | None:
-    """CRS shared by all files, or None; raises a RockfallError for different CRSs."""
+    """CRS shared by all files, else `given`. Raises a RockfallError for different CRSs, and for a
+    file with a CRS in spite of `given`."""
     named = [(path, _laser_crs(path)) for path in paths if _is_laser(path)]
     for path, crs in named:
         if crs is not None and given is not None:

@@ -98,7 +98,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
 
 
 def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Bands (n, ny, nx), scaled from their 2 % and 98 % quantiles to 0 and 255; 255 if unseen."""
+    """Bands (n, ny, nx) scaled from their joint 2 and 98 % quantiles to 0 and 255; unseen: 255."""
     low, high = np.percentile(bands[:, seen], [2, 98]) if seen.any() else (0.0, 1.0)
     scaled = (bands.astype("f8") - low) / ((high - low) or 1.0)
     return np.where(seen, np.clip(255 * scaled, 0, 255), 255)

@@ -90,15 +90,15 @@ def draw_sources(sheet: Sheet, places: np.ndarray) -> None:
 
 
 def outlined(places: np.ndarray, finest: float) -> tuple[Any, Any]:
-    """Mask of the cells that contain sources, and its grid. Cell sides are at least the source
-    spacing and `finest` [m]."""
+    """Mask of the cells that contain sources, and its grid. The cell side is the median
+    source spacing, at least `finest` [m]."""
     apart = [np.diff(np.unique(c.round(3))) for c in places.T]
     spacing = float(np.median(np.concatenate(apart))) if any(map(len, apart)) else finest
     return occupied(places, max(spacing, finest))
 
 
 def inside(x: np.ndarray, y: np.ndarray, extent: Extent) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a polyline within an extent, in order."""
+    """Closely spaced points on a polyline, in order, without those outside an extent."""
     along = np.linspace(0, x.size - 1, 200 * (x.size - 1) + 1)
     x, y = (np.interp(along, np.arange(c.size), c) for c in (x, y))
     here = (x >= extent[0]) & (x <= extent[1]) & (y >= extent[2]) & (y <= extent[3])

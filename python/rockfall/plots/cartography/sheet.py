@@ -100,8 +100,8 @@ def new_sheet(
     basemap: Basemap | None = None,
     room: Room = PAGE,
 ) -> Sheet:
-    """New sheet that fills `room`: a map at a round scale with its background, the legend `key`,
-    and free space `below` the map [inch]."""
+    """New sheet that fits `room`: a map at a round scale with its background, the legend `key`, and
+    free space `below` the map [inch]."""
     from matplotlib.figure import Figure
 
     west, east, south, north = extent
@@ -128,8 +128,8 @@ def new_sheet(
 
 
 def inner_size(room: Room, key: Sequence[Any] = (), below: float = 0.0) -> tuple[float, float]:
-    """Width and height of the map frame [inch], with the legend `key` and the free space `below`
-    it."""
+    """Maximum width and height of the map frame [inch] in `room`, with the legend `key` and free
+    space `below` the map."""
     bottom = TICKS + STRIP + below + ROW * -(-len(key) // _columns(room, key))
     return room.wide - LEFT - RIGHT, room.high - bottom - TOP
 

@@ -63,7 +63,7 @@ def _scale(extent: Extent, hazard: xr.Dataset, room: Room) -> float:
 
 
 def _middle(hazard: xr.Dataset, middle: np.ndarray) -> np.ndarray:
-    """Centre (x, y) [m] of objects and lines, or of the cells with the highest class."""
+    """Centre (x, y) [m] of objects and lines, else of the highest class, else `middle`."""
     west, east, south, north = places_extent(hazard)
     if np.isfinite(west):
         return np.array([west + east, south + north]) / 2

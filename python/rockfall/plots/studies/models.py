@@ -22,8 +22,8 @@ PANELS = {"boulders": ("fraction", "fraction"), **{name: ("mean", name) for name
 
 @styled
 def models_figure(models: Models) -> Figure:
-    """Row of panels for each line and for the run-out: statistics with 95 % intervals, with a row
-    for each model. Bars are means or fractions, open marks 95 % quantiles."""
+    """Row of panels for each line, and a panel for the run-out, with a row for each model. Filled
+    marks are means or fractions, open marks 95 % quantiles, bars their 95 % intervals."""
     lines = [line for line in dict.fromkeys(models.table["line"]) if line]
     deep = 0.55 + 0.17 * len(models.names)
     figure = new_figure(1.35 * WIDE, (deep + 0.35) * (len(lines) + 1))
