@@ -169,7 +169,7 @@ contains
       real(c_double), intent(out) :: x(3, room, n)    !! centres [m]
       real(c_double), intent(out) :: radius(room, n)  !! [m]
       integer(c_int32_t), intent(out) :: bodies(n)    !! number of bodies in each layer
-      real(c_double), intent(out) :: facts(6, n)      !! columns as names("layer")
+      real(c_double), intent(out) :: facts(6, n)      !! columns as listed by names("layer")
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -215,8 +215,8 @@ contains
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n)
       integer(c_int64_t), intent(in) :: layer(n), point(n), number(n)
-      real(c_double), intent(out) :: outcome(26, n)    !! columns as names("outcome")
-      integer(c_int32_t), intent(out) :: counts(4, n)  !! columns as names("outcome_counts")
+      real(c_double), intent(out) :: outcome(26, n)    !! columns as listed by names("outcome")
+      integer(c_int32_t), intent(out) :: counts(4, n)  !! columns as listed by names("outcome_counts")
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message
       type(layer_t), allocatable :: layers(:)
@@ -266,8 +266,8 @@ contains
       real(c_double), intent(in) :: step                          !! time step relative to the default
       integer(c_int64_t), intent(in) :: seed, first
       integer(c_int), intent(in) :: threads                       !! number of threads; 0: all
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names("contact")
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names("contact_counts")
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as listed by names("contact")
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as listed by names("contact_counts")
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)  !! number of contacts; 1, 0: time limit reached
       real(c_double), intent(out) :: inertia(nb)                  !! mean principal moment/(m R_b**2)
       integer(c_int), intent(out) :: code
@@ -330,8 +330,8 @@ contains
       integer(c_int32_t), intent(in) :: bodies(nl)
       integer(c_int32_t), intent(in) :: place(n), layer(n)
       integer(c_int64_t), intent(in) :: number(n)
-      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as names("contact")
-      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as names("contact_counts")
+      real(c_double), intent(out) :: rows(16, contacts, n)        !! columns as listed by names("contact")
+      integer(c_int32_t), intent(out) :: counts(3, contacts, n)   !! columns as listed by names("contact_counts")
       integer(c_int32_t), intent(out) :: n_contacts(n), complete(n)    !! number of contacts; 1, or 0 if incomplete
       integer(c_int), intent(out) :: code
       character(len=max_message), intent(out) :: message

@@ -130,7 +130,7 @@ class Live:
             return self.document, self.revision
 
     def look(self, view: View) -> None:
-        """Set the selected map, lines or section; another map or a first section needs a new run."""
+        """Set the selected map, lines or section; another map or a first section needs a run."""
         with self._wake:
             if view.map != self.view.map or (view.section and not self.view.section):
                 self._pending.document = self._pending.document or self.document

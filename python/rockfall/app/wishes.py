@@ -14,8 +14,8 @@ MAX_VISIBLE = 200  # maximum lines in view
 
 
 def view_of(message: dict[str, Any], maps: Collection[str], offers: Offers) -> View:
-    """Return the view in a message `view`. Raise Refused for values of a wrong type, and for a map or
-    layer not in `maps` or `offers`."""
+    """Return the view in a message `view`. Raise Refused for values of a wrong type, and for a map
+    or layer not in `maps` or `offers`."""
 
     def text(key: str, allowed: Collection[str] | None = None) -> str:
         value = message.get(key, "")

@@ -290,7 +290,8 @@ def _parts(columns: dict[str, xr.DataArray]) -> Iterator[dict[str, xr.DataArray]
 
 
 def _crossings(data: xr.Dataset, line: int) -> dict[str, xr.DataArray]:
-    """Columns of the boulders that cross a line, in single precision; x, y with few decimals."""
+    """Columns of the boulders that cross a line: x and y with `PLACES` decimals, other reals in
+    single precision."""
     import xarray as xr
 
     columns = {}

@@ -518,8 +518,8 @@ def _plain_layer(path: str) -> str | bytes:
 
 
 def _check_geopackage(path: str, start: bytes) -> None:
-    """Refuse a database that is no GeoPackage, is being written, has views, or has virtual tables
-    other than spatial indexes."""
+    """Refuse a database that is no GeoPackage, is being written, or has views, computed columns, or
+    virtual tables other than spatial indexes."""
     if start[68:72] not in _GEOPACKAGE:
         raise RockfallError(f"{path}: is a database but not a GeoPackage")
     for journal in ("wal", "journal"):
