@@ -73,7 +73,8 @@ class DesignBlock:
 
     `levels` has a row for each return period, with the columns `volume` [m3] and its limits (NaN
     if `refused` gives a reason), `power_law`, the volume from the power law, and `extrapolated`:
-    larger than all surveyed blocks. `scenario` has the values of the `&scenario` keys, or is None.
+    larger than all surveyed blocks. `scenario` has the values of the `&scenario` keys; None if
+    one is out of range.
     """
 
     survey: Survey
@@ -107,11 +108,12 @@ def design_block(
     """Design block for a return period [year], from a block survey.
 
     `blocks` is a table of deposited blocks with `volume` [m3] or the axes `a`, `b`, `c` [m]. Rows
-    with a `year` are blocks that fell within the observation period of `years`; alternatively,
-    `events` is a table of these blocks. Both may also be lists of volumes. Only blocks larger than
-    `threshold` [m3] count (default: the lowest threshold with an acceptable fit of the generalised
-    Pareto distribution). `volume_max` [m3] is the largest block of the scenario. Invalid inputs and
-    surveys with too few blocks raise a RockfallError.
+    with a `year` or `date` are blocks that fell in the observation period of `years` (required);
+    alternatively, `events` is a table of these blocks. Both may also be lists of volumes. Only
+    blocks larger than `threshold` [m3] count (default: the lowest threshold with an acceptable fit
+    of the generalised Pareto distribution). `volume_max` [m3] is the largest block of the scenario
+    (default: the larger of the largest surveyed block and the power-law block of 10 return
+    periods). Invalid inputs and surveys with too few blocks raise a RockfallError.
 
     >>> import rockfall
     >>> found = rockfall.design_block("survey.csv", 100.0, years=40.0)

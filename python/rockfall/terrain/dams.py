@@ -47,8 +47,8 @@ def with_dam(
 
     The crest is `height` above the terrain and `crest_width` wide. On both sides the dam falls at
     `slope` to the terrain: max(z, crest - tan(slope) (d - crest_width / 2)) at the distance d from
-    its line. Cells without an elevation are unchanged. A dam face narrower than two cells raises
-    an error unless the dam sets `allow_coarse`.
+    its line. Cells without an elevation are unchanged. Raises a RockfallError for a face narrower
+    than two cells, unless the dam sets `allow_coarse`, and for a line off the known terrain.
     """
     vertices = np.array(dam["x"]) + 1j * np.array(dam["y"])
     line, crest = _crest(z, grid, vertices, name)

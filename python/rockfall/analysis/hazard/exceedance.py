@@ -59,8 +59,8 @@ def exceedance_numbers(
     """Hazard variables at places, by name without the prefix: energies and heights by return period
     with their limits, and counts above each level of `EXCEEDED`.
 
-    `passing` [run][place] has the boulders that pass; None if only counts are known. `runs`
-    [run][place] has their samples. `factor` is as in
+    `passing` [run][place] has the boulders that pass; None if only counts are known, which gives
+    NaN and counts of 0. `runs` [run][place] has their samples. `factor` is as in
     `rockfall.analysis.hazard.classes.frequencies`.
     """
     places = [*zip(*passing, strict=True)]

@@ -53,8 +53,8 @@ def return_period(
     """Return period [year] of boulders above an energy [J] or a height [m] at a line, object or
     segment; of all boulders if neither is given. Between two counted levels, the frequency is
     interpolated by a power law (below the first, it is that of all boulders), and the limits are
-    the outer limits of the two levels. Unknown places, and levels out of range, raise a
-    RockfallError.
+    the outer limits of the two levels. Unknown places, levels out of range, and both levels
+    together raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

@@ -26,12 +26,12 @@ Group = tuple[str, np.ndarray]  # name, and mask of boulders
 
 def groups(result: Held, by: str, classes: Sequence[float] | None = None) -> list[Group]:
     """Groups of boulders: each boulder is in exactly one group, and no group is empty. Raises a
-    RockfallError for other `by` or `classes`, and for one shape.
+    RockfallError for an unknown `by`, invalid `classes`, or by = 'shape' with a single shape.
 
     by = 'source': the polygons or points of the source layer by name or, without a layer, the
-    sources by number. by = 'volume': `classes` are the edges between classes [m3] (default: the
-    distinct volumes if they are few, else quartiles of the boulders). An edge belongs to the class
-    above it. by = 'shape': the block shapes, in a run with several shapes.
+    sources by number; in ranges if there are more than `MAX_SOURCES`. by = 'volume': `classes` are
+    the edges between classes [m3] (default: the distinct volumes if they are few, else quartiles of
+    the boulders). An edge belongs to the class above it. by = 'shape': the block shapes.
     """
     check_by(by, classes)
     if by == "shape":

@@ -87,7 +87,7 @@ def section_of(result: xr.Dataset, line: SectionLine, terrain: Terrain | None = 
     """Section of a result along a line. Elevations and trajectory heights are NaN outside or
     without terrain; heights also if the terrain is coarser than in the run. Energies are NaN if
     neither the case nor a line crossing gives the mass. Raises RockfallError if the result has
-    neither trajectories of moving boulders nor maps of speed, energy or height."""
+    neither trajectories of moving boulders with kept rows nor maps of speed, energy or height."""
     stations = stations_of(line)
     mapped = section_maps.has_maps(result)
     followed, boulders = motion_of(result), result["boulder"].values

@@ -67,8 +67,9 @@ def read_exposure(
     curves: Mapping[str, Curve],
     without_energy: Iterable[int],
 ) -> Exposure:
-    """Exposure of the objects in a layer, empty if it has no persons or values. For objects
-    `without_energy`, only the counts above the thresholds [J] are known."""
+    """Exposure of the objects in a layer; empty without persons, traffic, and property (values of
+    buildings, or with `curve`). For objects `without_energy`, only the counts above the thresholds
+    [J] are known."""
     kinds = layer.texts("kind")
     buildings = layer.has("value") and any(map(_is_building, kinds))
     has_curve = layer.has("curve") and layer.has("value")

@@ -214,7 +214,7 @@ def check_kept(case: Case, lines: int) -> None:
 
 
 def check_room(paths: Sequence[str], lines: int, boulders: int) -> None:
-    """Raise a RockfallError if the boulders at all lines would not fit in memory."""
+    """Raise a RockfallError if the boulders at all lines would need more than half the memory."""
     need = BYTES_AT_LINE * lines * boulders
     if need > ROOM * machine_memory():
         raise RockfallError(

@@ -22,8 +22,8 @@ QUANTITIES = "energy", "passing_height", "upper_edge", "diameter"  # fields of `
 
 
 class Hits(NamedTuple):
-    """Boulders that hit a segment, their values at first contact, and the number of boulders that
-    count as one observation."""
+    """Boulders that hit a segment, their values at first contact (the largest, if the segment has
+    several outlines), and the number of boulders that count as one observation."""
 
     energy: np.ndarray  # kinetic energy [J]
     passing_height: np.ndarray  # height of the centre above the ground, vertical [m]

@@ -121,7 +121,7 @@ def roads_of(given: AtRisk, scene: Scene, remarks: list[str]) -> Segments:
 def read_segments(file: File, length: float | None, scene: Scene, remarks: list[str]) -> Segments:
     """Cut the lines of a layer into segments of a given length [m], or keep whole lines (None).
     Segments outside the terrain are omitted, with a remark. Raises a RockfallError for too many
-    segments."""
+    segments, or none on the terrain."""
     parts, columns = read_lines(file.path, file.layer, scene.grid, remarks, KEY)
     columns = {name.lower(): values for name, values in columns.items()}
     layer = Layer(str(file.path), columns, len(parts))

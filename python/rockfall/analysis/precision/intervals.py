@@ -342,8 +342,8 @@ def ranks_around(n: int, level: float, effective: float) -> np.ndarray:
 
 
 def half_width(row: Mapping[str, float], name: str) -> float:
-    """Half-width of a confidence interval relative to the estimate: 0 for `CROSSED` or more equal
-    values, inf if the estimate is 0, NaN without an interval."""
+    """Half-width of a confidence interval relative to the estimate: 0 for equal limits and for
+    `CROSSED` or more equal values, else inf for an estimate of 0; NaN without an interval."""
     value = row.get(name, np.nan)
     if name != "fraction" and row.get("std") == 0 and row["n"] >= CROSSED:
         return 0.0

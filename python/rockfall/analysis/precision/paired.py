@@ -51,7 +51,7 @@ def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
 
 def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
     """Quantile of the known values (not NaN). Its influence uses the density between the order
-    statistics that enclose it (Woodruff 1952)."""
+    statistics that enclose it (Woodruff 1952); without influences if the sample has none."""
     has = ~np.isnan(values)
     if not has.any():
         return Estimate(math.nan)
@@ -97,7 +97,8 @@ def difference_of_means(here: np.ndarray, before: np.ndarray, source: Sources) -
 
 def changed_sides(here: np.ndarray, before: np.ndarray, source: Sources) -> Difference:
     """Difference between the fractions of the boulders chosen in each run (masks). If all changes
-    are in one direction, this is the fraction that changed (negative: lost), with its limits."""
+    are in one direction, this is the fraction that changed (negative: lost), with its limits;
+    without changes, 0 between the limits of both directions."""
     gained, lost = here & ~before, before & ~here
     if gained.any() and lost.any():
         return mean_difference(here * 1.0 - before, source)

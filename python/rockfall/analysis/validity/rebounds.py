@@ -149,6 +149,6 @@ def table_remarks(values: Variables) -> Iterator[Remark]:
 
 
 def has_own_grounds(case: Case) -> bool:
-    """Return True if the grounds come from the user's table, not the shipped table."""
+    """Return True if the grounds come from the user's table, not a shipped table."""
     own = case.surface.get("ground_table")
     return bool(own) and own not in other_tables()

@@ -31,11 +31,11 @@ LOWEST = -90.0  # [degree] lower bound of any angle
 
 
 def angle_remarks(values: Variables, case: Case) -> Iterator[Remark]:
-    """Remarks on the energy-line and shadow angles of the 1 % farthest boulders, compared with the
-    lowest observed angle: a warning if the interval of their angle does not contain the observed
-    angle. Boulders that left the terrain count with the angle of their exit for the upper limit,
-    and with the lowest possible angle for the lower limit. Boulders without an angle do not
-    count."""
+    """Remarks on the 1 % quantile of the energy-line and shadow angles, compared with the lowest
+    observed angle: a warning if its interval does not contain the observed angle. Boulders that
+    ended while moving count with the angle of their end for the upper limit, and with the lowest
+    possible angle for the lower limit. Boulders without an angle do not count, and cause a warning.
+    No comparison with fewer than `MIN_BOULDERS`."""
     for key, angles_of in ANGLES.items():
         observed = case.observed.get(key)
         if observed is not None and "start_x" in values:
