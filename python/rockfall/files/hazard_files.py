@@ -70,7 +70,8 @@ def write_hazard(found: xr.Dataset, folder: str | Path) -> list[Path]:
 
 
 def read_hazard(path: str | Path) -> xr.Dataset:
-    """Read a hazard from a file hazard.nc; raises a RockfallError for other files."""
+    """Read a hazard from a file hazard.nc. Raises a RockfallError if it has no hazard, or one with
+    the layout of a different version."""
     dataset = load_exact(path, "a hazard")
     if "hazard_class" not in dataset:
         raise RockfallError(f"{path}: is not a hazard file: hazard_class is missing")

@@ -220,7 +220,7 @@ def _compare_variants(results: dict[str, xr.Dataset], arguments: argparse.Namesp
 
 
 def _cost(given: str) -> tuple[str, float]:
-    """Variant and cost from NAME=AMOUNT; refuses other texts."""
+    """Variant and cost from NAME=AMOUNT; refuses texts not of this form."""
     name, _, amount = given.rpartition("=")
     if not name or math.isnan(cost := plain_decimal(amount)):
         raise RockfallError(f"--costs {given}: must be NAME=AMOUNT")

@@ -30,8 +30,8 @@ def aligned_blocks(
     may suggest interpolation, unless values are integers. A `packing_note` may be added to
     `remarks`.
 
-    Raises a RockfallError for other cells or invalid values. Cells without data are NaN, or `NO_ID`
-    when `dtype` is an integer (of 32 bits or more).
+    Raises a RockfallError for cells unlike `grid` or invalid values. Cells without data are NaN, or
+    `NO_ID` when `dtype` is an integer (of 32 bits or more).
     """
     dtype = np.dtype(dtype)
     store = np.empty((0, 0), dtype)

@@ -119,7 +119,7 @@ def read_attributes(
 
 
 def layer_names(path: str | Path) -> list[str]:
-    """Names of the layers in a file that have shapes. Raises a RockfallError for other files."""
+    """Names of the layers with shapes. Raises a RockfallError if the file is no vector file."""
     need("layers need", "vector", "pyogrio", "shapely")
     import pyogrio
 
@@ -401,8 +401,8 @@ def extent(west: float, south: float, east: float, north: float) -> str:
 def _read(
     path: str, columns: list[str] | None, what: str, layer: str | None, key: str
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
-    """Metadata, shapes, and attributes `columns` (None: all) of a layer. Refuses other formats,
-    empty layers and missing attributes."""
+    """Metadata, shapes, and attributes `columns` (None: all) of a layer. Refuses unsupported
+    formats, empty layers and missing attributes."""
     need(f"{what} need", "vector", "pyogrio", "shapely")
     import pyogrio
     import shapely
@@ -503,7 +503,7 @@ def _integers(path: str, field: str, values: np.ndarray) -> np.ndarray:
 
 
 def _plain_layer(path: str) -> str | bytes:
-    """Input for GDAL from a vector file: its path, or rewritten text. Refuses other files."""
+    """Input for GDAL from a vector file: its path, or rewritten text. Refuses unsupported files."""
     name, start = plain_file(path), start_of(path)
     if start.startswith(_SHAPES):
         return name
