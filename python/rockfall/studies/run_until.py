@@ -65,8 +65,8 @@ class Verdict(NamedTuple):
     """Verdict on a rule for a result.
 
     `width` is the half-width relative to the statistic, NaN without an interval. `need` is the
-    number of boulders required from each source: NaN if it cannot be estimated, mostly because
-    too few cross the line, and inf if no number suffices.
+    number of boulders required from each source: NaN if it cannot be estimated (too few
+    cross the line), inf if no number suffices.
     """
 
     rule: Rule

@@ -65,8 +65,8 @@ def warn_of(scene: Scene) -> None:
 
 
 def _lines(scene: Scene) -> Iterator[InputWarning]:
-    """Warnings on lines with parts or vertices off the terrain. The kernel refuses lines farther
-    away."""
+    """Warnings on lines with parts or vertices off the terrain. The kernel refuses lines if only
+    some vertices are far away."""
     barriers, outside = {barrier["name"] for barrier in scene.case.barrier}, scene.lines_outside()
     grid = scene.grid
     far = FAR_SIDES * grid.cell * max(grid.shape)

@@ -78,12 +78,12 @@ def _zones(analysis: Back) -> list[str]:
 
 
 def posterior_table(analysis: Back) -> pd.DataFrame:
-    """Table with a row for each parameter: parameter, units, case (value in the case), 5, 50 and
-    95 % quantiles of prior and posterior, ratio (5-95 % range of the posterior divided by that
-    range of the prior, for factors in logarithms), moved (Kolmogorov-Smirnov distance between
-    both), verdict, and correlation (between the logarithms of a ground's strength and relief, in
-    the posterior). For impact sets, ratio compares effective numbers (exp of the entropy), and
-    set_best is the most likely set, from 0."""
+    """Table with a row for each parameter: parameter, units, case (value in the case, 0 for
+    shifts), 5, 50 and 95 % quantiles of prior and posterior, ratio (5-95 % range of the posterior
+    divided by that range of the prior, for factors in logarithms), moved (Kolmogorov-Smirnov
+    distance between both), verdict, and correlation (between the logarithms of a ground's strength
+    and relief, in the posterior). For impact sets, ratio compares effective numbers (exp of the
+    entropy), moved is the total variation distance, and set_best the most likely set, from 0."""
     rows = [_row(analysis, parameter) for parameter in parameters(analysis)]
     for ridge in ridges(analysis):
         for row in rows:
