@@ -114,7 +114,7 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
     They are taken from `folder`, or from the folder in the environment variable
     ROCKFALL_FIELD_DATA, or from a subfolder with the archive's name. Without a folder they are
     downloaded once into the user's cache. Every file is checked against its checksum. Raises
-    RockfallError for missing or different files.
+    RockfallError for an unknown archive, and for missing or different files.
     """
     if name not in ARCHIVES:
         raise RockfallError(f"no archive {name!r}, known: {', '.join(ARCHIVES)}")

@@ -165,7 +165,7 @@ def wrong_in_catalogue(path: Path) -> Iterator[str]:
 
 
 def long_message(place: str, text: str) -> Iterator[str]:
-    """Yield a fault for more than 25 words (a value is one), and one for several thoughts."""
+    """Yield a fault for more than 25 words (a value is one), and one for a semicolon."""
     plain = re.sub(r"(?<=\d)[\u202f\xa0 ](?=\d{3})", "", re.sub(r"\{[^{}]*\}", "N", text))
     words = [word for word in plain.split() if re.search(r"\w", word)]
     if len(words) > MOST:
@@ -175,7 +175,7 @@ def long_message(place: str, text: str) -> Iterator[str]:
 
 
 def messages_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each one-line string in a module, except docstrings; N for values."""
+    """Yield line and text of each string in a module, except docstrings; N for values."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     parts = {
         id(part)
@@ -194,7 +194,7 @@ def messages_of(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def texts_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each comment and each string of a source file."""
+    """Yield line and text of each comment and, except in TypeScript, of each string of a file."""
     if path.suffix == ".f90":
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             yield from ((number, text) for text in re.findall(r"\"[^\"]*\"|!.*", line))

@@ -208,7 +208,7 @@ def compare(one: Path, other: Path) -> dict[str, list[str]]:
 
 
 def differing(one: Path, other: Path) -> list[str]:
-    """Variables of two results that are not bit-identical, and the maximum relative difference."""
+    """Variables in only one of two results, or not bit-identical, with the relative difference."""
     with xr.open_dataset(one, decode_cf=False) as a, xr.open_dataset(other, decode_cf=False) as b:
         names = sorted(map(str, {*a.variables} ^ {*b.variables}))
         for name in sorted({*map(str, a.variables)} & {*map(str, b.variables)}):

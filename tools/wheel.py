@@ -118,7 +118,7 @@ def surroundings(tools: Path) -> dict[str, str]:
 
 
 def check(wheel: Path, folder: str) -> str | None:
-    """Faults of a wheel: libraries, exported symbols, paths of this machine."""
+    """First fault of a wheel, if any: libraries, paths of this machine, exported symbols."""
     inside = Path(tempfile.mkdtemp(dir=folder))
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(inside)

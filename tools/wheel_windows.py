@@ -133,7 +133,7 @@ def numpy_headers() -> Path:
 
 
 def exported(name: str, folder: Path) -> Path:
-    """Definition of the only symbol exported by an extension."""
+    """Write the file that makes the linker export one symbol of an extension; return its path."""
     path = folder / f"{name}.def"
     path.write_text(f"EXPORTS\n    PyInit_{name}\n")
     return path

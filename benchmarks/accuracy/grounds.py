@@ -49,7 +49,7 @@ BEGIN = "## On planes\n"
 
 
 def mean(values: list[float]) -> Number:
-    """Mean over several seeds, with its standard error; NaN if unknown."""
+    """Mean over several seeds, with its standard error; NaN if a value is NaN."""
     return Number(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
 
 

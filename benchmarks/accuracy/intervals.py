@@ -68,7 +68,7 @@ def _known(result: xr.Dataset, quantity: str, line: int) -> np.ndarray:
 
 
 def ends(rule: str, repetitions: int, random: np.random.Generator) -> None:
-    """Print at how many boulders a rule stops runs of the known distribution."""
+    """Print when a rule stops runs of the known distribution, and the coverage at the end."""
     asked = read_rules(rule, ["L"])
     statistic = asked[0].statistic
     truth, need = theory(statistic, asked[0].limit)

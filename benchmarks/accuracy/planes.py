@@ -127,7 +127,7 @@ def neutral(sets: Sets, ratio: int) -> Number:
 def growth_flown(path: Path, ratio: int, slope: float) -> float:
     """Mean logarithm of the growth of speed in a bounce, for boulders that run down the fall line
     of a plane ('to_aspect'). They are slow, to stay on the plane; growth does not depend on speed.
-    Refuses boulders that end before contact LAST."""
+    Refuses runs in which fewer than COMPLETE of the boulders reach contact LAST."""
     z, grid = plane(slope)
     case = rockfall.Case(
         case={"boulders": FLOWN, "seed": 7},
@@ -171,7 +171,7 @@ class Measured(NamedTuple):
 
 
 def look(path: Path, boulders: int) -> Iterator[Measured]:
-    """Measure the set in a file; return nothing for an ensemble."""
+    """Yield measurements of the set in a file; nothing for an ensemble."""
     sets, *more = read_sets(path)
     if more:
         return

@@ -118,7 +118,7 @@ def run(program: Path, case: Path, repeat: int, flights: int) -> list[Run]:
 
 
 def check_exact(exact: Run, case: rockfall.Case) -> None:
-    """Stop unless the exact run of this build equals the product's, bit for bit."""
+    """Stop unless paths, times, speeds and impacts of the exact run equal the product's bits."""
     product = rockfall.run(case)
     for name in ("path_length", "travel_time", "speed_max", "impacts"):
         if not np.array_equal(exact.result[name], product[name]):

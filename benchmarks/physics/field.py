@@ -156,7 +156,7 @@ def pasture(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _by_platrock(given: argparse.Namespace, folder: Path) -> Iterator[dict[str, Any]]:
-    """Rows for PlatRock; a single line if it does not run."""
+    """Rows for PlatRock; none, and a printed message, if it does not run."""
     seen = pd.read_csv(folder / "observed.csv")
     ways = seen[["x", "y"]].values - seen[["start_x", "start_y"]].values
     x, y = ways.mean(axis=0)

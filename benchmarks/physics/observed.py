@@ -41,7 +41,7 @@ AT_ONCE = 100  # number of boulders in the experiment
 
 
 def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
-    """Mean, standard deviation and mean maximum at the lines, by quantity; energies in kJ."""
+    """Mean, deviation and mean maximum at the lines, by quantity; translational energy in kJ."""
     case = case.replace(case={"boulders": boulders, "seed": seed}, output=NOTHING)
     place = rasterio.Affine(CELL, 0, WEST, 0, -CELL, NORTH)
     result = rockfall.run(case, dem=Talus(seed=seed).elevation(), transform=place, zones=zones())

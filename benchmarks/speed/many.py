@@ -43,7 +43,7 @@ def command(kept: str, boulders: int, threads: int, output: str) -> list[str]:
 
 
 def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
-    """Kill a run that saves every second, after a time or after its first save."""
+    """Kill a run that saves every second, after a time, but not before its first save."""
     process = subprocess.Popen([*words, "--checkpoint", "1"], cwd=folder)
     time.sleep(seconds)
     checkpoint = folder / f"{words[-1]}.checkpoint"
@@ -55,7 +55,7 @@ def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
 
 
 def same(one: Path, other: Path) -> bool:
-    """Return True if two results are bit-identical, apart from the attributes in OWN."""
+    """Return True if two results are bit-identical, except texts and the attributes in OWN."""
     a, b = rockfall.read_result(one), rockfall.read_result(other)
     found = {*a.variables} == {*b.variables}
     for name in a.variables:

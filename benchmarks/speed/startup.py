@@ -74,7 +74,7 @@ def words_of(command: str) -> list[str]:
 
 
 def by_package(tree: Path, folder: Path, command: str) -> Counter[str]:
-    """Milliseconds of a command by package, minima of five starts each."""
+    """Milliseconds of a command by package, from the fastest of five starts."""
     found: list[Counter[str]] = []
     for _ in range(5):
         wall, _, said = start(tree, folder, ["-X", "importtime", *words_of(command)])

@@ -30,7 +30,7 @@ def remake(
     paths: Iterable[str | Path], threads: int = 0, progress: bool = False
 ) -> Iterator[tuple[Path, str, str]]:
     """Reproduce each set file or table. Yield its path, its origin if that is not a laboratory
-    case, and the first line that differs in the reproduction, or ""."""
+    case, and the first line that differs ("its numbers" for a table), or ""."""
     for path, source in {Path(path): _source(Path(path)) for path in paths}.items():
         if isinstance(source, ImpactTable):
             same = _is_made_again(path, source, threads, progress)
@@ -64,7 +64,7 @@ def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool)
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:
     """Laboratory contacts from which a table was made, for each of its cases. Refuses a table
-    without these names."""
+    that names no case."""
     texts = cases_of(table.attrs)
     if not texts:
         raise RockfallError(f"{path}: does not say which case of the laboratory made it")

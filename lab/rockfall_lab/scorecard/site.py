@@ -112,8 +112,8 @@ def at_lines(method: str, result: xr.Dataset) -> dict[str, float]:
 
 
 def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
-    """Mean, standard deviation and maximum of each quantity, and others; NaN if too few boulders
-    pass."""
+    """Statistics at a line: passing fraction; moments and maximum of each quantity, rotational
+    fraction and spread, all NaN if too few boulders pass."""
     passed = at["line_speed"].notnull().values
     numbers = {f"{name}_passing": _mean(passed)}
     if passed.sum() < MIN_PASSED:
@@ -133,10 +133,10 @@ def _at_line(at: xr.Dataset, name: str) -> dict[str, float]:
 
 
 def _over_rebounds(sets: Sets, result: xr.Dataset) -> dict[str, float]:
-    """R_t, R_n and turns of rebounds in the recorded trajectories, and fractions of all rebounds.
+    """R_t, R_n and turns of rebounds in recorded trajectories, and fractions over all boulders.
 
     R_n by incidence class is averaged for each R_b/R_m separately, then over the ratios, weighted
-    with their frequency among all rebounds. Without this standardisation, a class would reflect the
+    with their recorded frequency. Without this standardisation, a class would reflect the
     ground of its few steep rebounds rather than the effect of the angle.
     """
     t, n = result["trajectory_in_t"].values, result["trajectory_in_n"].values

@@ -46,7 +46,7 @@ class Contacts:
     beyond: int
 
     def by_ratio(self) -> dict[int, Impacts]:
-        """Contacts of each ratio that has any, or of `ALL`."""
+        """Contacts by ratio, for ratios with contacts; by `ALL` if the file has no ratios."""
         if self.ratio is None:
             return {ALL: self.impacts}
         classes = np.unique(self.ratio).tolist()
@@ -56,7 +56,7 @@ class Contacts:
 def read_contacts(path: str | Path) -> Contacts:
     """Read contacts from a CSV file: columns `LIMITS` [m/s], and any of `OPTIONAL`.
 
-    A RockfallError gives line and column of invalid values, including contacts that gain energy.
+    Raises a RockfallError for missing columns, invalid values, and a contact that gains energy.
     """
     path = Path(path)
     if not path.name.isprintable():

@@ -70,9 +70,9 @@ class Impacts:
 
 
 def as_rebounds(impacts: Impacts) -> Impacts:
-    """Impacts as rebounds of the model. Impacts that did not leave the surface leave it with 1 % of
-    their speed, like forced rebounds; impacts that gained energy by falling into the layer are
-    omitted."""
+    """Impacts as rebounds of the model. Normal velocities after the impact are at least MIN_NORMAL
+    of the incident speed, as in forced rebounds. Impacts that gained energy by falling into the
+    layer, or did not approach it, are omitted."""
     speed = np.sqrt((impacts.v_in[:, :2] ** 2).sum(axis=1))
     v_out = impacts.v_out.copy()
     v_out[:, 1] = np.maximum(v_out[:, 1], MIN_NORMAL * speed)
@@ -242,8 +242,8 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _rejections(bad: np.ndarray) -> np.ndarray:
-    """Number of draws rejected before an admissible draw, (n, draws), averaged over start points in
-    the ring of draws: an unbiased estimate of the rejections before a rebound."""
+    """Fraction (n, draws) of the start points in the ring of draws from which a draw is rejected
+    before an admissible draw. Sums are unbiased estimates of the rejections before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
     times = np.zeros(bad.shape)

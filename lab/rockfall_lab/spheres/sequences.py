@@ -80,8 +80,8 @@ def run_sequences(
 def _start(
     case: LabCase, path: str | Path | None
 ) -> tuple[list[dict[str, np.ndarray]], dict[str, np.ndarray]]:
-    """Existing contacts, ratio by ratio, and the counters of each ratio. Refuses files of another
-    case or version."""
+    """Existing contacts, in at most one part, and the counters of each ratio. Refuses files of
+    another case or version, or with too many throws."""
     if path is None or not Path(path).exists():
         return [], {name: np.zeros(len(case.lab["ratios"])) for name in COUNTERS}
     data = open_sequences(path)
