@@ -16,7 +16,7 @@ QUANTITIES = {
     "passing_height": "passing height [m]",
     "energy_translational": "energy of translation [kJ]",
 }
-STATISTICS = {"mean": "mean", "std": "deviation", "max": "largest of 100"}
+STATISTICS = {"mean": "mean", "std": "standard deviation", "max": "largest of 100"}
 MODELS = {  # names of models at Vaujany on pages
     "talus": "impact table `talus`",
     "rocky-slope": "impact table `rocky-slope`",
@@ -81,6 +81,16 @@ def high_height(line: str, model: str) -> float:
     return 100 * ((mean.simulated + deviation.simulated) / observed - 1)
 
 
+def too(error: float) -> str:
+    """Size and direction of an error [%]."""
+    return f"{abs(error):.0f} % too {'high' if error > 0 else 'low'}"
+
+
+def largest_too(quantity: str, model: str) -> str:
+    rows = ((line, only("vaujany", line, f"{quantity}_max", model)) for line in LINES)
+    return " and ".join(f"{too(row.error)} at {line}" for line, row in rows)
+
+
 def largest(quantity: str, model: str) -> str:
     return signed(*(only("vaujany", line, f"{quantity}_max", model) for line in LINES))
 
@@ -111,19 +121,20 @@ def default_directions() -> str:
     """Sentences on those errors of the default set that affect a design, with their direction."""
     steep, default = (38, 42), "vaujany-observed"
     fast = (100 * runaway(slope, "1", f"{default}, R_m 0.2 m") for slope in steep)
-    narrow = signed(only("vaujany", "EL2", "passing_height_std", default))
+    narrow = only("vaujany", "EL2", "passing_height_std", default).error
     items = (
         f"**Too fast on long steep slopes: safe.** On 400 m of {steep[0]} and {steep[1]} degrees "
         f"{' and '.join(f'{part:.0f}' for part in fast)} % of the boulders with R_b/R_m = 5 are "
         "faster than any observed ([planes](validation/planes.md)). If that costs too much, "
         "[calibrate on your site](howto/back-analysis.md).",
-        f"**Heights vary too little: unsafe.** At EL2 their deviation is {narrow}, and mean plus "
-        f"one deviation {high_height('EL2', default):+.0f} %. The largest of 100 are too high, by "
-        f"{largest('passing_height', default)} at EL1 and EL2. So design the height of a barrier "
-        "by the 99 % quantile, not by 95 %.",
-        "**Largest speeds and energies** of 100 boulders are low: unsafe, by "
-        f"{largest('speed', default)}, {largest('energy_translational', default)}. Design for "
-        "the upper limit of an [ensemble](howto/uncertainty.md).",
+        f"**Heights vary too little: unsafe.** At EL2 their standard deviation is "
+        f"{too(narrow)}, and mean plus one standard deviation {too(high_height('EL2', default))}. "
+        f"The largest of 100 is {largest_too('passing_height', default)}. So design the "
+        "height of a barrier by the 99 % quantile, not by 95 %.",
+        "**Largest speeds and energies: unsafe.** The largest speed of 100 boulders is "
+        f"{largest_too('speed', default)}; the largest energy is "
+        f"{largest_too('energy_translational', default)}. Design for the upper limit of an "
+        "[ensemble](howto/uncertainty.md).",
     )
     return bullets(items)
 
@@ -139,13 +150,13 @@ def summary() -> str:
         [
             [
                 "100 boulders at two lines on talus",
-                f"means {means[0]}, deviations {deviations[0]}",
-                f"`{by_table}`: means {means[1]}, deviations {deviations[1]}",
+                f"means {means[0]}, standard deviations {deviations[0]}",
+                f"`{by_table}`: means {means[1]}, standard deviations {deviations[1]}",
             ],
             [
                 "run-outs on a pasture",
                 f"mean {signed(short)}",
-                f"`meadow`: mean {signed(far)}, deviation {signed(wide)}",
+                f"`meadow`: mean {signed(far)}, standard deviation {signed(wide)}",
             ],
             [
                 f"a forest passed by {passed[0].observed:g} % of the boulders",
@@ -173,13 +184,13 @@ def sites() -> str:
         [
             "[Tschamut](tschamut.md)",
             "run-outs of 80 blocks on pasture",
-            f"mean {signed(mean)}, deviation {signed(spread)}, KS {ks.error:.2f}",
+            f"mean {signed(mean)}, standard deviation {signed(spread)}, KS {ks.error:.2f}",
             "half calibrates `meadow`; the other half was used too often to confirm it",
         ],
         [
             "[Vaujany](vaujany.md)",
             "speed, height, energy at two lines on talus",
-            f"means {vaujany('talus', 'mean')}, deviations "
+            f"means {vaujany('talus', 'mean')}, standard deviations "
             f"{vaujany('talus', 'std')}, largest energies "
             f"{largest('energy_translational', 'talus')}",
             "`talus` is calibrated on some slopes of the recipe, and tested on others",
@@ -223,7 +234,7 @@ def sites() -> str:
 
 def vaujany_models() -> str:
     return table(
-        ["by", "means", "deviations", "largest energies, EL1 and EL2", "largest heights"],
+        ["by", "means", "standard deviations", "largest energies, EL1 and EL2", "largest heights"],
         [
             [
                 name,
@@ -337,7 +348,7 @@ def tables() -> str:
             "100 boulders at two lines of [Vaujany](validation/field/vaujany.md), on slopes "
             "not used for calibration",
             "`talus`",
-            f"means {vaujany('talus', 'mean')}, deviations "
+            f"means {vaujany('talus', 'mean')}, standard deviations "
             f"{vaujany('talus', 'std')}, largest energies "
             f"{largest('energy_translational', 'talus')}, largest heights "
             f"{largest('passing_height', 'talus')}",

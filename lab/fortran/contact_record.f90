@@ -37,7 +37,7 @@ module lab_contact_record
       real(wp) :: downhill = 0      !! distance along the fall line to the start of the contact [m]
       real(wp) :: heading(2) = 0    !! heading before the contact: components downhill and to the left, unit [-]
       real(wp) :: incoming(3) = 0   !! (V_t, V_n, W) before the contact [m/s]
-      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W) after the contact, without work of gravity along the slope [m/s]
+      real(wp) :: outgoing(3) = 0   !! (V_t, V_n, W) after the contact, without the impulse of gravity [m/s]
       real(wp) :: lateral = 0       !! sine of the turn of V_t, > 0 to the left [-]
       real(wp) :: duration = 0      !! duration of the contact [s]
       real(wp) :: advance = 0       !! distance during the contact, along the heading before it [m]

@@ -191,7 +191,7 @@ def cases_of(attrs: Mapping[str, Any]) -> list[str]:
 
 def _dimensionless(data: xr.Dataset) -> _Contacts:
     """Dimensionless contacts: velocities over U = sqrt(g R_b), times over sqrt(R_b/g). Contacts are
-    mirrored so that the ground falls to the left; the excluded work of gravity is restored."""
+    mirrored so that the ground falls to the left; the excluded impulse of gravity is restored."""
     radius, gravity = float(data.attrs["radius"]), float(data.attrs["gravity"])
     unit = np.sqrt(gravity * radius)
     column = {name: data[name].values.astype(float) for name in data}
