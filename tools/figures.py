@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Make the figures of the pages in docs from their cases.
+"""Make the figures of the tutorial by following it.
 
-`python tools/figures.py FOLDER` writes them to subfolders of FOLDER. It follows the tutorial, and
-fails if a page differs from the program's output. Takes a minute.
+`python tools/figures.py FOLDER` writes them to FOLDER/tutorial. It fails if a page differs from the
+program's output. Takes a minute.
 """
 
 import shutil

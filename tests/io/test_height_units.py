@@ -66,7 +66,7 @@ def tiff(z, crs=UTM, place=PLACE, unit=None, description=None, tags=None, packin
 
 
 def directory(keys, text):
-    """Numbers of a GeoKey directory {id: value}; key 4097 is text."""
+    """GeoKey directory {id: value} packed as 16-bit numbers; key 4097 refers to `text`."""
     rows = []
     for key, value in sorted(keys.items()):
         rows += [key, 34737, len(text), 0] if key == 4097 else [key, 0, 1, value]

@@ -295,8 +295,8 @@ def test_the_first_boulders_are_a_sample_of_all_sources():
 
 
 def test_the_band_holds_the_final_number_along_its_way():
-    """95 % intervals hold in 300 repetitions with 400 sources: after 100 boulders, after 1 and 3
-    turns of all sources, and after all 4,000 boulders."""
+    """Coverage of 95 % intervals over 300 repetitions with 400 sources: after 100 boulders, after 1
+    and 3 turns of all sources, and after all 4,000 boulders."""
     random, held = np.random.default_rng(1), []
     passes = np.sin(np.arange(400) / 60) > 0.3  # a gully: neighbours behave alike
     source = Sources.of(np.repeat(np.arange(400), 10))
@@ -798,7 +798,7 @@ def test_a_page_carries_the_view_that_it_is_given(result, monkeypatch):
 
 
 def test_the_view_of_show_runs_within_the_page(browser, stored):
-    """The policy of the page permits the script of the view, and no other."""
+    """The content security policy of the page permits the script of the 3-D view."""
     from selenium.webdriver.common.by import By
     from selenium.webdriver.support.ui import WebDriverWait
 

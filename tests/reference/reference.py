@@ -493,7 +493,8 @@ def first_root(
 
 
 def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
-    """First root after `begin` at which the quadratic decreases."""
+    """First root from `begin` at which the quadratic decreases; `begin` if it is not
+    positive and decreases there; None without a root."""
     base, rate, bend = above
     if value(above, begin) <= 0 and rate + 2 * bend * begin < 0:
         return begin

@@ -253,7 +253,7 @@ def raster_file(path: str) -> str:
 
 
 def _opened(path: str, stack: ExitStack) -> RasterFile:
-    """Open the file according to its format; the stack closes its resources. Refuses other
+    """Open a raster according to its format; `stack` closes its resources. Refuses unsupported
     formats."""
     file = raster_file(path)
     variable = path[len(file) + 1 :]
