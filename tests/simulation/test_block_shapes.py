@@ -590,8 +590,8 @@ def test_variants_differ_by_shape(tmp_path):
 def test_shapes_are_doubted_where_one_table_is_for_all(tmp_path, table, says, keys):
     case = case_in(tmp_path, impact={"table": table, "sets": None}, boulder=MIX | keys, **place())
     texts = [text for text in implausible(read_scene(case, **terrain())) if "block_shape" in text]
-    assert texts == ["case: &boulder block_shape: has no effect: rocky-slope has one impact "
-                     "table for all shapes"] * says  # fmt: skip
+    assert texts == ["case: &boulder block_shape: has no effect: each ground (rocky-slope) has "
+                     "a single impact table for all shapes"] * says  # fmt: skip
 
 
 # ---- files: checkpoints resume, and inconsistent files are refused
