@@ -10,9 +10,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
-from importlib.abc import MetaPathFinder
 from pathlib import Path
-from typing import Any
 
 from rockfall.cli.arguments import make_parser
 from rockfall.cli.messages import DONE, FAULT, REFUSED, say
@@ -34,7 +32,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # for names with letters that the terminal lacks
     if argv is None:
         _leave_out("geopandas", *(["dask"] if sys.argv[1:2] != ["run"] else []))
-        sys.meta_path.insert(0, _HelpRemover())
     try:
         with stoppable():
             arguments = make_parser().parse_args(argv)
@@ -83,17 +80,6 @@ def _leave_out(*packages: str) -> None:
     import Dask (used only by `run`), to check data types."""
     for package in packages:
         sys.modules.setdefault(package, None)  # type: ignore[arg-type]
-
-
-class _HelpRemover(MetaPathFinder):
-    """Skips Matplotlib's generated help texts, which take half of its import time (0.2 s)."""
-
-    def find_spec(self, *_: object) -> None:
-        artist: Any = sys.modules.get("matplotlib.artist")
-        if hasattr(artist, "kwdoc"):  # complete, and its subclasses are yet to be imported
-            # private attribute; without it, imports only take longer
-            artist.Artist._update_set_signature_and_docstring = classmethod(lambda _: None)
-            artist.kwdoc = lambda _: ""
 
 
 def _fault(error: Exception) -> int:
