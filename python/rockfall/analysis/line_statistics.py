@@ -169,6 +169,11 @@ def withheld(row: Mapping[str, float]) -> list[str]:
     ]
 
 
+def row_name(quantity: str) -> str:
+    """Quantity whose row has the number of another: for the fraction, the speed."""
+    return "speed" if quantity == "fraction" else quantity
+
+
 def quantile_name(level: float) -> str:
     """Name of a quantile in tables, such as q95 for 0.95."""
     return f"q{level * 100:.0f}"

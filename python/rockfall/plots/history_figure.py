@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from rockfall.analysis.line_statistics import row_name
 from rockfall.analysis.precision.history import NUMBERS, SHOWN, history, sizes
 from rockfall.analysis.precision.intervals import sources
 from rockfall.language import localised, say, spoken
@@ -42,7 +43,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
         panel.xaxis.set_major_formatter(lambda n, _: localised(f"{n:,g}", language))
     ends: dict[Axes, float] = {}
     for quantity, name in NUMBERS:
-        rows = numbers["speed" if quantity == "fraction" else quantity]
+        rows = numbers[row_name(quantity)]
         panel = panels[quantity]
         ends[panel] = max(
             ends.get(panel, 0.0), _curve(panel, n, rows, name, QUANTITIES[quantity].factor)

@@ -34,6 +34,7 @@ QUANTITIES = fields("line_quantity")  # kernel order
 DERIVED = {name: k for k, name in enumerate(QUANTITIES[:-1])}
 MOTION = ("velocity_x", "velocity_y", "velocity_z", "omega", "jump_height", "passing_height")
 POSITION = "position"  # distance along the line
+MOST_LINES = 20  # maximum lines with rows on a terminal, tables in a report, names on a map
 MAX_DENSE = 2e9  # maximum size of a dense view [bytes]
 MAX_SHARED = 5e8  # maximum size of quantities cached within `sharing` [bytes]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockfall.analysis.line_statistics import line_statistics
+from rockfall.analysis.line_statistics import line_statistics, row_name
 from rockfall.analysis.precision.history import NUMBERS
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, half_width, rounded_up
 from rockfall.language import Number, say
@@ -47,7 +47,7 @@ def rows_of(result: Held, lines: Sequence[int] | None = None) -> Rows:
 
 def key_rows(result: Held) -> Rows:
     """Rows of all lines with the quantities of `headline` only."""
-    quantities = dict.fromkeys(name.replace("fraction", "speed") for name, _ in HEADLINE.values())
+    quantities = dict.fromkeys(row_name(name) for name, _ in HEADLINE.values())
     return rows_in(line_statistics(result, quantities=list(quantities)))
 
 
@@ -98,7 +98,7 @@ def headline(rows: Rows) -> Table:
 def key_numbers(numbers: Numbers) -> Iterator[Estimate]:
     """Cells with the key numbers (`HEADLINE`) of a line."""
     for quantity, name in HEADLINE.values():
-        yield estimate(numbers["speed" if quantity == "fraction" else quantity], name, quantity)
+        yield estimate(numbers[row_name(quantity)], name, quantity)
 
 
 def line_tables(rows: Rows, *, short: bool = False) -> Iterator[Table]:
@@ -152,7 +152,7 @@ def precision_table(line: str, numbers: Numbers, boulders: int) -> Table:
     """Table of the precision at a line, and of the boulders needed for higher precision."""
     shown = []
     for quantity, name in NUMBERS:
-        row = numbers["speed" if quantity == "fraction" else quantity]
+        row = numbers[row_name(quantity)]
         display, half = QUANTITIES[quantity], half_width(row, name)
         label = f"{display.label}, {statistic(name)}" if name in STATISTICS else display.label
         cells: list[object] = ["-"] * (1 + len(TARGETS))

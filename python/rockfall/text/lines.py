@@ -13,7 +13,7 @@ from rockfall.case import case_of
 from rockfall.language import say
 from rockfall.protection.yearly import YEARS
 from rockfall.quantities import QUANTITIES, number
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import MOST_LINES, line_names
 from rockfall.result.samples import is_ensemble, kept_note, simulated
 from rockfall.table import as_text
 from rockfall.tables.dossier import answer_table
@@ -27,7 +27,7 @@ from rockfall.tables.lines import (
     profile_table,
     rows_in,
 )
-from rockfall.text.summary import MOST_LINES, more_lines
+from rockfall.text.summary import more_lines
 
 ABOUT = """\
 Below each value: its 95 % confidence interval; (–): too few boulders pass for a valid interval. The

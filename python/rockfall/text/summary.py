@@ -14,7 +14,7 @@ from rockfall.case import case_of
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.recorded import dams_of, stands_of
 from rockfall.quantities import QUANTITIES
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import MOST_LINES, line_names
 from rockfall.result.samples import kept_note, simulated
 from rockfall.studies.run_until import verdicts_of
 from rockfall.table import Column, Table, as_text
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rockfall.result.contents import Held
 
 MOST_STANDS = 12
-MOST_LINES = 20  # maximum number of lines on a terminal
 #: Note on a terrain without a CRS.
 NO_CRS = (
     "the DEM has no CRS: layers are read in its coordinates, results have none: set it with "

@@ -22,12 +22,11 @@ from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
 from rockfall.plots.along_figures import line_profile_figure
 from rockfall.plots.style import save
-from rockfall.result.crossings import line_names
+from rockfall.result.crossings import MOST_LINES, line_names
 from rockfall.result.dataset import read_result
 from rockfall.simulation.progress import add_steps, working
 from rockfall.tables.hazard import places_of
 from rockfall.text.lines import groups_text, hazard_text, lines_text, profile_text
-from rockfall.text.summary import MOST_LINES
 
 
 def lines_command(arguments: argparse.Namespace) -> int:

@@ -15,11 +15,10 @@ from rockfall.plots.cartography.sheet import Sheet
 from rockfall.plots.extent import Extent
 from rockfall.plots.style import BARRIER, BLUE, INK, LINE
 from rockfall.protection.barriers import barriers_of
-from rockfall.result.crossings import most_crossed
+from rockfall.result.crossings import MOST_LINES, most_crossed
 from rockfall.result.trajectories import lines
 
 SMALL = 7  # font size for names
-NAMED = 20  # maximum number of lines with names, without barriers
 FEW_SOURCES = 20  # fewer sources are drawn individually
 FINEST = 2.5  # minimum cell side in the source outline [points]
 ROCK = "#00604a"  # colour of sources
@@ -66,7 +65,7 @@ def draw_marks(sheet: Sheet, result: xr.Dataset) -> None:
 def named(result: xr.Dataset) -> set[int]:
     """Indices of the lines whose names fit on a figure: those that the most boulders pass, and
     barriers."""
-    return {*most_crossed(result, NAMED), *barriers_of(result)}
+    return {*most_crossed(result, MOST_LINES), *barriers_of(result)}
 
 
 def draw_line(sheet: Sheet, x: np.ndarray, y: np.ndarray, look: dict[str, Any]) -> None:
