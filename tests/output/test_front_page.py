@@ -189,6 +189,8 @@ def test_many_lines_share_one_table_and_the_most_passed_have_their_own(tmp_path,
     tables = re.findall(r"<caption>(L\d\d): [0-9,]+ boulders cross it", rest)
     assert sorted(tables) == sorted(most)
     assert "the 20 lines with the most passing boulders. Tables of all 25" in text_of(rest)
+    protection = text_of(rest.split('<section id="protection">')[1])
+    assert "Loads: 20 of 25 lines" in protection and "may be higher" in protection
     few = [name for name, n in passed.items() if n < 100]
     said = f"{len(few)} of 25 lines: fewer than 100 boulders passed (none at 4)"
     assert said in text_of(rest)

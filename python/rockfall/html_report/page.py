@@ -61,7 +61,7 @@ from rockfall.plots.style import capital
 from rockfall.protection.barriers import barriers_of
 from rockfall.protection.design import design
 from rockfall.protection.recorded import dams_of, stands_of
-from rockfall.result.crossings import line_names, most_crossed, sharing
+from rockfall.result.crossings import MOST_LINES, line_names, most_crossed, sharing
 from rockfall.result.maps.flat_maps import flat_maps
 from rockfall.result.samples import has_rows, simulated
 from rockfall.result.trajectories import Terrain
@@ -103,7 +103,6 @@ NOBODY = Parties()
 GROUNDS = "page.grounds_radii_of_their_rocks"
 GROUND_PART = "page.part_grounds"
 DRAWN_LINES = 8  # maximum number of lines with figures
-DETAILED_LINES = 20  # maximum number of lines with tables of their own
 
 
 @dataclass(frozen=True)
@@ -188,7 +187,7 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     left = inputs.left
     drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES, left)
     shown = [figure for figure in drawn if figure.name not in zoomed]
-    names, which = line_names(result), most_crossed(result, DETAILED_LINES)
+    names, which = line_names(result), most_crossed(result, MOST_LINES)
     designed = [names[k] for k in sorted({*which, *barriers_of(result)})]
     add_steps(
         len(names) + 2 * len(which) + len(designed) + len(shown) + min(len(which), DRAWN_LINES)
@@ -269,6 +268,9 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
         lines_shown=[]
         if len(which) == len(names)
         else [say("page.lines_shown", part=len(which), n=len(names))],
+        design_shown=[]
+        if len(designed) == len(names)
+        else [say("page.design_shown", part=len(designed), n=len(names))],
         lines=[*line_tables(rows), level_table(levels)] if rows else [],
         design=[
             *(chain(load_tables(sheet), check_tables(sheet)) if sheet else ()),
