@@ -83,15 +83,6 @@ def test_a_command_that_reads_a_result_waits_for_no_dask_or_geopandas(tmp_path, 
     assert not {"dask", "geopandas.geoseries"} & imported
 
 
-def test_a_program_skips_the_help_that_matplotlib_generates():
-    code = (
-        "import sys; sys.argv = ['rockfall', '--version']; from rockfall.cli import main; main();"
-        "from matplotlib.lines import Line2D; line = Line2D([], [], lw=1); line.set(lw=2);"
-        "assert line.get_linewidth() == 2 and not Line2D.set.__doc__"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
 def test_help_and_version_need_no_numpy(tmp_path):
     found = modules("--help", "--version", "run --help", cwd=tmp_path)
     assert (HEAVY | {"numpy", "rockfall_lab"}) & found == set()
