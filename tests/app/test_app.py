@@ -161,6 +161,13 @@ class Page:
         self.socket.close()
 
 
+def editor_and_reader(visit, server, hello=None):
+    """Open two pages, the second after the first has become the editor."""
+    editor = visit(server)
+    assert editor.until("welcome")["writer"]
+    return editor, visit(server, hello)
+
+
 def same_variables(one, other):
     """Check that two results have bit-identical variables."""
     assert {*one.variables} == {*other.variables}
@@ -284,7 +291,8 @@ def test_an_internal_error_is_told_and_closes_no_page(serve, visit, monkeypatch)
 
 def test_a_message_that_is_too_large_closes_its_page_only(serve, visit):
     server = serve("dem.tif")
-    first, second = visit(server), visit(server)
+    first, second = editor_and_reader(visit, server)
+    second.until("welcome")
 
     def send_too_much():
         with suppress(ConnectionClosed):
@@ -1191,7 +1199,7 @@ def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
 
 def test_the_second_page_reads_until_it_takes_over(serve, visit):
     server = serve()
-    first, second = visit(server), visit(server, {"language": "de"})
+    first, second = editor_and_reader(visit, server, {"language": "de"})
     welcome = second.until("welcome")
     assert not welcome["writer"] and welcome["language"] == "de"
     first.edit(3, layers={"lines": [line(260, name="M")]})
@@ -1230,9 +1238,8 @@ def test_the_server_ends_when_the_last_page_has_closed(place, visit):
     server.admit(Room(Path("case.nml")))
     thread = threading.Thread(target=server.run)
     thread.start()
-    first, second = visit(server), visit(server)
+    first, second = editor_and_reader(visit, server)
     second.until("welcome")
-    first.until("welcome")
     first.close()
     assert second.until("role")["writer"]
     second.edit(1)
