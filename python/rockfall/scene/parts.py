@@ -49,6 +49,7 @@ class Rasters:
     grounds: tuple[GroundRule, ...] = ()  # empty if all grounds use the impact sets
     material_ground: np.ndarray | None = None  # int8: 1-based ground of each row of `sizes`
     cell_ground: np.ndarray | None = None  # int8 (ny, nx): ground of each cell; both None: ground 1
+    outside: int = 0  # number of cells with an elevation that are in no zone polygon
 
     def used_zones(self) -> np.ndarray:
         """0-based rows of `sizes` that some cell uses."""

@@ -186,7 +186,10 @@ def _read_zones(
             layer=surface.get("zones_layer"), key="zones_layer", numbers=numbers,
             names={number: zone.name for number, zone in zones.items()},
         )  # fmt: skip
-        blocks = ((rows, ids[rows]) for rows in row_blocks(ids.shape))
+        blocks = [(rows, ids[rows]) for rows in row_blocks(ids.shape)]
+        for rows, block in blocks:
+            is_outside = (block == NO_ID) & ~np.isnan(rasters.z[rows])
+            rasters.outside += int(np.count_nonzero(is_outside))
         inputs.note_layer("zones", path, surface.get("zones_layer"))
     elif "zones_layer" in surface:
         raise RockfallError(f"{case.name}: &surface zones_layer: is not valid for a raster")

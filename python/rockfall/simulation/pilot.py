@@ -59,13 +59,13 @@ class Pilot:
         return values
 
 
-def pilot_run(scene: Scene) -> Pilot:
-    """Simulate some boulders of a scene. Their number does not depend on the time they take, so
-    that `check` always prints the same values for a case."""
+def pilot_run(scene: Scene, most: int = PILOT_REBOUNDS) -> Pilot:
+    """Simulate some boulders of a scene, with about `most` rebounds. Their number does not depend
+    on the time they take, so that `check` always prints the same values for a case."""
     check_team(scene.case.case["threads"])
     probe = _follow(scene, min(scene.boulders, PROBE_BOULDERS))
     rebounds = max(1.0, float(probe.tally.columns()["impacts"].mean()))
-    number = min(scene.boulders, PILOT_BOULDERS, int(PILOT_REBOUNDS / rebounds))
+    number = min(scene.boulders, PILOT_BOULDERS, int(most / rebounds))
     return _follow(scene, number) if number > PROBE_BOULDERS else probe
 
 

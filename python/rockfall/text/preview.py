@@ -13,11 +13,9 @@ from rockfall.analysis.planes.neutral_slopes import NeutralSlopes, Rocks, rocks_
 from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import Case
-from rockfall.case.zones import polygon_zones
 from rockfall.grounds import band
 from rockfall.io.coordinates.crs import crs_name
-from rockfall.io.rasters.grid import NO_ID, row_blocks
-from rockfall.io.vectors.layers import EXTENSIONS, burn_polygons
+from rockfall.io.rasters.grid import row_blocks
 from rockfall.limits import CORES
 from rockfall.quantities import first_of, number, percent
 from rockfall.result.boulders import boulders_by_shape
@@ -29,7 +27,7 @@ from rockfall.scene.rebounds.kernel_rebounds import sphere_radius
 from rockfall.scene.releases.sources import threshold
 from rockfall.scene.scene import Scene
 from rockfall.simulation.memory import machine_memory
-from rockfall.simulation.pilot import Pilot, cpu_seconds, memory, pilot_run
+from rockfall.simulation.pilot import PILOT_REBOUNDS, Pilot, cpu_seconds, memory, pilot_run
 from rockfall.table import as_text
 from rockfall.tables.run import dam_tables, stand_tables
 from rockfall.text.summary import MOST_STANDS, NO_CRS
@@ -131,26 +129,10 @@ def _surface(scene: Scene) -> str:
     how = "one value everywhere" if ground.used else "a raster of values"
     if "zones" in surface:
         how = f"{surface['zones']}: {len(ground.used)} of {len(ground.sizes)} zones used"
-        how += _in_no_polygon(scene)
+        if outside := scene.rasters.outside:
+            how += f", {outside:,} cells ({percent(outside / ground.n_known)}) in no polygon get "
+            how += f"default_zone = {surface['default_zone']}"
     return f"method {surface['method']}, {how}"
-
-
-def _in_no_polygon(scene: Scene) -> str:
-    """Text on cells outside all zone polygons, which get the default zone."""
-    case, z = scene.case, scene.rasters.z
-    surface, path = case.surface, case.path(case.surface["zones"])
-    if "default_zone" not in surface or path.suffix.lower() not in EXTENSIONS or not z.size:
-        return ""
-    numbers = None if "table" in surface else polygon_zones(case)[0]
-    ids = burn_polygons(
-        path, scene.grid, surface["zone_field"], layer=surface.get("zones_layer"),
-        key="zones_layer", numbers=numbers,
-    )  # fmt: skip
-    has_elevation = ~np.isnan(z)
-    outside = np.count_nonzero((ids == NO_ID) & has_elevation)
-    fraction = percent(outside / np.count_nonzero(has_elevation))
-    text = f", {outside:,} cells ({fraction}) in no polygon get default_zone = "
-    return f"{text}{surface['default_zone']}" if outside else ""
 
 
 def _grounds(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -381,7 +363,7 @@ def _scenarios(scene: Scene) -> Iterator[tuple[str, str]]:
     own = replace(scene, case=base_case(scene.case))
     scenarios = scenarios_of(own, own.case.line)
     scenes = [replace(own, case=scenario.case) for scenario in scenarios]
-    pilots = [*map(pilot_run, scenes)]
+    pilots = [pilot_run(each, PILOT_REBOUNDS // len(scenes)) for each in scenes]
     volumes = np.concatenate([pilot.values()["volume"] for pilot in pilots])
     of_cpu = sum(cpu_seconds(each, pilot)[0] for each, pilot in zip(scenes, pilots, strict=True))
     yearly = number(sum(scenario.frequency for scenario in scenarios))
