@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of the live window's server, read as by its page."""
+"""Messages of the live window's server, decoded as its page does."""
 
 import json
 import struct
@@ -25,7 +25,7 @@ def decoded(message):
 
 
 class Talk:
-    """Client of a room that acts like the page in the browser, without a socket."""
+    """Client of a room that acts like the page in the browser, but without a socket."""
 
     def __init__(self, room, page, sent):
         self.room, self.page, self.sent = room, page, sent

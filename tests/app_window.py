@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a browser: user actions and visible results."""
+"""Actions in the live window in a browser, and what it then shows."""
 
 import threading
 import time
@@ -49,13 +49,13 @@ def open_window(browser, server):
 
 
 class Window:
-    """Actions and observations of a user on the page."""
+    """The page in a browser, with a user's actions and what they show."""
 
     def __init__(self, browser):
         self.browser = browser
 
     def until(self, what, script, *values):
-        """Wait until a script returns something true, and return it."""
+        """Wait until a script returns a true value; return that value."""
         end = time.monotonic() + PATIENCE
         while not (found := self.browser.execute_script(f"return {script}", *values)):
             assert time.monotonic() < end, f"{what} did not come: {self.text('body')[:400]}"
@@ -63,7 +63,7 @@ class Window:
         return found
 
     def complete(self, revision=0):
-        """Wait for all results of a revision or a later one; return those of each line by name."""
+        """Wait for all results of this or a later revision; return them by line."""
         ready = "window.rockfall && !rockfall.preliminary && rockfall.batch?.complete"
         ready += " && rockfall.batch.lines.every(({ n }) => n !== undefined)"
         self.until("a complete run", f"{ready} && rockfall.revision >= arguments[0]", revision)
@@ -71,7 +71,7 @@ class Window:
         return {line["name"]: line for line in batch["lines"]}
 
     def changed(self, act):
-        """Results after an action that changes the document."""
+        """Return the results by line after an action that changes the document."""
         before = self.revision
         act()
         self.until("a revision", "rockfall.revision > arguments[0]", before)
@@ -101,7 +101,7 @@ class Window:
         ]
 
     def touch(self, *places, drag=False, double=False):
-        """Click at points of the map [m], or drag from one to the next."""
+        """Click at points of the map [m], or drag through them."""
         builder = ActionBuilder(self.browser, duration=20)
         mouse = builder.pointer_action
         for number, place in enumerate(places):
@@ -142,7 +142,7 @@ class Window:
 
 
 def agrees(lines, case):
-    """Check that the lines of a window have exactly the values of a run of a case."""
+    """Check that the lines of a window have exactly the statistics of a run of a case."""
     found = rockfall.line_statistics(rockfall.run(rockfall.read_case(case)))
     assert {*found["line"]} == {*lines}
     for row in found.itertuples():

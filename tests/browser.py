@@ -7,7 +7,7 @@ import pytest
 
 
 def open_browser(*arguments):
-    """Driver of Chromium, which logs all requests; skips the test if there is none."""
+    """Driver of a Chromium that logs all requests; skips the test if Chromium is missing."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
     names = ("chromium", "chromium-browser", "google-chrome")
     found = next(filter(None, map(shutil.which, names)), None)
@@ -23,6 +23,6 @@ def open_browser(*arguments):
 
 
 def resize(browser, width, height=900):
-    """Set the size of a browser's page; below 600 pixels it is that of a phone."""
+    """Set the size of the page [pixels]; a page narrower than 600 pixels is that of a phone."""
     size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)

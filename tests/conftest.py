@@ -25,7 +25,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Skip tests marked `all`, and tests that need a browser, unless requested."""
+    """Skip tests marked `all`, and tests that need a browser, unless --all is given."""
     kept, left = [], []
     for item in items:
         extra = item.get_closest_marker("all") or "browser" in item.fixturenames
@@ -36,7 +36,7 @@ def pytest_collection_modifyitems(config, items):
 
 def pytest_collection_finish():
     """Exclude loaded modules from garbage collection, which would take a tenth of the time, and
-    collect the rest less often, which saves 3 %."""
+    collect other objects less often, which saves 3 %."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000)
@@ -44,14 +44,14 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session")
 def gallery(tmp_path_factory):
-    """Results made in this session, shared by all workers."""
+    """Store of results made in this session, which all workers share."""
     root = tmp_path_factory.getbasetemp()
     return Gallery((root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "gallery")
 
 
 @pytest.fixture
 def few_boulders(tmp_path):
-    """Case file of cases/vaujany with 50 boulders, in a separate folder."""
+    """Case file of cases/vaujany with 50 boulders, in a folder of its own."""
     folder = (Path(__file__).parents[1] / "cases/vaujany").resolve()
     case = rockfall.read_case(folder / "case.nml")
     case = case.replace(
@@ -66,15 +66,15 @@ def few_boulders(tmp_path):
 
 @pytest.fixture
 def place(gallery, tmp_path, monkeypatch):
-    """Folder with a case that runs, as the current folder."""
+    """Work in a folder with a small case on a slope."""
     monkeypatch.chdir(tmp_path)
     return gallery.copy("slope", slope_case.write_slope, tmp_path)
 
 
 @pytest.fixture
 def blank_figures(monkeypatch):
-    """Make figures few and blank: drawing takes longer than everything else and is tested
-    separately."""
+    """Leave figures out, or blank: drawing takes longer than all other steps, and has its own
+    tests."""
     figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
     save = figure.Figure.savefig
 
@@ -96,7 +96,7 @@ def blank_figures(monkeypatch):
 
 @pytest.fixture
 def batch():
-    """Function that runs the standalone program; absent in a build without netCDF-Fortran."""
+    """Function that runs rockfall-batch; the test is skipped if the program is not built."""
     if not find_program():
         pytest.skip("rockfall-batch is not built")
     return run_program
@@ -104,7 +104,7 @@ def batch():
 
 @pytest.fixture
 def ready(batch, gallery, tmp_path):
-    """Folder with a case that uses everything, prepared in `ready`."""
+    """Folder with a case that has every kind of input and output, prepared in `ready`."""
     return gallery.copy("everything", _prepare, tmp_path)
 
 
@@ -114,5 +114,5 @@ def _prepare(folder, **groups):
 
 @pytest.fixture
 def many(batch, gallery, tmp_path):
-    """Folder with the prepared case, with many boulders."""
+    """Folder as of `ready`, but with `MANY` boulders."""
     return gallery.copy("many", partial(_prepare, case={"boulders": MANY}), tmp_path)

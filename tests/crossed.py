@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings of lines from dense values, for artificial results."""
+"""Crossings of lines in artificial results."""
 
 import numpy as np
 
@@ -11,9 +11,9 @@ OF_SOME = {"volume": "f4", "fragments": "i4", "outcome": "i1"}  # optional colum
 
 
 def crossed(number, names=("L",), **dense):
-    """Variables of a result in which boulders with ascending numbers cross named lines wherever a
-    value in `dense` (lines, boulders) is not NaN: columns of STORED, or speed (north), volume,
-    fragments, outcome. Missing columns are 0."""
+    """Variables of a result in which boulders, numbered in ascending order, cross the named lines.
+    `dense` has values (lines, boulders) of columns of STORED, or of speed (towards north), volume,
+    fragments or outcome; NaN is for no crossing. Missing columns are 0."""
     number, shape = np.asarray(number, "i8"), (len(names), np.size(number))
     if "speed" in dense:
         dense["velocity_y"] = dense.pop("speed")

@@ -26,7 +26,8 @@ GROUNDS = {
 
 
 def fall(folder, ground, slope, drop, *, boulders=BOULDERS, speed=0.0, **groups):
-    """Run boulders that fall onto a plane of `slope` [degree]; heights in m, speeds in m/s."""
+    """Run boulders that fall from `drop` [m] above a plane of `slope` [degree], with a downward
+    speed [m/s]."""
     cell, rows, columns, above = 2.5, 92, 60, 8
     z = 500 + np.tan(np.radians(slope)) * cell * np.mgrid[rows - 1 : -1 : -1, 0:columns][0]
     top, width = (rows - above) * cell, columns * cell
@@ -53,7 +54,7 @@ def passing(result):
 
 
 def error(*fractions_and_numbers):
-    """Standard error of a difference of fractions."""
+    """Standard error of a difference of fractions, from pairs of a fraction and its sample size."""
     return np.sqrt(sum(max(p * (1 - p), 0.02) / n for p, n in fractions_and_numbers))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results made once per session by the first worker that needs them, and read by all."""
+"""Results made once per session, by the first worker that needs them."""
 
 import contextlib
 import pickle
@@ -15,7 +15,7 @@ class Gallery:
         root.mkdir(exist_ok=True)
 
     def folder(self, name, make):
-        """Folder in which `make(folder)` has made its files."""
+        """Folder in which `make(folder)` has written its files."""
         place, made = self.root / name, self.root / f"{name}.pickle"
         with _locked(self.root / f"{name}.lock"):
             if not made.exists():
@@ -29,20 +29,21 @@ class Gallery:
         return place
 
     def copy(self, name, make, target):
-        """Copy of the folder, with files that may be changed."""
+        """Copy the folder to `target`, where files may be changed; return `target`."""
         source = self.folder(name, make)
         shutil.copytree(source, target, copy_function=shutil.copyfile, dirs_exist_ok=True)
         return Path(target)
 
     def value(self, name, make):
-        """Return value of `make(folder)`, as a copy for each caller."""
+        """Copy of what `make(folder)` returned."""
         self.folder(name, make)
         return pickle.loads((self.root / f"{name}.pickle").read_bytes())
 
 
 @contextlib.contextmanager
 def _locked(path):
-    """Lock until the block or the process ends; not on Windows, where tests have one worker."""
+    """Hold a lock until the block or the process ends; no lock on Windows, where tests have one
+    worker."""
     with open(path, "w") as file:
         with contextlib.suppress(ImportError):
             import fcntl

@@ -32,7 +32,8 @@ def case_with(folder, *nets):
 
 
 def past(result):
-    """Boulders that reached the road without meeting the net, from the table of crossings."""
+    """Number of boulders that reached the road without meeting the net first, by the table of
+    crossings."""
     at = rockfall.crossings(result)
     road, net = (at[at["line"] == name].set_index("boulder")["time"] for name in ("road", "net"))
     return int((~(net.reindex(road.index) <= road)).sum())
@@ -125,8 +126,9 @@ def turned(points, turns, mirrored):
 def test_a_net_is_above_a_line_on_the_side_that_boulders_come_from(
     tmp_path, turns, mirrored, capacity
 ):
-    """Only nets on the side from which boulders come are above the road, whether they stop all
-    boulders or none. `past` counts the boulders of the remark independently of the terrain."""
+    """`barriers_above` gives only nets on the side of the road from which boulders come, whether
+    they stop all boulders or none. `past` counts the boulders of the remark independently of the
+    terrain."""
     z = np.rot90(scenes.rough(60, 60)[:, :: -1 if mirrored else 1], turns)
     starts = turned([(x, 280.0) for x in range(20, 290, 10)], turns, mirrored)
     road = {"name": "road"} | turned([(100, 150), (200, 150)], turns, mirrored)

@@ -35,7 +35,8 @@ def counted(values, **known):
 
 
 def test_counts_have_the_dirichlet_multinomial_probability():
-    """Probabilities are SciPy's, except for a constant common to all runs."""
+    """Differences of log-likelihoods between runs are SciPy's; a constant common to all runs is
+    left out."""
     data = counted(np.arange(18.0) + 0.5)
     runs = np.array([[30.0, 40, 10, 20, 15, 5], [20, 20, 20, 20, 20, 20]])
     assert data.counts.size == 6 and np.array_equal(data.counts, [3] * 6)
@@ -83,7 +84,8 @@ def test_data_of_the_law_are_explained_and_others_are_not(kind):
 
 
 def test_a_normal_posterior_is_found():
-    """A normal likelihood off the prior's centre and correlated: mean and covariance are known."""
+    """A normal likelihood, correlated and away from the prior's centre, gives the exact mean and
+    covariance of the posterior, within four standard errors."""
     precision = np.array([[9.0, 6.0, 0.0], [6.0, 9.0, 0.0], [0.0, 0.0, 0.0]])
     centre = np.array([1.5, -1.0, 0.0])
     random = np.random.default_rng(3)
@@ -115,7 +117,7 @@ def test_weighted_quantiles_of_equal_weights_are_those_of_the_sample():
 
 def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apart():
     """Log-likelihoods are quadratic in one input, lower by 3 for one of two unordered values, and
-    have noise of variance 2."""
+    have noise of variance 2. Smoothing removes most of the noise; minus infinity remains."""
     random = np.random.default_rng(5)
     points = random.standard_normal((300, 2))
     true = -2 * (points[:, 0] - 0.5) ** 2 - 3.0 * (points[:, 1] > 0)
@@ -132,7 +134,8 @@ def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apar
 
 @pytest.fixture(scope="module")
 def found(gallery):
-    """Posterior for rocks of 0.5 m, prior 0.25 m with a factor of 2; one volume, nearly known."""
+    """Back-analysis of rocks of 0.5 m with a prior of 0.25 m times or over 2; the volume is nearly
+    known."""
     return gallery.value("back", sought)
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sampled sources: how many boulders count as one at a place, and the same frequency and interval
-in every product."""
+"""Sampled sources: effective number of boulders at a place, and the same frequency and interval in
+every product."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,8 @@ def sample(sources, each):
 
 
 def values(random, sources, each, between):
-    """Values of boulders that vary within and between sources."""
+    """Normal values of boulders, with standard deviation 1 within a source and `between` between
+    sources."""
     apart = np.repeat(between * random.normal(size=sources), each)
     return apart + random.normal(size=sources * each)
 
@@ -47,8 +48,8 @@ def test_it_is_the_largest_design_effect_of_any_level(between):
 
 
 def test_a_fraction_of_sampled_sources_by_hand():
-    """With 12 sources of 5 boulders, 16 boulders of 7 sources are chosen: 6 degrees of freedom (t =
-    2.446912). With fewer than 10 chosen boulders, each source counts as one boulder."""
+    """16 of 60 boulders are chosen, from 7 of 12 sources: 6 degrees of freedom (t = 2.446912). With
+    fewer than 10 chosen boulders, each source counts as one boulder."""
     source, z, t = sample(12, 5), 1.959964, 2.446912
     chosen = np.array([4, 3, 3, 2, 2, 1, 1, 0, 0, 0, 0, 0])
     holds = np.arange(60) % 5 < np.repeat(chosen, 5)
@@ -65,7 +66,8 @@ def test_a_fraction_of_sampled_sources_by_hand():
 
 
 def test_boulders_that_are_alike_in_all_scenarios_count_once():
-    """Runs share random numbers: three runs of the same boulders count as one."""
+    """Scenarios share random numbers: three runs of the same 2,000 boulders count as 2,000, not
+    6,000."""
     random = np.random.default_rng(4)
     holds = np.tile(random.random(2000) < 0.3, 3)
     pooled = Weighted(np.full(6000, 0.5), np.tile(np.arange(2000), 3))
@@ -92,7 +94,8 @@ def test_its_bounds():
 
 @pytest.mark.parametrize("sources", [10, 100])
 def test_limits_cover_the_fraction_of_all_sources(sources):
-    """Limits hold in 93 % of 200 trials or more, also for rare boulders from 10 sources."""
+    """In at least 93 % of 200 trials the limits include the true fraction, also for rare boulders
+    from 10 sources."""
     random, each, trials = np.random.default_rng(sources), 20, 200
     source = sample(sources, each)
     truth = values(np.random.default_rng(3), 200_000, 1, 1.0)
@@ -120,7 +123,8 @@ def test_limits_of_places_are_those_of_each():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):
-    """Hazard, variants and dossier have equal limits, narrower than with a boulder per source."""
+    """Hazard, dossier and yearly variants have equal limits at a line; hazard and dossier also at
+    an object. With sampled sources, a cluster has fewer boulders than a source."""
     x = np.linspace(60.0, 240.0, 60)
     release = {"x": x.tolist(), "y": [180.0] * x.size, "drop_height": 2.0, "sources": kind}
     line = {"name": "road", "x": [0.0, 300.0], "y": [110.0, 110.0]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results compared with observations: values as by hand and SciPy, one line for bad files."""
+"""Comparison with observations: values by hand and by SciPy, and one-line errors for bad files."""
 
 import csv
 import re
@@ -52,14 +52,14 @@ def file_of_result(result, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def of_two(tmp_path_factory):
-    """File of a run from two sources."""
+    """Result of a run from two sources."""
     release = {"x": [150.0, 170.0], "y": [380.0, 380.0]}
     return make_run(tmp_path_factory.mktemp("two"), boulders=500, release=release)
 
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, monkeypatch):
-    """Make an empty folder current, so that files have short names, as in messages."""
+    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -222,7 +222,8 @@ def test_errors_are_those_of_a_hand(result):
 
 
 def test_the_method_of_the_result_chooses_among_the_printed(result):
-    """The method is that of the case, or the default if the stored case file does not give one."""
+    """Printed values are those of the case's method, or of the default method if the case has
+    none."""
     seen = read_observed(file(NUMBERS + "N,speed,m/s,8,2,20,,A\nN,speed,m/s,9,2,20,,B\n"))
     text = result.attrs["case"]
     assert "method = 'B'" in text
@@ -232,7 +233,8 @@ def test_the_method_of_the_result_chooses_among_the_printed(result):
 
 
 def test_table_3_follows_from_table_2(result):
-    """Method B minus observations: speed at EL1 +2, -17, +8 %; energy at EL2, mean -16 %."""
+    """Relative differences of method B from observations, as printed in table 3: mean, deviation
+    and maximum of speed at EL1 +2, -17, +8 %; mean energy at EL2 -16 %."""
     text = (VAUJANY / "paper.csv").read_text().replace("EL1", "N").replace("EL2", "S")
     errors = compare(result, file(text)).errors
     errors = errors[errors["against"] == "B"].set_index(["line", "quantity", "statistic"])
@@ -246,7 +248,8 @@ def test_table_3_follows_from_table_2(result):
 
 
 def test_an_observed_mean_has_the_interval_of_its_n(result):
-    """Two intervals of half width h give half width sqrt(2) h to the difference."""
+    """An observed mean with a sample size has an interval. If its half width equals that of the
+    simulated mean, h, that of the difference is sqrt(2) h."""
     v = at(result, "speed")
     std, n = v.std(ddof=1), v.size
     assert n > 500  # Student's t is almost normal
@@ -296,7 +299,8 @@ def test_boulders_of_ours_are_not_rejected_and_faster_ones_are(result):
 
 @pytest.mark.all
 def test_chance_is_right_95_times_in_100(result):
-    """20 samples of 120 boulders, each compared with 500 others from the same distribution."""
+    """20 samples of 120 boulders are compared with 500 others of the same distribution: at least 17
+    are consistent in mean and in standard deviation."""
     rng = np.random.default_rng(3)
     found = []
     for _ in range(20):
@@ -370,7 +374,7 @@ def test_a_line_that_nobody_crossed_has_no_numbers(result):
 
 def test_few_observed_boulders_leave_much_to_chance(result):
     """With fewer than 10 boulders, sampled or printed, a mean has no interval and no verdict. From
-    10 on it has both, and the truth may be farther above than below."""
+    10 on it has both, and its limits are not below those of Student's t."""
     speeds = np.array([3.0, 4.0, 4.5, 5.0, 6.0, 6.5, 7.0, 8.0, 9.5, 13.0])
     low, high = stats.t.interval(0.95, 9, speeds.mean(), stats.sem(speeds))
     for n in (9, 10):
@@ -390,7 +394,8 @@ def test_few_observed_boulders_leave_much_to_chance(result):
 
 
 def made_stops(result, n, stretch=1.0, first=0):
-    """Observed stops: those of `n` boulders, with distances from their release times `stretch`."""
+    """Observed stops made from `n` simulated boulders; distances from the release are multiplied by
+    `stretch`."""
     some = result.isel(boulder=slice(first, first + n))
     start, stop = (
         np.column_stack([some[f"{of}_{axis}"] for axis in "xy"]) for of in ("start", "stop")
@@ -441,7 +446,7 @@ def test_what_chance_can_do_is_undecided_and_more_is_not(result):
 
 
 def test_sources_are_compared_each_with_its_own(of_two):
-    """No boulder of the second source is used for the first; all are weighted as observed."""
+    """Each source is compared with its own boulders only; totals weight the sources as observed."""
     seen = made_stops(of_two, 60, first=470)
     assert (np.unique(seen.starts, axis=0, return_counts=True)[1] == 30).all()
     table = compare(of_two, seen).run_out.set_index(["source", "statistic"])

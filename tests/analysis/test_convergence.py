@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measured convergence: errors and slopes known from theory, terrains, files, refusals."""
+"""Measured convergence: errors and slopes against theory, terrains, files, and rejected input."""
 
 import re
 from dataclasses import replace
@@ -37,7 +37,8 @@ LINES = [
 
 
 def case_file(folder, x=(150.0,), **groups):
-    """Files of a case on a slope that ends below the line, so that boulders take little time."""
+    """Case read from files, on a slope that ends below the line, so that boulders take little
+    time."""
     write_geotiff(folder / "dem.tif", *cut_below(rough(dtype="f4"), 270.0))
     release = {"x": list(x), "y": [320.0] * len(x)}
     case = make_case(
@@ -59,7 +60,8 @@ def found(gallery):
 
 @pytest.mark.all
 def test_errors_of_independent_normal_values_are_those_of_theory():
-    """Relative standard errors are sigma/mu/sqrt(n) and 1/sqrt(2 n); for a fraction sqrt(q/p/n)."""
+    """Relative standard errors are sigma/(mu sqrt(n)) for a mean, 1/sqrt(2 n) for a standard
+    deviation, and sqrt((1 - p)/(p n)) for a fraction p."""
     random = np.random.default_rng(1)
     values = np.repeat(random.normal(10, 2, (1, 1, 400_000)), 3, axis=1)
     values[:, :, random.random(400_000) < 0.3] = np.nan
@@ -122,7 +124,7 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
 
 
 def test_statistical_errors_agree_with_the_intervals_of_a_run(found):
-    """Half of a 95 % interval is 1.96 standard errors."""
+    """Half the width of a 95 % interval is 1.96 standard errors."""
     _, measured = found
     study = measured.study.query("boulders == 1000").set_index(KEYS)
     for row in measured.cost.itertuples():
@@ -194,7 +196,8 @@ def test_a_source_at_the_edge_is_told_where_larger_cells_do_not_reach(tmp_path, 
 
 
 def test_the_text_claims_nothing_of_what_is_not_known(found):
-    """No boulder crosses one line: no value there is NaN or infinite, and no error is given."""
+    """No boulder crosses one of the lines: the text has neither NaN nor infinity, and no errors
+    there."""
     said = convergence_text(found[1])
     assert not re.search(r"\b(nan|inf)\b", said) and "the widest interval" in said
     assert re.search(r"^  never: speed \[m/s\], mean( +-){4}$", said, re.M)
@@ -203,7 +206,8 @@ def test_the_text_claims_nothing_of_what_is_not_known(found):
 
 
 def test_too_few_turns_of_many_sources_are_refused(tmp_path, monkeypatch):
-    """Blocks use all 20 sources in turn: a reference of 319 boulders is refused, 320 is not."""
+    """Every block needs boulders from all 20 sources: 319 boulders are rejected as reference, 320
+    are not."""
     monkeypatch.setattr(convergence, "MIN_REFERENCE", 4_000)
     case = case_file(tmp_path, np.linspace(130, 170, 20), line=LINES[:1])
     with pytest.raises(rockfall.RockfallError, match="319: must be at least 320 boulders from "):

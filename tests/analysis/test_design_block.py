@@ -36,7 +36,8 @@ def survey_file(folder, n=120, dated=12, text=None):
 
 
 def test_frequency_and_power_law_by_hand():
-    """5 larger blocks in 50 years: 0.1 per year; b = 20/23; for 100 years V = 10**(23/20)."""
+    """5 blocks above the threshold in 50 years: 0.1 per year. The exponent is b = 20/23, and the
+    100-year block by the power law 10**(23/20)."""
     found = rockfall.design_block(STEPS, 100, events=EVENTS, years=50, threshold=1.0)
     assert found.rate[:3] == pytest.approx((0.1, 1.6235 / 50, 11.6683 / 50), rel=1e-4)  # Garwood
     assert found.power_law.exponent == pytest.approx(20 / 23)
@@ -68,8 +69,8 @@ def test_a_known_power_law_is_found_again():
 
 
 def test_the_interval_is_that_of_the_likelihood():
-    """The limits are found by a search over scale and shape, with the frequency for which a limit
-    is the block of the period."""
+    """At both limits, twice the loss of log-likelihood, from a search over scale and shape, is Z**2
+    (1 + 12/n). The frequency follows from the limit and the return period."""
     volumes, T = drawn(40), 100.0
     found = rockfall.design_block(volumes, T, events=drawn(9, 4), years=40, threshold=0.5)
     excess = volumes - 0.5
@@ -112,7 +113,7 @@ def test_intervals_hold_the_block_of_a_known_distribution():
 
 
 def test_the_threshold_rises_above_an_incomplete_part():
-    """Below 0.5 m3, smaller blocks are increasingly missing in the survey."""
+    """The survey lacks blocks below 0.5 m3, more of them the smaller they are."""
     small = 0.5 * np.random.default_rng(1).uniform(size=200) ** 0.3
     volumes = np.concatenate([small, drawn(150)])
     found = rockfall.design_block(volumes, 100, events=[0.11, *drawn(15, 4)], years=40)
@@ -264,7 +265,8 @@ DATES = [1985.0 + 3 * k for k in range(12)]
     ],
 )
 def test_units_of_a_survey_are_questioned(tmp_path, factor, years, dates, told):
-    """An unlikely unit adds one question; more than 10,000 years are refused."""
+    """An unlikely unit of volume or time gives one question of at most 25 words; more than 10,000
+    years are rejected."""
     volumes = [f"{factor * one:.6g}" for one in drawn(120)]
     rows = [f"{one},{dates[k] if dates else 1990:.0f}" for k, one in enumerate(volumes[:12])]
     rows = rows if dates else [row.partition(",")[0] + "," for row in rows]

@@ -55,7 +55,7 @@ def place_of(z):
 
 
 def case_of(folder, boulders=100, **groups):
-    """Rough slope with a line, where some inputs are uncertain."""
+    """Case on a rough slope with a line; `groups` add or replace its groups."""
     groups = {"terrain": {}, "release": {"x": 150.0, "y": 380.0, "drop_height": 5.0}} | groups
     run = {"boulders": boulders, "threads": 1}
     return make_case(folder, *sets(), line=[LINE], case=run, **groups)
@@ -69,8 +69,9 @@ def vary(case, **more):
 
 
 def model(blocks, boulders, random):
-    """f = 100 + 3 x1 + 2 x2 + x3 x4 + 0 x5, whose parts are known, with boulders of standard
-    deviation 12, correlated by 0.7 between runs of a block."""
+    """Means and covariances of boulders for f = 100 + 3 x1 + 2 x2 + x3 x4 + 0 x5, whose parts of
+    the variance are known. Boulders have standard deviation 12, correlated by 0.7 between runs of a
+    block."""
     a, b = random.standard_normal((2, blocks, 5))
     x = np.stack([a, b, *(np.where(np.arange(5) == i, b, a) for i in range(5))], axis=1)
     f = 100 + 3 * x[..., 0] + 2 * x[..., 1] + x[..., 2] * x[..., 3]
@@ -81,7 +82,7 @@ def model(blocks, boulders, random):
 
 
 def from_boulders(values):
-    """Means and covariances of values (blocks, runs, boulders)."""
+    """Means and covariances over boulders, from values with axes (blocks, runs, boulders)."""
     y, n = values.mean(axis=2), values.shape[2]
     known = {"n": MIN_CROSSED, "fraction": 1.0}
     apart = np.array([
@@ -140,7 +141,7 @@ def test_chance_is_that_of_the_intervals_at_a_line(tmp_path):
 
 
 def numbers(values):
-    """Statistics of boulders at a line; NaN does not cross."""
+    """Line statistics of the values of boulders; NaN is for boulders that do not cross."""
     known = values[np.isfinite(values)]
     share, q95 = known.size / values.size, np.quantile(known, 0.95)
     return {"n": known.size, "fraction": share, "mean": known.mean(), "q95": q95}
@@ -206,7 +207,8 @@ def test_few_boulders_at_a_line_make_no_number():
 
 
 def test_an_input_that_does_nothing_has_no_share_and_the_other_all(tmp_path):
-    """Two names for one impact set: the runs are bit-identical."""
+    """Both alternatives for the impact set are the same file: runs that differ only in the set are
+    bit-identical, and the set has no part of the variance."""
     case = case_of(
         tmp_path, 400, ensemble={"runs": 8, "source_shift": 15.0, "sets": ["sets.nml"] * 2}
     )
@@ -337,7 +339,7 @@ def test_a_draw_depends_on_seed_input_and_number_alone(tmp_path):
 
 
 def shifts(case):
-    """Shifts of the eastern sources, in each run and side."""
+    """Eastward shift of the sources in each run, for both sides."""
     inputs = Uncertain(read_scene(case, dem=TERRAIN, transform=place_of(TERRAIN)))
     draws = [[inputs.draw("source", k, side).kept for side in (0, 1)] for k in range(8)]
     return [[one["source_east"] for one in run] for run in draws]
@@ -388,7 +390,8 @@ def test_an_index_that_is_not_known_is_undecided_and_others_stay_within_all_and_
 
 
 def test_an_ensemble_is_a_result(place, capsys, monkeypatch):
-    """The file contains the run of the unchanged case, bit for bit; every command reads it."""
+    """The file contains the run of the unchanged case, bit for bit; `lines`, `export` and `report`
+    read it."""
     monkeypatch.setattr(html_page, "figures", lambda *_: [])  # figures take long
     leave_pictures_blank(monkeypatch)
     text = Path("case.nml").read_text() + "&output maps = 'passages', 'energy_max' /\n"
@@ -419,7 +422,7 @@ def small(gallery):
 
 
 def first_page(found, monkeypatch, language="en"):
-    """First page of an ensemble's report, up to the inputs."""
+    """Report of an ensemble without figures, and its part up to the inputs."""
     shown = [replace(one, draw=lambda: None) for one in figures(found) if one.name == "epistemic"]
     monkeypatch.setattr(html_page, "figures", lambda *_: shown)
     monkeypatch.setattr(
@@ -454,7 +457,7 @@ def test_the_headline_of_an_ensemble_is_its_range(small, monkeypatch):
 
 
 def test_an_index_above_its_total_is_remarked(small, monkeypatch):
-    """The remark distinguishes an excess within the errors of both from a larger one."""
+    """The remark distinguishes an excess within the errors of both indices from a larger one."""
     changed = small.copy(deep=True)
     for name, value in (("first_order", 0.1), ("total", 0.2), ("total_error", 0.02)):
         changed[name][...] = value
@@ -590,7 +593,7 @@ CASE = """&case title = 'Slope', boulders = 60, seed = 7 /
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """Folder with a case, as the current folder; a function writes its group &ensemble."""
+    """Work in a folder with a case; return a function that writes its group &ensemble."""
     monkeypatch.chdir(tmp_path)
     z = (1100 - 0.9 * np.arange(30)[:, None] * 5.0 + np.zeros(24)).astype("f4")
     make_raster("dem.tif", z, nodata=-9999)
@@ -714,7 +717,8 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 
 def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
-    """The terminal lists the remarks of a run, and the report the limits of impact tables."""
+    """The summary lists the remarks of a run of the same case; the report has that on impact
+    tables."""
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)
     found, run = (

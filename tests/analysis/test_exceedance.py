@@ -70,7 +70,8 @@ def test_the_factor_on_frequencies_shifts_the_limits():
 
 
 def test_intervals_hold_the_level_of_the_distribution():
-    """Energies of passing boulders, a fifth of all, are exponential: f(E) = 4 exp(-E)/5."""
+    """A fifth of 4 boulders per year pass, with exponential energies: E is exceeded 0.8 exp(-E)
+    times per year. Intervals include the true level in 92 to 99 % of 400 runs."""
     random, held, runs = np.random.default_rng(4), 0, 400
     true = np.log(0.2 * 4.0 * np.array(PERIODS[:2]))
     for _ in range(runs):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard: frequencies are fractions of boulders times release frequencies, classes follow from the
-matrix, intervals enclose them, and objects are hit by the boulders that cross their lines."""
+"""Hazard: frequencies are fractions of boulders times release frequencies and lie within their
+limits, classes follow from the matrix, and boulders that cross the outline of an object hit it."""
 
 import json
 
@@ -62,7 +62,8 @@ def run(case):
 
 
 def test_the_boulders_of_each_scenario_are_in_its_table(tmp_path):
-    """One of two source points gives a density, both give their drop heights and a velocity."""
+    """The table lists volumes, densities, drop heights and release speeds. One of two source points
+    has a density, both have a drop height and a velocity."""
     at = [shapely.Point(x, y) for x, y in zip(RELEASE["x"], RELEASE["y"], strict=True)]
     make_layer(tmp_path / "points.gpkg", at, crs=None, density=[2400.0, None],
                drop_height=[2.0, 6.0], velocity_x=[3.0, 0.0], velocity_y=[4.0, 0.0])  # fmt: skip
@@ -91,7 +92,7 @@ def test_rebounds_out_of_range_are_a_fraction_of_each_scenario(tmp_path):
 
 
 def test_boulders_that_roll_are_reported_at_evaluation_lines(tmp_path, monkeypatch):
-    """The outlines of objects, which are also lines of the run, have no remark."""
+    """Outlines of objects are also lines of the run, but have no remark."""
 
     def rolling(result, _):
         for name in result["line_name"].values:
@@ -108,8 +109,9 @@ def test_boulders_that_roll_are_reported_at_evaluation_lines(tmp_path, monkeypat
 
 @pytest.mark.parametrize(("sources", "independent"), [("all", 200), ("sample", 2)])
 def test_a_scenario_is_a_run_times_its_frequency(tmp_path, sources, independent):
-    """Limits are those of the run's reach probability. For a sample of two places, whose boulders
-    may all behave alike, they are those for two boulders."""
+    """Counts are those of a run, frequencies and limits those of the run times 0.5 per year. With
+    two sampled sources, whose boulders may all behave alike, the limits are those of two
+    boulders."""
     release = {"release": RELEASE | {"sources": sources}}
     found = hazard(make_case(tmp_path, **release))
     maps = ["passages", "energy_exceeded", "reach_probability"]
@@ -163,7 +165,8 @@ def test_the_least_threshold_is_every_passage(tmp_path):
 
 
 def test_frequencies_of_sources_and_of_area_are_those_of_all(tmp_path):
-    """Frequencies are per source, per metre of cliff, or per km2 of plan or true surface area."""
+    """Release frequencies are per source, per metre of cliff, or per km2 of plan or true surface
+    area."""
     each = {"name": "one", "frequency": 0.25, "frequency_per": "source"}
     assert hazard(make_case(tmp_path, each)).frequency.values == 0.5
     cliff = {"name": "one", "frequency": 0.01, "frequency_per": "m", "cliff_length": 80.0}
@@ -217,7 +220,8 @@ def test_activity_needs_all_of_its_distribution(tmp_path, key):
 
 
 def test_a_scenario_changes_boulders(tmp_path):
-    """A scenario changes a single key of &boulder, or with its own distribution all volume keys."""
+    """A scenario replaces single keys of &boulder; with its own distribution it replaces all volume
+    keys."""
     boulder = {"volume": "normal", "volume_mean": 1.0, "volume_std": 0.2, "density": 2600.0}
     alike = {"block_shape": ["compact"], "mean_radius_sigma": 0.0}
     boulder |= alike
@@ -270,7 +274,8 @@ def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
 
 
 def classes(*frequencies, passed=True):
-    """Class for frequencies of passage, above 30 and above 300 kJ, as a word."""
+    """Swiss hazard class, as a word, for the frequencies of passage and of more than 30 and 300
+    kJ."""
     values = np.array(frequencies)[:, None]
     return CLASSES[hazard_classes(values, SWISS, np.array([passed]))[0]]
 
@@ -322,8 +327,8 @@ def test_classes_of_an_interval_enclose_its_own():
 
 
 def test_few_boulders_cannot_tell_that_none_come(tmp_path):
-    """A cell with none of n boulders may be passed by z2/(n + z2) of all: it is residual only if
-    that is less than once in the longest period."""
+    """The upper limit of a cell without a passage is Z2/(n + Z2) of the n boulders. Its class is
+    certain only if that frequency is below once in the longest return period."""
     found = hazard(make_case(tmp_path, {"name": "one", "frequency": 1.0}))
     empty = found.hit_frequency.values == 0
     assert (found.hit_frequency_high.values[empty] == np.float32(Z2 / (200 + Z2))).all()
@@ -343,7 +348,7 @@ def test_the_boulders_needed_are_enough_and_no_more():
 
 
 def test_a_matrix_of_ones_own(tmp_path):
-    """Classes follow from a matrix for one threshold, 250 kJ, and two return periods."""
+    """A matrix for one threshold, 250 kJ, and two return periods gives the classes."""
     own = {"thresholds": [250.0], "return_periods": [10.0, 1000.0]}
     own["matrix"] = ["low", "residual", "high", "moderate"]
     found = hazard(make_case(tmp_path, hazard=own))
@@ -394,8 +399,8 @@ def test_an_object_is_met_by_what_touches_its_line(tmp_path, layer):
 
 
 def test_a_boulder_counts_once_at_an_object(tmp_path, layer):
-    """Two parts: the total is at most their sum and at least each part. An object around all paths
-    is hit by all boulders, and an object given twice is hit like one."""
+    """A boulder that passes both parts of an object, or a line given twice, counts once. The count
+    at an outline is between the maximum and the sum of those in the cells inside."""
     low = shapely.LineString([(0, 230), (300, 233)])
     both = shapely.MultiLineString([ROAD, low])
     twice = shapely.MultiLineString([ROAD, ROAD])
@@ -530,7 +535,8 @@ def test_a_hazard_needs_scenarios_that_agree_with_the_case(tmp_path):
 
 
 def test_a_factor_on_frequencies_widens_their_limits_and_nothing_else(tmp_path, layer):
-    """A class of a cell, object or risk is certain if it holds over the whole range."""
+    """Factors of 0.5 and 3 on frequencies multiply their lower and upper limits, and leave values
+    and classes unchanged. Fewer classes are certain."""
     path = layer(ROAD, vulnerability=[0.5], persons=[1.0])
     known = hazard(make_case(tmp_path), objects=path)
     wide = {"frequency_factor": [0.5, 3.0]}

@@ -61,8 +61,8 @@ def test_an_object_in_a_cell_is_hit_by_the_paths_that_come_near(result):
 
 
 def test_hits_have_the_energy_of_the_cells_within_reach(result):
-    """All points of a cell are nearer than 5 m to its centre: no hit has less energy than the
-    passage. All moving boulders exceed a threshold of zero."""
+    """All points of a cell are within 5 m of its centre: hits are at least as many as passages,
+    also above a threshold. All moving boulders exceed a threshold of zero."""
     assert (result.hits.values >= result.passages.values).all()
     hits, passages = result.hits_energy_exceeded.values, result.energy_exceeded.values
     assert (hits >= passages).all() and (hits[1] > passages[1]).any()
@@ -105,7 +105,8 @@ def test_the_area_that_maps_cover_holds_all_hits(tmp_path, result):
 
 
 def test_other_maps_do_not_change(tmp_path, result):
-    """Boulders run in lanes without hits, and one by one with hits."""
+    """Without maps of hits boulders run in lanes, with them one by one: other results are
+    identical."""
     alone = run(make_case(tmp_path, output=ALL | {"maps": ["passages", "energy_exceeded"]}))
     for name in "passages", "energy_exceeded", "stop_x", "speed_max":
         assert alone[name].identical(result[name])
@@ -130,7 +131,8 @@ POINT = {"x": [150.0, 150.0], "y": [250.0, 250.0]}
 @pytest.mark.parametrize("width", [0.0, 6.0])
 @pytest.mark.parametrize("where", [ROAD, POINT], ids=["road", "point"])
 def test_a_line_with_a_width_is_met_by_what_touches_it(tmp_path, result, where, width):
-    """Boulders meet a line within radius plus half its width, in the state at first contact."""
+    """A boulder meets a line if it comes within its radius plus half the width; its state is that
+    at first contact."""
     line = [{"name": "o", **where, "object_width": width}]
     found = run(make_case(tmp_path, line=line, output={"trajectories": 200}))
     paths, radius = paths_of(found)
@@ -174,7 +176,7 @@ def hazard(case, objects):
 
 
 def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
-    """A point without a width is as wide as the objects of the maps."""
+    """A point without a width has that of the maps of hits."""
     case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(122.5, 342.5)] * 3 + [shapely.LineString([(90, 300), (210, 300)])] * 2
     widths = [np.nan, 0.0, WIDTH, np.nan, 8.0]
@@ -196,7 +198,8 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
 
 
 def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
-    """The cell of a point is a cell of the terrain, not of the reachable area."""
+    """The cell of a point is found on the whole terrain, not on the smaller area that boulders
+    reach."""
     low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
     scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]
     scenarios[1]["volume_mean"] = 20.0  # maps would otherwise cover different cells

@@ -24,8 +24,9 @@ LIMITS = ["fraction", "fraction_low", "fraction_high", "mean", "mean_low", "q95_
 
 
 def made(n=3000, sources=3, names=None, volume=None, **heights):
-    """Boulders of each source in turn, each of 2 kg. Boulders of later sources cross farther along
-    a line of 95 m with two sides, are faster, and are fewer."""
+    """Result with `n` boulders of 2 kg, divided equally among the sources. Boulders of later
+    sources cross farther along a line of 95 m with two sides, are faster, and fewer of them
+    cross."""
     random = np.random.default_rng(5)
     source = np.repeat(np.arange(1, sources + 1), n // sources)
     place = random.beta(2, 2, source.size) * 95 * source / sources
@@ -73,8 +74,8 @@ def test_a_group_has_the_numbers_of_its_boulders_and_the_groups_are_all(by, clas
 
 
 def test_intervals_of_groups_are_those_of_strata():
-    """Sources differ by ten standard deviations. A mean accounts for the number released at each
-    source, not for how many are in the class and arrive."""
+    """Sources differ by ten standard deviations: intervals of means are narrower than those of an
+    unstratified sample, but wider than those of one source."""
     speed = rockfall.line_statistics(made(), "volume", [1.0]).set_index("quantity").loc["speed"]
     half = (speed["mean_high"] - speed["mean_low"]) / 2
     n = speed["n"].to_numpy()
@@ -194,8 +195,8 @@ def test_the_command_prints_what_it_writes(tmp_path, capsys):
 
 
 def test_a_frequency_per_metre_is_that_of_the_metres_on_the_terrain(tmp_path, capsys):
-    """The line passes 100 m beyond the cell centres at both ends, and through a hole of 10 cells,
-    which takes half a cell on either side."""
+    """The line extends 100 m beyond the outermost cell centres and crosses a hole of 10 cells,
+    which removes another half cell on either side."""
     z = rough()
     z[23:25, 40:50] = np.nan
     line = [{"name": "road", "x": [-97.5, 397.5], "y": [280.0, 280.0]}]

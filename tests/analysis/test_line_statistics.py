@@ -37,7 +37,7 @@ def long_run(gallery):
 
 
 def a_sample(number):
-    """Sources that represent others: &release sources = 'sample'."""
+    """Sources as of &release sources = 'sample'; `number` has the source of each boulder."""
     return Sources.of(number, sampled=True)
 
 
@@ -84,7 +84,8 @@ def test_the_numbers_are_those_of_the_crossing_boulders(long_run):
 
 
 def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
-    """The line is far from the origin, as map coordinates are, and has a side of zero length."""
+    """Positions along a bent line, far from the origin and with a side of zero length, give
+    coordinates and their standard deviation."""
     corner, random = np.array([6e5, 5e6]), np.random.default_rng(2)
     vertices = corner + [[0, 0], [30, 40], [30, 40], [30, 140], [0, 140]]
     place = np.append(random.uniform(0, 180, 500).astype("f4"), [0.0, 50.0, 150.0, 180.0])
@@ -118,7 +119,7 @@ def test_wilson_as_printed():
 
 
 def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
-    """Each value occurs 50 times: the interval is that of the sources, not of the boulders."""
+    """All 50 boulders of a source have the same value: the interval is that of 40 values."""
     value = np.random.default_rng(1).exponential(size=40)
     source = a_sample(np.repeat(np.arange(40), 50))
     for signed in (False, True):
@@ -130,8 +131,8 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
 
 @pytest.mark.parametrize("sources", every_third([2, 9, 10, 20]))
 def test_intervals_hold_for_few_sources(sources):
-    """Intervals hold in at least 93 % of 500 trials, for sources that differ as much as their
-    boulders and for sources that are alike. A mean has an interval from 10 sources on."""
+    """Intervals include the truth in at least 93 % of 500 trials, for sources that differ as much
+    as their boulders and for sources that are alike. A mean has an interval from 10 sources on."""
     random = np.random.default_rng(sources)
     source = np.repeat(np.arange(sources), 50)
     sampled = a_sample(source)
@@ -205,8 +206,8 @@ def test_intervals_of_few_skewed_values_hold_and_err_on_neither_side(law, n):
 
 
 def test_intervals_of_rare_passages_hold_for_unlike_sources():
-    """40 sources of 100 boulders of which few pass; some sources have more passing boulders with
-    more energy. On average 26 pass."""
+    """40 sources release 100 boulders each, and 26 boulders pass on average. Sources with more
+    passing boulders give them more energy."""
     random = np.random.default_rng(5)
     number = np.repeat(np.arange(40), 100)
     source, chance = Sources.of(number), 2e-4 * (1 + np.arange(40))[number] * 26 / 16.4
@@ -222,7 +223,7 @@ def test_intervals_of_rare_passages_hold_for_unlike_sources():
 
 
 def test_limits_move_and_turn_with_the_values():
-    """Limits follow changes of unit, of zero, and of the direction along a line."""
+    """Limits follow a change of unit or origin, and a reversal of the direction along a line."""
     v, alone = np.random.default_rng(3).exponential(size=26), Sources.alone(26)
     for signed in (False, True):
         limits = np.array(Values(v, alone).limits_of_mean(signed))
@@ -236,8 +237,8 @@ def test_limits_move_and_turn_with_the_values():
 
 
 def test_too_few_boulders_have_no_interval():
-    """A mean needs 10 boulders, a standard deviation 100. Values shared by most boulders count as
-    one, because they contain no information on rarer values."""
+    """A mean needs 10 boulders, a standard deviation 100. A value shared by most boulders counts
+    once, because it contains no information on rarer values."""
     random = np.random.default_rng(2)
 
     def given(values):
@@ -255,7 +256,8 @@ def test_too_few_boulders_have_no_interval():
 
 
 def test_tables_name_what_is_withheld():
-    """12 boulders pass: no interval of a standard deviation, no upper limit of a high quantile."""
+    """12 boulders pass: the standard deviation has no interval, high quantiles have no upper
+    limit."""
     values = np.r_[np.random.default_rng(1).exponential(size=12), np.full(20, np.nan)]
     row = of_speed(made(values))
     assert row["withheld"] == "std, q90, q95, q98, q99"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Model warnings of a run appear once in every study of it: in the output of commands, and for
-functions as Python warnings and as an attribute."""
+"""Model warnings of a run appear once in each study: commands print them, functions give Python
+warnings and an attribute."""
 
 import warnings
 from pathlib import Path
@@ -40,7 +40,7 @@ def place(tmp_path, monkeypatch):
 
 
 def warned(function, *arguments, **more):
-    """Return value of a function, and its warnings, attributed to the calling line."""
+    """Return value of a function, and its warnings, which must point to the calling file."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = function(*arguments, **more)

@@ -79,7 +79,8 @@ def test_each_model_is_run_as_it_would_be_alone(case, found):
 
 
 def test_the_line_is_said_at_which_models_differ_widely(found):
-    """By impact sets half of the boulders pass, by all others one in 50."""
+    """Half of the boulders pass by impact sets, one in 50 by all other models. Nothing is reported
+    if the models agree."""
     rows = found.table["statistic"] == "fraction"
     table = found.table[rows & (found.table["line"] == "Straße")].copy()
     table[["value", "low", "high"]] = 0.02, 0.018, 0.022
@@ -132,8 +133,9 @@ def test_sizes_may_come_in_any_way(tmp_path, way):
 
 
 def test_differences_are_those_of_the_same_boulders(case, found):
-    """The first model has no differences. Intervals are those of differences boulder by boulder,
-    narrower than for two samples; that of a fraction depends on how many boulders change sides."""
+    """Differences are from the first model, where they are zero. Their intervals are from
+    differences boulder by boulder, narrower than for two samples; that of a fraction depends on how
+    many boulders pass in only one of the two models."""
     first = found.table[found.table["model"] == found.names[0]]
     means = first[first["statistic"] != "q95"].dropna(subset="difference")
     assert (means[["difference", "difference_low", "difference_high"]] == 0).all(axis=None)
@@ -154,8 +156,8 @@ def test_differences_are_those_of_the_same_boulders(case, found):
 
 
 def test_intervals_of_differences_that_no_normal_distribution_has(case):
-    """A single boulder has no interval. If boulders change sides in only one direction, it is that
-    of the fraction that does (Wilson 1927): on a lake all boulders stop."""
+    """A single boulder has no interval. If boulders pass only in the first model, the interval is
+    that of their fraction (Wilson 1927): on a lake all boulders stop."""
     case = case.replace(release={"x": [600152.0], "y": [4999980.0]})
     one = run_models(case.replace(case={"boulders": 1}), ["soil_0"])
     row = at(one, "soil_0", "", "stopping_distance")
@@ -230,7 +232,8 @@ def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
 
 
 def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
-    """Zones keep a table like any other ground; if all zones have it, all are varied."""
+    """Zones keep a table that they name, as any other ground. If all zones name it, all are
+    varied."""
     path = case.path(case.surface["table"])
     sized = path.read_text()
     case = case.replace(

@@ -74,7 +74,8 @@ def test_method_a_balances_its_three_sizes(tmp_path):
 
 @pytest.fixture
 def zoned(tmp_path):
-    """Zone 1 is steep, zone 2 flatter, zone 9 absorbs, zone 4 does not occur."""
+    """Function that makes a scene: zone 1 is steep, zone 2 flatter, zone 9 absorbs, zone 4 does not
+    occur."""
     zones = np.full(ground().shape, 2)
     zones[:40], zones[-5:] = 1, 9
     table = f"zone,mean_radius\n1,{RADIUS / 2:.6f}\n4,1\n2,{RADIUS / 2:.6f}\n9,Inf\n"
@@ -129,7 +130,7 @@ def test_sizes_in_rasters_are_told_by_fifths(tmp_path):
 
 
 def test_what_is_told_does_not_depend_on_windows(zoned):
-    """Rows are read in bands, as for terrain that does not fit in memory."""
+    """Rows read in bands, as for terrain that does not fit in memory, give the same lines."""
     from rockfall.io.rasters.grid import Box
     from rockfall.scene.ground import Ground
 

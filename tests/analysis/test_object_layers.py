@@ -37,7 +37,7 @@ def make_case(folder):
 
 @pytest.fixture
 def layers(tmp_path):
-    """Buildings with persons, a road with traffic, and objects without either, by path."""
+    """Paths of layers: buildings with persons, a road with traffic, and a point without either."""
     about = {"crs": "EPSG:32632"}
     homes = {"name": ["1", "2"], "persons": [4.0, 2.0], "vulnerability": [0.5, 0.5]}
     return [

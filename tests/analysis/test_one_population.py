@@ -31,7 +31,8 @@ def one_of(seed, *more):
 
 
 def random_case(folder, seed):
-    """Case with two to four scenarios with random frequencies and volumes."""
+    """Case with two to four scenarios of random frequency and volume; also writes layers of objects
+    and of a road."""
     random = np.random.default_rng(seed)
     scenarios = [
         {
@@ -80,7 +81,8 @@ def test_the_sum_over_scenarios_is_the_whole_and_segments_miss_nothing_of_the_ro
 
 
 def test_zero_changes_change_nothing_and_a_variant_has_the_numbers_of_its_hazard(tmp_path):
-    """A net below all places changes nothing."""
+    """A net below the road and the objects changes no frequency. Both variants have the frequencies
+    of a hazard without variants."""
     variants = [{"name": "bare", "without": ["barrier"]}, {"name": "net"}]
     case = random_case(tmp_path, 4)
     both = case.replace(barrier=[NET], variant=variants)

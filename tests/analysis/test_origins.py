@@ -179,7 +179,8 @@ def hits_at(case):
 
 @pytest.mark.usefixtures("beside")
 def test_sources_of_a_cell_are_those_without_which_its_hits_on_the_map_are_fewer(case, hazard):
-    """Sources are added one after the other, which leaves the boulders of the others unchanged."""
+    """The hits of a source are those that it adds to the map: sources are added one by one, which
+    leaves the boulders of the others unchanged."""
     x, y = case.release["x"], case.release["y"]
     sums = [hits_at(case.replace(release={"x": x[:k], "y": y[:k]})) for k in range(1, len(x) + 1)]
     counts = np.diff(sums, axis=0, prepend=0)
@@ -246,7 +247,8 @@ def test_an_area_has_the_binomial_interval_of_its_boulders(hazard, side):
 
 
 def counted(hazard, came, released, per_cluster=1):
-    """Hazard of one boulder a year, with numbers of boulders from each of several areas."""
+    """Hazard of one boulder per year: from each area, `came` of the `released` boulders cross the
+    line."""
     n = int(np.sum(released))
     number = {"boulders": n, "frequency": 1.0, "boulders_per_cluster": per_cluster}
     data = {name: ("scenario", [value]) for name, value in number.items()}
@@ -268,8 +270,8 @@ def limits_of_areas(hazard):
 
 
 def test_intervals_of_areas_cover_a_binomial_number_of_boulders(hazard):
-    """One scenario; 150 boulders from each of 151 areas, of which 0, 1, ... 150 arrive. The
-    coverage of these limits follows from the binomial distribution."""
+    """From each of 151 areas, 0, 1, ... 150 of 150 boulders arrive. The coverage of the limits
+    follows from the binomial distribution: 94.5 to 96 % on average, and never below 92 %."""
     n, came = 150, np.arange(151)
     reach = came.size * limits_of_areas(counted(hazard, came, np.full(came.size, n)))
     assert len(reach) == n  # without the area from which none arrives
@@ -282,9 +284,9 @@ def test_intervals_of_areas_cover_a_binomial_number_of_boulders(hazard):
 
 @pytest.mark.parametrize("each", [1, 5])
 def test_intervals_of_areas_cover_all_sources_if_these_are_a_sample(hazard, case, each):
-    """60 sampled sources with `each` boulders, all of a source alike. A source lies in the first
-    area and reaches the line with probability p, so that their number is binomial, and the first
-    area's frequency in all sources is p."""
+    """60 sampled sources with `each` boulders that behave alike. A source is in the first area, and
+    reaches the line, with probability p: the frequency of that area. Limits cover p in more than 92
+    % of samples."""
     sampled = case.replace(release={"sources": "sample"})
     attrs = {name: sampled.text() if text == case.text() else text
              for name, text in hazard.attrs.items()}  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generalised outlines of zones: none is lower than its cells, none overlaps another, and no part
+"""Generalised outlines of zones: no cell gets a lower class, outlines do not overlap, and no part
 is narrower than allowed."""
 
 import numpy as np
@@ -13,7 +13,7 @@ CELL = 4.0
 
 
 def areas_of(classes):
-    """Area of each class of a raster, from 1, of cells with given numbers."""
+    """Polygons of the classes 1, 2, ... of a raster."""
     rows, columns = np.indices(classes.shape)
     west, south = CELL * columns, -CELL * rows
     cells = shapely.box(west, south, west + CELL, south + CELL)
@@ -21,7 +21,7 @@ def areas_of(classes):
 
 
 def noise(seed, shape=(36, 48)):
-    """Classes of a bumpy surface, with all kinds of threads and islands."""
+    """Classes of a random smooth surface, with narrow strips and islands."""
     pytest.importorskip("scipy", reason="the lab extra is not installed")
     from scipy.ndimage import gaussian_filter
 
@@ -53,8 +53,8 @@ def test_no_cell_gets_a_lower_class(seed, width):
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.all) for k in (1, 2))])
 def test_hardly_a_part_is_narrow(seed):
-    """More than half of the area is narrow at first, and less than 6 % in the outlines, at corners
-    and in crowded parts."""
+    """More than half of the area of the classes is narrow, but less than 6 % of that of the
+    outlines: at corners, and where many outlines meet."""
     width, about = 10.0, {"join_style": "mitre", "mitre_limit": 2.0}
     raw = areas_of(noise(seed))
     before, after = (

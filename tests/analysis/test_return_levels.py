@@ -95,7 +95,8 @@ def test_a_level_of_the_tail_is_not_below_one_of_the_sample():
 
 
 def test_levels_as_written_do_not_fall_with_rarity():
-    """Rounded by its wide interval, a later level of 24.46 would print as 24, below 24.4."""
+    """Rounded by its own wide interval, a level of 24.46 would print as 24, below the 24.4 of a
+    shorter return period."""
     row = {"level_1000": 24.4, "level_1000_low": 24.3, "level_1000_high": 24.5,
            "level_10000": 24.46, "level_10000_low": 20.0, "level_10000_high": 31.0,
            "level_100000": 39.9, "level_100000_low": 24.0, "level_100000_high": 60.0}  # fmt: skip
@@ -106,9 +107,9 @@ def test_levels_as_written_do_not_fall_with_rarity():
 
 
 def test_intervals_hold_the_levels_of_known_distributions():
-    """At least nine in ten of about 45 intervals include the level. Exact 95 % intervals would fail
-    this once in 20 tries, but the hull over two thresholds covers more. The median width is below
-    0.7 of the level."""
+    """At least 90 % of about 45 intervals include the level, and the median width is below 0.7 of
+    the level. Exact 95 % intervals would fail in one of 20 tests; these enclose the intervals of
+    two thresholds and cover more."""
     held, width = [], []
     for law in TAILS.values():
         for seed in range(20):
@@ -138,7 +139,8 @@ def test_the_interval_encloses_that_of_the_highest_threshold():
 
 @pytest.mark.parametrize("law", TAILS)
 def test_limits_are_those_of_the_profile_likelihood(law):
-    """At a limit, the profile likelihood, maximised by a search, equals the allowed value."""
+    """At a limit, the profile log-likelihood, maximised by a search, is 1.96**2 / 2 (1 + 12/n)
+    below its maximum."""
     values, N = np.sort(TAILS[law].rvs(4000, random_state=3)), 20_000
     excess, threshold = values[-150:] - values[-151], values[-151]
     fit = fit_gpd(excess, threshold)
@@ -171,7 +173,7 @@ def test_a_bounded_tail_says_where_it_ends():
 
 
 def test_the_threshold_lies_above_what_is_not_the_tail():
-    """Most boulders are low; one in 50 is from a population with high jumps."""
+    """Most jumps are low; one in 50 is from a population of high jumps."""
     low, high = stats.expon.rvs(size=19_600, random_state=1), stats.expon(10, 3)
     values = np.append(low, high.rvs(400, random_state=2))
     found = tail(values)
@@ -193,7 +195,8 @@ def test_levels_have_the_units_of_the_values():
 
 
 def test_a_level_that_many_boulders_exceed_is_that_of_the_sample():
-    """The distribution may have any tail: this one has no mean."""
+    """30 of 30,000 boulders exceed a level that is a quantile of the sample, even for a
+    distribution without a mean. Rarer levels are refused."""
     values = np.abs(stats.cauchy.rvs(size=30_000, random_state=1))
     found = tail(values)
     value, low, high, refused = found.levels[1000]
@@ -237,7 +240,7 @@ def test_a_level_that_may_be_anything_is_refused():
 
 
 def of_each(number):
-    """Five boulders from each of a sample of sources."""
+    """Sampled sources with five boulders each."""
     return Sources.of(np.repeat(np.arange(number), 5), sampled=True)
 
 
@@ -301,13 +304,14 @@ def test_the_table_has_the_tail_of_each_quantity(result):
 
 
 def of_all(values, source=None, attrs=None, names=("L",)):
-    """Result in which each quantity increases with values (lines, boulders) or (boulders,)."""
+    """Result in which every quantity at the lines has `values`, of shape (lines, boulders) or
+    (boulders,)."""
     result = made(np.atleast_2d(values)[0], source, attrs).drop_dims(["line", "crossing"])
     return result.assign(crossed(result["boulder"], names, **dict.fromkeys(STORED, values)))
 
 
 def test_sources_that_are_a_sample_are_clusters():
-    """100 boulders from each of 60 sources; those of a source all behave alike."""
+    """60 sampled sources with 100 boulders each, which all behave alike."""
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
     table = rockfall.return_levels(of_all(speed, np.repeat(np.arange(60), 100), SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}

@@ -107,8 +107,8 @@ def test_sums_are_of_the_boulders_that_objects_share(case):
 
 
 def test_limits_hold_the_mean_of_other_boulders():
-    """At least 95 % coverage for a skewed quantity that is mostly zero; Wilson's interval for an
-    indicator."""
+    """At least 95 % of limits include the mean of a skewed quantity that is mostly zero. Limits of
+    an indicator are Wilson's."""
     rng = np.random.default_rng(20261124)
     mean, held = 0.1 * 0.5, 0
     for _ in range(400):
@@ -128,7 +128,7 @@ def test_no_hit_is_no_proof(case):
 
 
 def test_a_point_without_a_width_has_the_upper_end_of_its_intensity(case):
-    """Only counts above thresholds are known: damage and upper limit are overestimated."""
+    """Only counts above thresholds are known for a point without a width: its damage errs high."""
     at, about = shapely.Point(122.5, 342.5), {"kind": ["building"], "value": [1.0]}
     usual, disc = hazard(case, [at], **about), hazard(case, [at], width=[10.0], **about)
     assert float(usual.object_damage[0]) >= float(disc.object_damage[0]) > 0
@@ -211,7 +211,8 @@ def test_exposures_that_cannot_be_are_refused(case, shape, columns, message):
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_an_interval_of_classes_is_one_of_their_numbers(language):
-    """Names of classes are ranges themselves, "1e-6 to 1e-5"; the legend explains the numbers."""
+    """Class names are ranges, such as "1e-6 to 1e-5", so that intervals of classes are given as
+    numbers. The legend explains the numbers."""
     names = class_words()
 
     def row(*numbers):

@@ -140,8 +140,8 @@ def test_attributes_by_intensity_give_the_same_as_the_risk_of_classes(found):
 
 
 def test_points_without_a_width_have_the_upper_end_of_each_intensity(found):
-    """Damage is that of the upper ends, its lower limit at most that of the lower ends. Deaths are
-    exact, because lethality is given per class of intensity."""
+    """Damage is that at the upper ends of classes of intensity; its lower limit is at most the
+    damage at their lower ends. Deaths are exact, because lethality is given by class."""
     columns = {"persons": [1.0], "value": [1.0], "curve": ["agliardi2009"]}
     columns |= {f"lethality_{k + 1}": [one] for k, one in enumerate((0.1, 0.4, 0.9))}
     risk = found(shapely.Point(147.0, 286.0), **columns)
@@ -193,8 +193,8 @@ def clusters(sources, each=1):
 
 @pytest.mark.parametrize("boulders", [50, 400])
 def test_limits_hold_the_mean_as_often_as_they_say(boulders):
-    """Losses are mostly zero and rarely large. Limits hold in at least 95 % of 1,000 trials, and
-    the mean is above them in at most 25."""
+    """Losses are mostly zero and rarely large. Limits include the mean in at least 95 % of 1,000
+    trials, and the upper limit is below it in at most 2.5 %."""
     random = np.random.default_rng(5)
     held, above = 0, 0
     for _ in range(1000):

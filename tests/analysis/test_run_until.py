@@ -35,9 +35,9 @@ NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
     [("fraction@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
 )
 def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, within):
-    """The interval of a quantile lies between two order statistics, so its width is itself random:
-    the mean stop is within 20 %, and so are most stops. `benchmarks.accuracy.intervals` has
-    thousands of runs."""
+    """The mean number of boulders is within 20 % of theory, and so is the number of each run. For a
+    quantile it is that of at least half of the runs, because the width of its interval is random.
+    `benchmarks.accuracy.intervals` has thousands of runs."""
     random = np.random.default_rng(1)
     rules = read_rules(rule, ["L"])
     statistic = rules[0].statistic
@@ -58,9 +58,9 @@ def test_it_stops_within_20_percent_of_theory_and_its_intervals_hold(rule, withi
 
 @pytest.mark.all
 def test_heavy_tails_take_no_more_boulders_than_theory_asks():
-    """Each stage has separate boulders, as with several sources: on average, runs have 1.07 times
-    the boulders of theory, within 0.15. Limits of the 95 % quantile are only a few values apart:
-    runs that relied on them were a fifth too long."""
+    """Every stage has new boulders, as with several sources: on average, a run has 1.07 +- 0.15
+    times the boulders of theory. The limits of the 95 % quantile are only a few values apart: runs
+    stopped by their width were a fifth too long."""
     (rule,) = rules = read_rules("speed.q95@L<12%", ["L"])
     sigma, level = 1.2, 0.95
     density = norm.pdf(norm.ppf(level)) / sigma  # density of the logarithm at the quantile
@@ -78,7 +78,7 @@ def test_heavy_tails_take_no_more_boulders_than_theory_asks():
 
 @pytest.mark.parametrize("rule", ["fraction@L<0.7%", "speed.mean@L<1%", "energy_total.std@L<2.5%"])
 def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
-    """The number of boulders is within a tenth of the need, which follows from the interval of a
+    """The number of boulders is within 10 % of the number needed, according to the interval of a
     run five times as long."""
     case = slope_case(tmp_path)
     found = rockfall.run_until(case, rule, **terrain())
@@ -92,7 +92,8 @@ def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
 
 @pytest.mark.parametrize("of", [2, 5])
 def test_runs_of_few_sources_do_not_end_by_luck(of):
-    """Sources may seem alike by chance, which a run must not rely on."""
+    """Few sources may seem alike by chance: even so, no run has less than 0.8 times the boulders
+    needed, and at least 85 % of 25 intervals include the mean."""
     random, held = np.random.default_rng(of), []
     rules = read_rules("speed.mean@L<3%", ["L"])
     for _ in range(25):
@@ -125,8 +126,8 @@ def test_equal_values_are_met_at_once_and_nobody_never():
 
 
 def test_a_number_without_an_interval_is_never_met():
-    """A sample of nine places: more boulders would not show what other places are like, and the run
-    reports it at once; with ten places it runs."""
+    """A sample of nine places gives no interval, however many boulders it has: the run ends at once
+    with a report. A sample of ten places can meet the rule."""
     rules = read_rules("speed.mean@L<90%", ["L"])
     values = 10 + np.random.default_rng(1).random(1800)
     for places in (9, 10):
@@ -138,8 +139,9 @@ def test_a_number_without_an_interval_is_never_met():
 
 
 def test_a_sample_of_sources_that_differ_stops_a_run_that_more_boulders_do_not_help():
-    """20 sources with speeds of 10 +- 3 between them and +- 1 within: for other sources the best
-    precision is 13 %; for these, 2 % is soon reached."""
+    """Sources have speeds of 10 +- 3 m/s, their boulders +- 1 m/s. If the 20 sources are a sample,
+    the best precision is 13 %, and a rule of 2 % ends the run. If they are all sources, 2 % is soon
+    reached."""
     random = np.random.default_rng(3)
     place = random.normal(10, 3, 20)
 
@@ -239,7 +241,7 @@ def test_a_case_without_lines_and_a_bad_cap_are_refused(tmp_path):
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """Folder with a case file on a plane, as the current folder."""
+    """Work in a folder with a case file on a rough slope."""
     from rockfall.io.rasters.geotiff import write_geotiff
 
     monkeypatch.chdir(tmp_path)

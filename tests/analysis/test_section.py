@@ -76,7 +76,8 @@ GRAVITY, FROM = 10.0, 100.0
 
 
 def thrown(result, speeds, x):
-    """Result on the plane whose first boulders are replaced by single flights."""
+    """Result on the plane with other trajectories: one horizontal throw of each of the first
+    boulders, from `x` and northing FROM."""
     speeds, x = np.asarray(speeds, float), np.asarray(x, float)
     time, number = speeds / 5, result["boulder"].values[: speeds.size]
     vertices = {
@@ -129,7 +130,8 @@ def test_flights_on_a_plane_by_hand(on_plane):
 
 
 def test_an_oblique_section_projects_on_itself(on_plane):
-    """A flight at 45 degrees passes a station where it crosses the line across the section."""
+    """A flight passes a station where it crosses the line through it that is perpendicular to the
+    section, which is at 45 degrees to the flight."""
     data = thrown(on_plane, [10.0], [50.0])
     line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
     found = section_of(data, line, (PLANE, grid(PLANE))).passages
@@ -382,7 +384,8 @@ def test_without_terrain_heights_are_unknown(result):
 
 
 def test_thinned_terrain_has_a_profile_but_no_heights(result, wide):
-    """Large terrain is read with every second cell, which would miss a bump between cells."""
+    """Terrain of every second cell, as read of large rasters, may miss bumps: heights of
+    trajectories are missing, elevations and speeds are not."""
     thin = Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40)
     found = section_of(result, wide.line, thin)
     assert found.table["recorded_passing_height_max"].isna().all()
@@ -437,7 +440,8 @@ def test_a_layer_and_pairs_are_the_same(result, tmp_path):
 
 
 def test_command(place, capsys):
-    """Tables with units, a figure in the requested format, and refusals."""
+    """`rockfall section` writes tables with units and a figure in the requested format; wrong
+    options are refused."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     assert main(["run", "case.nml", "--quiet"]) == 0
     words = ["section", "case.nc", "--line", "600060,4999990", "600060,4999890"]

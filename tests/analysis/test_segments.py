@@ -101,7 +101,8 @@ def test_all_segments_together_are_hit_by_what_hits_the_road(tmp_path):
 
 
 def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
-    """Two scenarios, with 0.5 and 0.01 boulders per year, and lines along the same outline."""
+    """Means and quantiles weight boulders by the frequency of their scenario, 0.5 or 0.01 per year.
+    Expected values are from runs with a line along the outline of the road."""
     scenarios = [
         {"name": "small", "frequency": 0.5, "volume_mean": 0.5},
         {"name": "large", "frequency": 0.01, "volume_mean": 5.0},
@@ -173,7 +174,7 @@ def test_classes_are_those_of_the_matrix(tmp_path):
     ],
 )  # fmt: skip
 def test_pages_name_segments_in_their_language(tmp_path, language, expected):
-    """Python and files keep one name, which finds the segment in any language."""
+    """Pages translate the names of segments; Python has English names in any language."""
     found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD), length=22.5)
     with speaking(language):
         for table in (shown_segments(found), answer_table(found, 100.0), *period_tables(found)):
@@ -247,8 +248,8 @@ def test_few_values_or_weights_give_no_upper_limit():
 
 @pytest.mark.all
 def test_intervals_hold_the_quantile():
-    """Each limit holds in more than 96 % of 1,000 trials, with most weight on few boulders of high
-    values, and with many light ones."""
+    """Each limit is right in more than 96 % of 1,000 trials. Boulders have three weights; those
+    with the highest, which are few, have the highest values."""
     random, low_held, high_held, trials = np.random.default_rng(2), 0, 0, 1000
     weights = np.repeat([3.2, 0.5, 0.02], [100, 1000, 3000])
     scales = np.repeat([3.0, 1.0, 1.0], [100, 1000, 3000])
@@ -291,7 +292,7 @@ def test_strips_cover_the_road_in_its_bends():
 
 @pytest.fixture
 def read(tmp_path):
-    """Segments of a layer on the terrain, and remarks."""
+    """Function that reads a layer of roads and returns its segments and remarks."""
     scene = read_study(make_case(tmp_path), dem=Z, transform=GRID).scene
 
     def segments(*shapes, length=None, **columns):
@@ -368,7 +369,8 @@ def test_segments_change_nothing_else(tmp_path):
 
 
 def test_a_sample_of_sources_has_wider_limits(tmp_path):
-    """Limits for two places are between those of independent boulders and of two boulders."""
+    """With two sampled sources, limits are between those of independent boulders and those of two
+    boulders."""
     release = {"x": [120.0, 180.0], "y": [380.0, 385.0], "drop_height": 5.0, "sources": "sample"}
     found = hazard(make_case(tmp_path, release=release), make_roads(tmp_path, ROAD), length=None)
     fraction = found.segment_passages.values.item() / BOULDERS
@@ -428,7 +430,7 @@ LINE = shapely.LineString([(600005, 4999905), (600110, 4999925)])
 
 @pytest.fixture
 def site(place):
-    """Slope with a scenario and a road, in the current folder."""
+    """Command for the hazard of a road, with its files in the current folder."""
     from slope_case import CASE
 
     Path("case.nml").write_text(CASE + "&scenario name = 'one', frequency = 0.5 /\n")

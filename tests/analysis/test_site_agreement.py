@@ -47,8 +47,8 @@ def test_the_angle_of_one_percent_is_set_beside_the_lowest_observed(seen):
 
 
 def of_angles(angles, moving=0, sources=1):
-    """Boulders with given energy-line angles, equally many from each source; the first left the
-    terrain."""
+    """Values of boulders with given energy-line angles, divided equally among the sources; the
+    first `moving` left the terrain."""
     n = len(angles)
     status = np.where(np.arange(n) < moving, STATUS["left_domain"], STATUS["stopped"])
     at = np.arange(n) * sources // n
@@ -118,7 +118,7 @@ CASE = "\n&observed files = 'seen.csv' /\n"
 
 @pytest.fixture
 def left(place):
-    """Result of a case whose own files are missing or broken after the run."""
+    """File of a result in the current folder; tests then remove or damage the files of its case."""
     Path("seen.csv").write_text("distance\n12.0\n30.0\n41.0\n")
     by_sets = Path("case.nml").read_text().replace("&impact", "&impact form = 'matrix',")
     Path("seen.nml").write_text(by_sets + CASE)

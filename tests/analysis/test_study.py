@@ -39,7 +39,7 @@ def case(tmp_path):
 
 
 def densities(case, values=DENSITIES):
-    """Scenes by rock density, made on request."""
+    """Yield the name and the scene for each rock density [kg/m3]."""
     for density in values:
         yield f"{density:g}", read_scene(case.replace(boulder={"density": density}), **ARRAYS)
 
@@ -168,7 +168,7 @@ def test_progress_is_that_of_all_runs(case, monkeypatch, capfd, unit, steps):
 
 @pytest.fixture
 def pair():
-    """Values of the same 400 boulders from four sources in two runs; some have none."""
+    """Values of 400 boulders in two runs, some of them NaN, and their four sources."""
     random = np.random.default_rng(3)
     common, noise = random.gamma(4.0, 2.0, 400), random.normal(0, 0.3, (2, 400))
     values = common + noise

@@ -38,7 +38,8 @@ def case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(case, tmp_path_factory):
-    """Boulders of the case with another seed: stopping places and crossings of a line."""
+    """Observations from a run with another seed: their folder, the line, and the speeds [m/s]
+    there."""
     result = rockfall.run(case.replace(case={"seed": 4711}))
     places = {f"{name}": result[f"stop_{name}"].values for name in "xy"}
     places |= {f"start_{name}": result[f"start_{name}"].values for name in "xy"}
@@ -90,7 +91,8 @@ def test_a_law_is_within_the_bounds_of_its_own_boulders(case, made):
 
 @pytest.mark.all
 def test_each_law_has_the_name_of_what_it_follows(case, made):
-    """A ground for the complete case applies, whatever table the case also has."""
+    """A rebound model has the name of its table or ground. A ground of the complete case has
+    priority over a table."""
     folder, _, _ = made
     seen = read_observed(folder / "stops.csv")
     named = case.replace(impact={"table": "talus"}, case={"boulders": 5})
@@ -173,7 +175,7 @@ def test_equal_weights_give_the_test_of_two_samples():
 
 def test_a_weight_counts_as_that_many_boulders():
     """The statistic is that of boulders repeated by weight, with ties within and between samples; p
-    follows from the effective number."""
+    follows from the effective number of boulders."""
     random = np.random.default_rng(2)
     seen, made = random.integers(0, 12, 25) * 1.0, random.integers(0, 15, 40) * 1.0
     share = random.integers(1, 5, 40)
@@ -199,8 +201,9 @@ def test_more_boulders_of_a_source_do_not_move_the_test():
 
 @pytest.mark.all
 def test_p_of_the_same_distribution_is_uniform():
-    """Weights are independent of values: p is below 5, 20 and 50 % as often as in theory. With the
-    number of boulders instead of the effective number it would be far more often."""
+    """If weights are independent of values, p is below 0.05, 0.2 and 0.5 nearly as often as in
+    theory. The number of boulders, used in place of the effective number, would give p < 0.05 in
+    more than 15 % of samples."""
     random = np.random.default_rng(4)
     runs, found, naive = 2000, [], 0
     critical = stats.kstwo.isf(0.05, 50)  # 60 * 300 / 360
@@ -217,7 +220,7 @@ def test_p_of_the_same_distribution_is_uniform():
 
 
 def test_several_results_count_as_one_site(case, made):
-    """A result given twice counts as twice the boulders: equal statistics, p at most as large."""
+    """A result given twice has twice the boulders: equal statistics, and p at most as large."""
     folder, line, _ = made
     seen = read_observed(folder / "stops.csv", folder / "speeds.csv")
     result = rockfall.run(case)
@@ -234,7 +237,8 @@ def test_several_results_count_as_one_site(case, made):
 
 
 def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
-    """Two results with different run-outs: the mean weights both by the number observed."""
+    """The mean of two results with different run-outs weights them by their numbers of observed
+    boulders, 40 and 10."""
     folder, _, _ = made
     stops = pd.read_csv(folder / "stops.csv")
     stops.iloc[:40].to_csv(tmp_path / "many.csv", index=False)
@@ -253,7 +257,7 @@ def test_a_part_weighs_as_often_as_it_was_observed(case, made, tmp_path):
 
 
 def with_zones(case, rows):
-    """The case with some rows of its zone table (4, -2, 77), in a separate file."""
+    """Case with 20 boulders and a zone table of the given rows."""
     path = case.path(case.surface["table"]).with_name("named.csv")
     path.write_text(f"zone,mean_radius,ground\n{rows}")
     return case.replace(surface={"table": path.name}, case={"boulders": 20})
@@ -264,7 +268,8 @@ NAMED = "4,{0},soil_0\n-2,{0},rock\n77,,meadow\n"
 
 @pytest.mark.all
 def test_tables_hold_where_every_ground_has_a_name(case, made):
-    """Tables replace all rebounds, like classical models; a note gives the affected part."""
+    """Tables replace all rebounds, also on named grounds; a note gives the part of the terrain with
+    these."""
     seen = read_observed(made[0] / "stops.csv")
     named = with_zones(case, NAMED.format(0.2))
     found = validate(named, seen, tables=["talus", "rocky-slope"], seeds=2)

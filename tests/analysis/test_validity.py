@@ -65,7 +65,8 @@ def test_a_warning_has_at_most_25_words(name, language):
 
 
 def values(rebounds=1000, outside=(0, 0, 0), speed=(1.0,) * 100):
-    """Boulders that descended 100 m over 100 m, at 45 degrees, with given maximum speeds."""
+    """Values of boulders that descended 100 m over 100 m, with given maximum speeds [m/s] and
+    numbers of rebounds outside the ranges."""
     names = ("range", "speed", "angle")
     counts = {f"rebounds_out_of_{name}": n for name, n in zip(names, outside, strict=True)}
     flat = np.full(len(speed), 100.0)
@@ -193,8 +194,8 @@ def test_who_leaves_the_terrain_before_a_line_is_said_to_lower_fractions(
 
 
 def test_a_void_between_two_lines_is_said(tmp_path):
-    """Boulders that crossed the upper line would have met the lower line. This does not apply to
-    boulders that end to the side of the lines, or behind them."""
+    """A void between two lines gives a remark, unless the boulders stopped there would have passed
+    to the side of the lower line, or this line is not below them."""
     upper, held = {"name": "upper", "x": [0.0, 100.0], "y": [90.0, 90.0]}, ends("hit_nodata")
     for lower, said in (
         (LINE, True),
@@ -308,7 +309,7 @@ def test_remarks_are_in_the_order_of_their_grades_and_each_once(tmp_path):
 
 
 def narrow(ratio):
-    """Sets fitted to a very small range of speeds."""
+    """Fit ranges with very few speeds."""
     return " speed_range = 100, 101\n angle_range = 2, 90\n"
 
 
@@ -413,7 +414,8 @@ def test_the_set_of_the_paper_is_judged_by_the_method_of_the_case(tmp_path, meth
     ("name", "line"), [("rocky-slope", "EL1"), ("talus", "EL2"), ("compact", "EL2"), ("*", "EL2")]
 )
 def test_tables_are_judged_by_the_worst_of_those_with_evidence(name, line):
-    """Talus and meadow are always listed, `rocky-slope` if rebounds use it."""
+    """The remark has the worst errors of the tables with evidence: of talus and meadow always, of
+    `rocky-slope` if rebounds use it."""
     grounds = {
         "ground": [name], "ground_model": ["impact_table"], "rebounds_by_ground": [1000],
     }  # fmt: skip
@@ -430,7 +432,7 @@ def test_tables_are_judged_by_the_worst_of_those_with_evidence(name, line):
 
 @pytest.mark.parametrize("name", [*shipped_sets()])
 def test_of_every_shipped_set_is_warned_what_it_is_not_good_for(tmp_path, name):
-    """Each set has one warning, because each is too low somewhere."""
+    """Each set has one warning, because each gives values that are too low at some place."""
     case = make_case(tmp_path, *sets(), release=POINT, impact={"sets": name})
     assert [one.is_warning for one in set_remarks(values(), case)] == [True]
 
@@ -465,7 +467,7 @@ def test_who_rolls_past_a_line_is_said_to_lower_its_quantiles(tmp_path, angle, s
 
 
 def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
-    """Meadow of 33 degrees is too steep for its rest angle to hold boulders."""
+    """A meadow of 33 degrees is steeper than its rest angle, so that boulders roll on."""
     y = np.mgrid[79:-1:-1, 0:40][0] * 5.0
     case = make_case(
         tmp_path, *sets(), terrain={}, case={"boulders": 100},
@@ -483,7 +485,8 @@ def test_who_rolls_on_smooth_ground_is_said_to_lower_quantiles(tmp_path):
 
 
 def on_grounds(folder, surface, **groups):
-    """Run on given grounds; the sets were fitted to nearly all conditions that occur."""
+    """Case and result on given grounds; the sets were fitted to nearly all conditions that
+    occur."""
     fitted = " speed_range = 0, 1000\n angle_range = 0, 90\n"
     case = make_case(
         folder, *sets(), more=lambda _: fitted, terrain={}, case={"boulders": 60},
@@ -560,7 +563,8 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
 def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
     tmp_path, tables, table, volume, said
 ):
-    """All sizes are alike, and there is no remark, where strength is proportional to R_b."""
+    """There is no remark if strength is proportional to R_b, because impacts are then alike at all
+    sizes."""
     shutil.copytree(tables, tmp_path, dirs_exist_ok=True)
     law = {"impact": {"form": "table", "table": table}, "boulder": {"volume_mean": volume}}
     texts = remarks(*on_grounds(tmp_path, {}, **law))
@@ -569,8 +573,8 @@ def test_boulders_larger_than_the_blocks_thrown_are_said_to_err_low(
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
-    """Tables with largest blocks of R_b = 1.8 m, for ground of constant strength or proportional to
-    R_b."""
+    """Folder with two tables, both with blocks of up to R_b = 1.8 m: `own.nc` for ground of
+    constant strength, `in-proportion.nc` for a strength proportional to R_b."""
     (row, *_) = plane_files("ploughed", "compact").values()
     table = open_table(row)
     strength = USUAL_WEIGHT * 1.8 / table.size[-1]
@@ -591,7 +595,7 @@ def test_a_result_says_by_itself_how_large_the_blocks_of_its_table_are(tmp_path,
 
 
 def test_warnings_of_several_results_are_given_once(tmp_path):
-    """Warnings have the names of results if only some are concerned."""
+    """A warning starts with the name of a result if it does not concern all results."""
     folders = [tmp_path / name for name in ("bare", "forest")]
     for folder in folders:
         folder.mkdir()
@@ -621,7 +625,8 @@ def test_of_several_results_the_largest_fraction_is_given_and_what_is_wrong_come
 
 
 def test_a_forest_is_said_to_be_unvalidated_wherever_it_is(tmp_path):
-    """The values are those stored by the case of the experiment."""
+    """Preview, summary and warnings have the passing fractions stored for the experiment at
+    Vaujany."""
     case, result = on_grounds(tmp_path, {}, forest=STAND)
     text = forest_text()
     bare, known = (

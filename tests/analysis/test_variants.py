@@ -35,14 +35,15 @@ def bare(folder, **changes):
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """Runs of a slope without and with a net above its line."""
+    """Runs of a slope without a net, and with a net above its line."""
     case = bare(tmp_path_factory.mktemp("variants"))
     net = {"name": "net", "x": [0.0, 300.0], "y": [330.0, 330.0], "height": 3.0, "capacity": 2000.0}
     return {"bare": run(case), "net": run(case.replace(barrier=[net]))}
 
 
 def values_of(random, size, effect):
-    """Values of boulders in two variants; those of the second are correlated with the first."""
+    """Correlated values of boulders in two variants: the second is `effect` times stronger, and NaN
+    is for boulders that do not pass."""
     common, own = random.normal(0, 1, size), random.normal(0, 1, (2, size))
     strength = np.exp(0.6 * common + 0.3 * own)
     strength[1] *= effect
@@ -82,8 +83,9 @@ def test_boulders_in_common_make_intervals_narrower():
 
 
 def test_newcombe_by_hand():
-    """36 of 50 pairs pass in both, 12 only in the variant, 2 only in the first: Wilson limits of
-    48/50 and 38/50, combined with the correlation of the pairs (Newcombe 1998, method 10)."""
+    """36 of 50 boulders pass in both variants, 12 only in the second, 2 only in the first: Wilson
+    limits of 48/50 and 38/50, combined with the correlation of the pairs (Newcombe 1998, method
+    10)."""
     here, before = (np.repeat(of, [36, 12, 2]).astype(bool) for of in ([1, 1, 0], [1, 0, 1]))
 
     def wilson(p, n=50, z=1.959964):
@@ -127,7 +129,7 @@ def test_a_net_lets_less_pass_at_it_and_below(variants):
 
 
 def test_where_none_passes_the_upper_limit_is_told(tmp_path):
-    """Table and yearly value are "0 to" the upper limit if no boulder passes."""
+    """If no boulder passes, the table and the yearly value give "0 to" the upper limit."""
     above = [{"name": "above", "x": [0.0, 300.0], "y": [398.0, 398.0]}]
     result = run(bare(tmp_path, line=above + bare(tmp_path).line))
     table = compare_variants({"one": result, "two": result})
@@ -181,7 +183,8 @@ def test_the_command(variants, tmp_path, capsys):
 
 
 def test_a_line_in_two_places_is_told(variants, tmp_path):
-    """A line moved 60 m up counts other boulders: the difference is not due to protection."""
+    """A note reports a line that is 60 m higher in one variant: the difference is not due to
+    protection."""
     case = bare(tmp_path)
     (line,) = case.line
     higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))
@@ -215,7 +218,8 @@ def test_other_boulders_are_refused(variants, tmp_path, changes, what):
     (slice(None), slice(None), None), (slice(None), slice(0, 59), None),  # smaller by one cell
 ])  # fmt: skip
 def test_a_variant_on_another_extent_is_told(tmp_path, rows, columns, apart):
-    """Boulders leave a smaller terrain earlier, which looks like protection."""
+    """Boulders leave a smaller terrain earlier, which looks like protection: a warning gives how
+    far apart the edges are."""
     own, z = grid(Z), Z[:80, :60]
     place_of = own.transform * rasterio.Affine.translation(columns.start or 0, rows.start or 0)
     make_raster(tmp_path / "dem.tif", z, own.transform)

@@ -81,7 +81,8 @@ def scattered(n, seed=1, scale=50.0):
 
 
 def test_the_density_of_two_boulders_is_that_of_hand():
-    """Kernels are 10 m wide, half the distance; a third boulder is spread over 1 ha."""
+    """Kernels are 10 m wide, half the distance between two boulders; a third boulder is spread over
+    1 ha."""
     kernel = Kernel(1.0, 2, np.inf, 1e4, 5.0)
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0]]), np.ones(2))
     sums = kernel_sums(kernel, blocks_at((0, 0), (500, 0)), rest)
@@ -113,7 +114,7 @@ def test_a_boulder_given_the_others_is_one_that_was_never_there():
 
 def test_kernels_are_as_wide_as_boulders_lie_apart_and_no_one_chooses_by_how_many():
     """Kernels are more than 20 times wider for scattered boulders than in a heap, and use more
-    neighbours where there is no structure."""
+    neighbours if boulders are scattered evenly than in strips."""
     heap = scattered(200, 2, 0.5).place + 300.0
     rest = Rest(np.concatenate([scattered(200).place, heap]), np.ones(400))
     widths = kernel_widths(fitted_kernel(blocks_at((0, 0)), rest, 0.01), rest)[0]
@@ -133,8 +134,8 @@ def test_boulders_count_by_their_volume_where_that_of_the_block_is_known():
 
 
 def test_boulders_count_by_their_shape_where_that_of_the_block_is_known():
-    """Boulders of other shapes are ignored, unless the shape of the block is unknown or the run has
-    no shapes."""
+    """Boulders of other shapes than the block are ignored, unless its shape is unknown or the run
+    has no shapes."""
     rest = Rest(np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 30.0]]), np.ones(3), np.array([1, 3, 3]))
     blocks = blocks_at((0, 0), (0, 0), (0, 0))._replace(shape=np.array([1, 2, 0]))
     kernel = fitted_kernel(blocks, rest, 5.0)
@@ -170,12 +171,13 @@ def test_shapes_of_blocks_are_read_and_refused(tmp_path):
 
 
 def in_places(counts, apart=1e4):
-    """Numbers of boulders at places far from each other."""
+    """Coordinates of boulders at places `apart` m from each other, with `counts` boulders at
+    each."""
     return np.repeat(np.arange(len(counts)) * [[apart], [0.0]], counts, axis=1).T
 
 
 def made(blocks, rest, worth=1.0):
-    """Evidence of blocks with kernels one cell wide, and the boulders it keeps."""
+    """Evidence from blocks, with kernels one cell wide, and its sums for boulders at rest."""
     kernel = Kernel(1.0, len(rest.place), np.inf, 1e9, 5.0)
     data = Deposited([blocks], [kernel], [np.full(len(blocks.place), 5.0)], worth=worth)
     sums = np.array(kernel_sums(kernel, blocks, rest))
@@ -184,8 +186,9 @@ def made(blocks, rest, worth=1.0):
 
 @pytest.mark.parametrize(("worth", "near"), [(1.0, 0.02), (0.2, 0.2)])
 def test_blocks_in_places_apart_have_the_dirichlet_multinomial_probability(worth, near):
-    """The likelihood adds half of the other blocks to the boulders: a midpoint rule for the product
-    of Polya's urn. The rule is inaccurate if weighted boulders are fewer than blocks."""
+    """The likelihood adds half of the other blocks to the boulders, which approximates the product
+    of the Polya urn by a midpoint rule. The approximation is poor if the weighted number of
+    boulders is below that of blocks."""
     seen, runs = [8, 6, 6], ([40, 30, 30], [70, 20, 10])
     blocks = blocks_at(*in_places(seen))
     kept = [made(blocks, Rest(in_places(run), np.ones(100)), worth) for run in runs]
@@ -229,7 +232,8 @@ def test_runs_that_differ_by_more_than_their_boulders_are_worth_less():
 
 
 def at_line(heights, heading=(0.0, -1.0)):
-    """Result with boulders at the line of a mark."""
+    """Result with boulders at line "mark 1": their passing heights [m], NaN for no passage, and
+    heading."""
     number, (east, north) = np.arange(1, len(heights) + 1), heading
     made = crossed(number, ["mark 1"], passing_height=heights, velocity_x=east, velocity_y=north)
     one = "boulder", np.ones(number.size)
@@ -240,7 +244,8 @@ MARK = Mark("o.csv: line 2", 0.0, 0.0, 1.5, line="mark 1")
 
 
 def test_the_side_of_a_mark_says_which_boulders_could_make_it():
-    """A scar on the northern side is made by boulders that move south."""
+    """Only boulders that move south can make a scar on the northern side. A mark without a side may
+    be made by all."""
     result = at_line([1.0, np.nan, 2.0])
     for side, n in ((np.nan, 2), (0.0, 2), (340.0, 2), (180.0, 0)):
         assert passing_at(result, replace(MARK, side=side)).heights.size == n
@@ -248,7 +253,7 @@ def test_the_side_of_a_mark_says_which_boulders_could_make_it():
 
 @pytest.mark.parametrize("hits", [1, 3])
 def test_heights_of_marks_have_a_density(hits):
-    """Density of one hit, or of the highest of three: the integral is 1."""
+    """The densities of one hit, and of the highest of three, integrate to 1."""
     heights, kernel = np.array([2.0, 3.0, 3.2, 5.0]), Heights(0.3, 10.0)
     steps = np.arange(0.005, 10, 0.01)
     found = []
@@ -275,7 +280,8 @@ def test_where_no_boulder_comes_a_mark_is_less_likely_and_never_impossible():
 
 
 def normal_sets(apart):
-    """Log-likelihoods of two data sets on one parameter, for members drawn from the prior."""
+    """Points from a normal prior of one parameter, and log-likelihoods of two data sets at -`apart`
+    and `apart`."""
     points = np.random.default_rng(4).standard_normal((400, 1))
     return points, np.array([-((points[:, 0] - c) ** 2) / (2 * 0.3**2) for c in (-apart, apart)])
 
@@ -387,7 +393,7 @@ def test_a_layer_of_blocks_in_another_crs_goes_through_the_commands(place, capsy
 
 def test_marks_of_a_case_with_lines_and_barriers_have_lines_of_their_own(tmp_path):
     """Lines are as wide as trunk and boulder where many boulders pass, longer where few do, and run
-    across the slope; nothing that stops a boulder is omitted."""
+    across the slope. The case's line and barrier remain."""
     line = [{"name": "mark 1", "x": [0.0, 300.0], "y": [330.0, 330.0]}]
     barrier = [{"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 4.0, "class": 3}]
     read = read_scene(case(tmp_path, 200, 3, line=line).replace(barrier=barrier), **HOW)
@@ -417,7 +423,8 @@ def case(folder, boulders, seed, **groups):
 
 
 def witnessed(result, marks=15):
-    """Blocks at rest from a result, every second with its source, and marks at its line."""
+    """Observations from a result: blocks at rest, every second with its source, and marks at its
+    line."""
     rest = np.flatnonzero(~left_terrain(result))
     stops = np.column_stack([result["stop_x"], result["stop_y"]])[rest]
     source = result["source"].values[rest].astype(str)
@@ -437,7 +444,7 @@ LINE = {"name": "trees", "x": [0.0, 300.0], "y": [330.0, 330.0]}
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
-    """Run with rocks of 0.2 m, and its folder."""
+    """Folder, and a run with rocks of 0.2 m in it."""
     folder = tmp_path_factory.mktemp("witnesses")
     rocks = {"uniform_mean_radius": 0.2}
     return folder, rockfall.run(case(folder, 20, 77, line=[LINE], surface=rocks), **HOW)
@@ -445,7 +452,7 @@ def truth(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(truth):
-    """Posterior for rocks of 0.2 m, prior 0.1 m with a factor of 2, other seed."""
+    """Back-analysis of rocks of 0.2 m with a prior of 0.1 m times or over 2, and another seed."""
     folder, result = truth
     prior = {"surface": {"uniform_mean_radius": 0.1}, "ensemble": {"radius_factor": 2.0}}
     with pytest.MonkeyPatch.context() as patch:
@@ -477,7 +484,7 @@ def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
 
 
 def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, capsys):
-    """Blocks agree with the density for the true rocks, and differ for others."""
+    """Blocks agree with the density of boulders for the true rocks, and differ for smaller ones."""
     folder, result = truth
     seen = replace(witnessed(result, 0), contacts=None)
     sizes = {0.2: None, 0.05: None}
@@ -497,7 +504,8 @@ def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, caps
 
 
 def test_only_boulders_in_the_area_that_was_walked_count(truth, tmp_path, monkeypatch):
-    """The mapped area is y >= 150 m; blocks outside the area are refused."""
+    """Only boulders that stop in the mapped area, y >= 150 m, are used. Blocks outside it are
+    refused, and so is an area off the terrain or a second area."""
     shapely = pytest.importorskip("shapely")
     monkeypatch.chdir(tmp_path)
     _, result = truth

@@ -82,7 +82,7 @@ def test_boulders_that_pass_a_barrier_are_those_that_its_hazard_has_behind_it(ca
 
 
 def test_what_changes_nothing_differs_by_nothing(case):
-    """A net below both lines changes nothing."""
+    """A net below both lines changes no frequency."""
     names = [{"name": "bare", "without": ["barrier"]}, {"name": "far"}]
     far = case.replace(barrier=[NET | {"y": [20.0, 20.0]}], variant=names)
     table = by_row(yearly_variants(far, **PLACE).table).loc[["y200", "y300"]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Browser, and a case on a rough slope that it shows."""
+"""Browser, and the case on a rough slope that it shows."""
 
 import queue
 from pathlib import Path
@@ -20,8 +20,8 @@ def browser():
 
 @pytest.fixture
 def write_place(tmp_path, monkeypatch):
-    """Write a case on a rough slope to a folder, made the current folder, with a separate list of
-    recent files."""
+    """Function that writes a case on a rough slope to a folder and makes it the current folder. The
+    list of recent files is in the same folder."""
 
     def write(case):
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -53,7 +53,8 @@ def window(browser, slope):
 
 @pytest.fixture
 def enter():
-    """Open a file in a room; return a client that sends messages as a page does."""
+    """Function that opens a file in a room and returns a client, which sends messages as a page
+    does."""
     from app_messages import Talk, decoded
     from rockfall.app.outbox import Client
     from rockfall.app.room import Room

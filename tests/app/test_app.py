@@ -81,7 +81,7 @@ def polygon(west, south, east, north, id="z1", **properties):
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, write_place):
-    """Case on a rough slope, with a separate list of recent files."""
+    """Work in a folder with a case on a rough slope and a page to serve; return the folder."""
     write_place(CASE)
     page = make_page(tmp_path / "page")
     (page / "secret.txt").write_text("secret")
@@ -90,7 +90,7 @@ def place(tmp_path, write_place):
 
 @pytest.fixture
 def serve(place):
-    """Start servers, which are stopped at the end."""
+    """Function that starts a server; all are stopped at the end."""
     running = []
 
     def start(path="case.nml", keep=True):
@@ -112,7 +112,7 @@ def serve(place):
 
 @pytest.fixture
 def visit():
-    """Open pages, which are closed at the end."""
+    """Function that opens a page of a server; all are closed at the end."""
     with ExitStack() as stack:
 
         def enter(server, first=None, **how):
@@ -137,11 +137,11 @@ class Page:
         self.socket.send(json.dumps({"type": type, **content}))
 
     def get(self):
-        """Next message: its header, with arrays instead of their descriptions."""
+        """Return the next message: its header, with arrays in place of their descriptions."""
         return decoded(self.socket.recv(120))
 
     def until(self, type, **content):
-        """Next message with a given type and content."""
+        """Return the next message of a given type and content."""
         return self.all_until(type, **content)[-1]
 
     def all_until(self, type, **content):
@@ -153,7 +153,7 @@ class Page:
                 return found
 
     def edit(self, revision, **content):
-        """Send an edit; return the messages up to its state."""
+        """Send an edit; return the messages up to the state that answers it."""
         self.send("edit", revision=revision, **content)
         return self.until("state", revision=revision)
 
@@ -162,14 +162,13 @@ class Page:
 
 
 def editor_and_reader(visit, server, hello=None):
-    """Open two pages, the second after the first has become the editor."""
+    """Open a page, wait until it is the editor, and open a second page."""
     editor = visit(server)
     assert editor.until("welcome")["writer"]
     return editor, visit(server, hello)
 
 
 def same_variables(one, other):
-    """Check that two results have bit-identical variables."""
     assert {*one.variables} == {*other.variables}
     for name in one.variables:
         a, b = one[name].values, other[name].values
@@ -324,7 +323,7 @@ def test_a_slow_page_gets_the_latest_results():
 
 
 def mute(server):
-    """Connection of a page that stops reading, with two messages of 20 MB waiting."""
+    """Connection of a page that does not read, with two messages of 20 MB waiting for it."""
     connection = socket.create_connection(("127.0.0.1", server.port))
     ours = f"127.0.0.1:{server.port}"
     connection.sendall(
@@ -572,7 +571,8 @@ DOCUMENTS = {
      else pytest.param(one, marks=pytest.mark.all) for one in DOCUMENTS],
 )  # fmt: skip
 def test_what_is_run_is_what_is_saved(place, about):
-    """Every variable is bit-identical, also when the saved case is opened again."""
+    """Every variable is bit-identical in the live run and in a run of the saved case, also after
+    the saved case is opened and saved again."""
     layers, settings = DOCUMENTS[about]
     site, document = open_site(Path("case.nml"))
     document = site.edited(document, layers, settings)
@@ -789,7 +789,8 @@ def test_raster_zones_steep_cells_and_trees_are_background(serve, place, visit):
 
 
 def test_layers_of_a_case_become_features(place):
-    """Layers may have any form; document and case give bit-identical runs."""
+    """Zones, sources and barriers from three file formats become features; the case saved from them
+    gives a bit-identical run."""
     box = shapely.box
     make_layer(
         "zones.gpkg", [box(W, N - 200, W + 300, N), box(W, N - 400, W + 300, N - 200)],
@@ -826,7 +827,7 @@ NUMBERED = """zones = 'zones.gpkg', default_zone = 2"""
 
 
 def test_zones_with_numbers_of_their_own_get_more_of_them(place):
-    """A default zone has its own number; new zones get other numbers."""
+    """A drawn zone gets a number above those of the layer: 8, after 2 and 7."""
     shapes = [shapely.box(W, N - 200, W + 150, N), shapely.box(W, N - 400, W + 150, N - 200)]
     make_layer("zones.gpkg", shapes, zone=[2, 7], mean_radius=[0.2, 0.4])
     Path("own.nml").write_text(CASE.replace("uniform_mean_radius = 0.25", NUMBERED), "utf-8")
@@ -1109,7 +1110,7 @@ sys.exit(main(["app", "case.nml", *sys.argv[1:]]))
 
 @contextmanager
 def program(*options, **environment):
-    """The window as a separate process, which is killed at the end, and its address."""
+    """Yield the process of a window and its address; the process is killed at the end."""
     command = [sys.executable, "-c", PROGRAM, *(options or ("--no-browser",))]
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     about = {"stdout": PIPE, "stderr": PIPE, "text": True}
@@ -1184,7 +1185,8 @@ def test_a_run_to_a_file_outlives_its_window(serve, visit):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["x.nc", "x.html", "x_layers"])
 def test_a_killed_task_leaves_no_half_file_of_its_name(name, visit):
-    """The process is killed after everything was written, before the last step."""
+    """The process is killed when the content is written, but the file does not have its name
+    yet."""
     kind = "export" if name == "x_layers" else "report"
     with program(HELD="rockfall.gpkg" if kind == "export" else name) as (child, server):
         page = visit(server)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Hazard, sources and design checks in the live window: the same values as from commands."""
+"""Hazard, origins and design checks in the live window: the same values as from commands."""
 
 from pathlib import Path
 
@@ -65,7 +65,7 @@ def houses(page, **view):
 
 
 def is_hazard_of(shown, case):
-    """Check that a message has the values of `rockfall.hazard`, and return these."""
+    """Check that a message has the values of `rockfall.hazard`; return the hazard."""
     hazard = rockfall.hazard(rockfall.read_case(case), objects="houses.gpkg")
     assert np.array_equal(shown["arrays"]["classes"], hazard["hazard_class"].values)
     assert len(shown["classes"]) == len(CLASSES) == 5
@@ -139,7 +139,7 @@ def test_sources_of_what_comes_to_a_place_are_those_of_origins(page):
 
 @pytest.mark.all
 def test_segments_of_a_line_are_those_of_the_command(page):
-    """A line of 300 m has 15 segments of 20 m."""
+    """A line of 300 m has 15 segments of 20 m, with the values of `rockfall.hazard`."""
     houses(page, hazard=True)
     page.until("hazard")
     houses(page, hazard=True, origin="road")
@@ -163,7 +163,8 @@ def test_segments_of_a_line_are_those_of_the_command(page):
 
 
 def is_sheet_of(shown, result):
-    """Check that a message has the tables of `rockfall.design`, in full and for the net alone."""
+    """Check that a message has the tables of `rockfall.design` for all lines and for the net alone;
+    return the first check."""
     for sheet in (rockfall.design(result), rockfall.design(result, line="net")):
         tables = [*check_tables(sheet), choice_table(sheet, "net")]
         assert shown["tables"] == [*map(table_entry, tables)]

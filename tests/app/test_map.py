@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Map of the live window: its initial view, and what it can show."""
+"""Map of the live window: its initial view and its layers."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a real browser: actions of an engineer, and what must not happen."""
+"""The live window in a real browser: an engineer's actions, and what they must not cause."""
 
 import base64
 import json
@@ -104,7 +104,7 @@ def test_a_source_is_dragged_on_four_million_cells(browser):
 
 
 def test_a_terrain_alone_asks_for_its_ground(browser):
-    """The choice is a key of the case; without a choice the window runs nothing."""
+    """Without a choice of ground the window runs nothing; the choice becomes a key of the case."""
     with served("dem.tif") as server:
         resize(browser, 1280, 800)
         browser.get("about:blank")
@@ -272,7 +272,7 @@ def test_states_are_compared_with_their_trees_and_counts_with_whole_numbers(brow
 
 
 def green(element):
-    """Number of pixels of an element with almost the colour of trees."""
+    """Number of pixels of an element that have nearly the colour of trees."""
     pixels = 255 * imread(BytesIO(element.screenshot_as_png))[..., :3]
     return (abs(pixels - TREES).max(axis=-1) < 40).sum()
 

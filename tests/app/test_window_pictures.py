@@ -45,7 +45,8 @@ def write_picture(path, bands, west=W, north=N, cell=5.0, crs="EPSG:32632"):
 
 
 def halves():
-    """Picture of the northern half of the terrain: magenta in the west, green in the east."""
+    """Picture of 60 x 40 pixels for the northern half of the terrain: magenta in the west, green in
+    the east."""
     bands = np.zeros((3, 40, 60), "u1")
     bands[:, :, :30] = np.array(MAGENTA)[:, None, None]
     bands[1, :, 30:] = 180
@@ -53,7 +54,8 @@ def halves():
 
 
 def colour_at(shown, x, y):
-    """Red, green, blue and opacity at a point of the terrain [m from its north-west]."""
+    """Red, green, blue and opacity at a point, `x` east and `y` south [m] of the north-western
+    corner."""
     west, east, south, north = shown["extent"]
     rgba = shown["arrays"]["rgba"]
     assert (east - west, north - south) == SIZE

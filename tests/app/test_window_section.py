@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Section in the live window: the same values as from the command, and two clicks show it."""
+"""Section in the live window: the same values as from the command. Two clicks draw it."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,6 @@ def place(write_place):
 
 
 def numbers_agree(shown, cut):
-    """Check that a message has exactly the values of a section."""
     assert shown["error"] == ""
     for name in COLUMNS:
         assert same_bits(shown["arrays"][name], cut.table[name].to_numpy("f8")), name

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""rockfall-batch: options of `rockfall run`, bit-identical results, one line for bad input."""
+"""`rockfall-batch`: the options of `rockfall run`, bit-identical results, one line for bad
+input."""
 
 import os
 import shutil
@@ -49,7 +50,8 @@ def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
 
 
 def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
-    """The ground has constant strength; classical ground has no blocks."""
+    """A merged result has the block radius of ground with constant strength, and none for classical
+    ground."""
     names = np.where(np.arange(60) < 25, 1, -1) + np.zeros((80, 1), "i2")
     make_raster(tmp_path / "grounds.tif", names.astype("i2"), crs="EPSG:32632", nodata=-1)
     (tmp_path / "grounds.csv").write_text(
@@ -68,7 +70,8 @@ def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path
 
 
 def test_options_change_what_they_name(ready, batch):
-    """Options, and keys of the case that determine no array, work without preparing again."""
+    """Options, and keys of the case that change no prepared array, take effect without preparing
+    again."""
     case = rockfall.read_case(ready / "case.nml").replace(
         surface={"rg_reading": "radius"}, release={"drop_height": 2.0}, impact={"stop_speed": 0.3}
     )
@@ -83,7 +86,6 @@ def test_options_change_what_they_name(ready, batch):
 
 
 def test_a_scene_file_is_the_variables_of_its_description(ready):
-    """The scene file has the names, types and dimensions that docs/files.md gives."""
     with netCDF4.Dataset(ready / "ready/scene.nc") as file:
         found = file.variables.items()
         assert {name: (one.dtype.str[1:], one.dimensions) for name, one in found} == {
@@ -177,7 +179,7 @@ def test_another_scene_must_be_prepared_again(change, key, ready, batch):
 
 
 def spoil(path, name, **about):
-    """Change the values, type or shape of a variable in a netCDF file."""
+    """Write a netCDF file again with another value, type or shape of a variable, or without it."""
     with netCDF4.Dataset(path) as old:
         old.set_auto_maskandscale(False)
         with netCDF4.Dataset(f"{path}.new", "w") as new:
@@ -235,7 +237,8 @@ def test_a_scene_that_cannot_be_is_refused(what, ready, batch):
 
 
 def test_any_byte_that_is_another_is_refused_or_harmless(ready, batch):
-    """No crash, and nothing is written, for truncated files and files with random changed bytes."""
+    """Truncated files, and files with random changed bytes, are accepted or refused in one line;
+    refusal writes no file."""
     good, random = (ready / "ready/scene.nc").read_bytes(), np.random.default_rng(7)
     before = sorted(os.listdir(ready))
     for turn in range(24):
@@ -271,8 +274,8 @@ def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
      (65_000, "cannot be written"), (300_000, "cannot be written")],
 )  # fmt: skip
 def test_a_full_disk_is_one_line(limit, told, ready, batch):
-    """Rows of 200 boulders take 20 kB: smaller disks are refused before the run, larger ones when a
-    file does not fit."""
+    """Rows of 200 boulders take 20 kB: a smaller limit is refused before the run, a larger limit
+    when a file does not fit."""
     before = everything(ready)
     done = batch(CASE, "-o", "part", cwd=ready, limit=limit)
     assert done.returncode == 2 and done.stdout == ""

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checkpoints: programs resume from each other's, however they ended, bit-identically."""
+"""Checkpoints: `rockfall` and `rockfall-batch` resume each other's runs with bit-identical results,
+however the run ended."""
 
 import contextlib
 import io
@@ -33,14 +34,14 @@ PROGRAMS = ("rockfall", "rockfall-batch")
 
 
 def command(program, output, *words):
-    """Command of a run in the folder where it starts."""
+    """Command of a run, for the folder of its case."""
     begin = {"rockfall": [sys.executable, "-m", "rockfall", "run", "case.nml"],
              "rockfall-batch": [find_program(), "ready/case.nml"]}[program]  # fmt: skip
     return [*begin, "--quiet", "-o", output, *words]
 
 
 def kill(folder, program, *words, wait=0.0):
-    """Kill a run some time after its first save; return whether it was still running."""
+    """Kill a run `wait` seconds after its first save; return whether it was still running."""
     state = folder / "a.nc.checkpoint"
     before = state.stat().st_ino if state.exists() else 0
     words = ("--resume", "--checkpoint", "0.001", *words)
@@ -60,7 +61,7 @@ def result_of(path):
 
 
 def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):
-    """A source split by a kill is counted once per cell."""
+    """A source whose boulders are divided by a kill is counted once per cell."""
     instants, before = random.Random(4), 0
     for k, program in enumerate(PROGRAMS):
         assert kill(many, program, "--threads", str(1 + k % 2), wait=instants.uniform(0, 0.01))
@@ -87,14 +88,15 @@ def test_shards_that_are_killed_and_change_programs_join_to_the_run(many):
 
 @pytest.fixture
 def stopped(many):
-    """Folder with `a.nc.checkpoint`, from a run of the program that was killed."""
+    """Folder with the `a.nc.checkpoint` of a killed rockfall-batch."""
     assert kill(many, "rockfall-batch")
     (many / "a.nc.lock").unlink()
     return many
 
 
 def refused(folder, words, *more):
-    """Check that both programs refuse with one line, and that nothing changes on disk."""
+    """Check that both programs refuse with one line that begins with `words`, and change no
+    file."""
     before = everything(folder)
     said = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stderr(said):  # without starting Python
@@ -118,7 +120,8 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
 @pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
-    """Both programs refuse to overwrite; files of a stopped run are replaced on resumption."""
+    """Both programs refuse to overwrite a result, or a checkpoint without --resume, and --overwrite
+    replaces a result."""
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
     refused(many, "a.nc: already exists; not overwritten (--overwrite replaces it)", *few)
@@ -234,7 +237,8 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
 
 @pytest.mark.all
 def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch):
-    """Rows fit (1.8 MB) and the result does not: with more space the run resumes."""
+    """A limit of 2 MB has room for the rows (1.8 MB), but not for the result. Without the limit the
+    run resumes."""
     words = ("ready/case.nml", "-o", "a.nc", "--checkpoint", "1e-9", "--quiet")
     ended = batch(*words, cwd=many, limit=2_000_000)
     *warnings, last = ended.stderr.splitlines()
@@ -253,7 +257,8 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
 @pytest.mark.all
 @preloads
 def test_a_crash_at_every_step(ready):
-    """Each crash is followed by a run that is interrupted at its start, and by a complete run."""
+    """A run is killed at its first call, its second, and so on. After each, one run is interrupted
+    at its start and the next completes."""
     shim = build_shim(ready)
     words = ["--checkpoint", "1e-9", "--resume", "--overwrite", "--boulders", "400"]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall prepare`: bit-identical results from its files and from the case in Python."""
+"""`rockfall prepare`: results from its files are bit-identical to those of the case in Python."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ VARIABLES = {"maps": ["passages", "deposits", "energy_max", "energy_mean", "spee
 
 
 def elevations(dtype):
-    """Rough slope, steep and then flat; elevations are missing in a corner far from the sources."""
+    """Rough slope that becomes flat; elevations are missing in a corner far from the sources."""
     rng = np.random.default_rng(8)
     z = 900 - 0.9 * np.minimum(np.arange(NY), 25)[:, None] * CELL + rng.normal(0, 0.05, (NY, NX))
     z[-3:, :4] = np.nan
@@ -34,7 +34,8 @@ def zone_ids():
 
 
 def polygons(path, field):
-    """Write two adjacent rectangles that leave the eastern part of the terrain free."""
+    """Write two adjacent rectangles with zones 4 and -2, which leave the east of the terrain
+    uncovered."""
     shapely = pytest.importorskip("shapely")
     middle, east, south = WEST + 15 * CELL, WEST + 38.2 * CELL, NORTH - NY * CELL
     boxes = [shapely.box(WEST, south, middle, NORTH), shapely.box(middle, south, east, NORTH)]

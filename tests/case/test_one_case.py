@@ -44,7 +44,7 @@ def seen(monkeypatch):
 
 
 def site(folder):
-    """Case that no other test has read, with a barrier and blocks that break."""
+    """Path of a case that no other test has read, with a barrier and blocks that break."""
     path = shutil.copytree(SITE, folder / "site") / "case.nml"
     text = path.read_text().replace("boulders = 10000", "boulders = 2")
     path.write_text(

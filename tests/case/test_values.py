@@ -65,7 +65,7 @@ def test_values_have_the_types_of_their_keys():
 
 
 def test_what_is_given_is_told_from_defaults():
-    """`given` has values that differ from defaults, and `usual` has the defaults."""
+    """`given` has values that differ from the defaults, `usual` has defaults."""
     found = groups(CASE)
     assert "seed" not in found["case"].given and found["case"].usual["seed"] == 1
     assert found["impact"].given == {"form": "table"}  # implied by the table
@@ -110,7 +110,8 @@ def test_limits_of_a_key_are_those_by_which_its_numbers_are_refused():
 
 
 def test_another_value_leaves_defaults_to_the_kernel():
-    """A case that gives a table uses it; a case with its default form as well would not."""
+    """Replacing a key leaves the defaults of others to the kernel: with a table, the default form
+    is no longer 'matrix'."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3}, boulder={"volume_mean": 1.0},
         release={"x": [0.0], "y": [0.0]},
@@ -162,7 +163,7 @@ def test_a_real_is_the_nearest_double_however_it_is_spelled(word):
 
 
 def test_long_lists_arrive_whole():
-    """A repeat count in the text gives 100,000 values."""
+    """A list written with a repeat count has 100,000 values."""
     found = groups(
         "&case boulders = 1 / &terrain dem = 'a' / &surface uniform_mean_radius = 1 / "
         "&boulder volume = 'list', volumes = 100000*0.125 / &release x = 1, y = 1 /"
@@ -189,7 +190,7 @@ def test_a_case_can_be_copied_by_pickle():
 
 
 def test_changes_in_place_stay_in_copies():
-    """A copy has the changed value, a removed key's default, the changed and the new line."""
+    """A copy has the changed values, the default of a removed key, and the new line."""
     case = rockfall.Case(
         case={"boulders": 1}, surface={"uniform_mean_radius": 0.3},
         boulder={"volume_mean": 1.0, "density": 2500.0},

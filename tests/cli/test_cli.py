@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command line: exit status, one line for every error, and nothing written after an error."""
+"""Command line: exit status, one line for each error, and no file after an error."""
 
 import os
 import re
@@ -30,7 +30,7 @@ from slope_case import CASE, slope, zones
 
 
 def command(*arguments, prefix=(), **options):
-    """Run the program as a user does; other arguments as in subprocess.run."""
+    """Run `rockfall` in a process of its own; `options` are those of subprocess.run."""
     program = [*prefix, sys.executable, "-m", "rockfall", *map(str, arguments)]
     return subprocess.run(program, capture_output=True, text=True, timeout=600, **options)
 
@@ -43,7 +43,7 @@ def files(folder):
 
 
 def change(old, new, file="case.nml"):
-    """Replace the first `old` in a file of the case by `new`."""
+    """Function that replaces the first `old` in a file of the case by `new`."""
 
     def harm():
         text = Path(file).read_text()
@@ -444,7 +444,7 @@ def test_ctrl_c_before_the_first_boulder_writes_nothing(place, capsys, monkeypat
     ]),
 )  # fmt: skip
 def test_studies_of_many_runs_say_what_is_doubtful_in_their_case(place, capsys, command, more):
-    """A volume in litres has a warning, as in `check` and `run`."""
+    """A volume given in litres causes a warning, as in `check` and `run`."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     text = CASE.replace("volume_mean = 0.8", "volume_mean = 800.0")
     Path("case.nml").write_text(text + "&ensemble runs = 8, volume_factor = 1.2 /\n")

@@ -48,7 +48,7 @@ def layers(persons=2.0, width=5.0, house=HOUSE, half=100):
 
 
 def finish(what, folder):
-    """Inputs of a command, and its finished output."""
+    """Run a command to the end in a folder, after writing its inputs."""
     groups = SCENARIOS if "hazard" in what else VARIANTS
     with contextlib.chdir(folder):
         slope_case.write_slope()

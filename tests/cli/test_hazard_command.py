@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall hazard`: files that a GIS opens, in the coordinates of the terrain; refusals."""
+"""`rockfall hazard`: layers in the coordinates of the terrain, and one-line errors."""
 
 import os
 import re
@@ -55,7 +55,6 @@ ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--
 
 @pytest.fixture(scope="module", autouse=True)
 def no_figures():
-    """Skip drawing, which takes longer than everything else."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rockfall.cli.commands.hazard.hazard_figures", lambda *_: [])
         sheet = "rockfall.cli.commands.hazard.hazard_sheet"
@@ -84,7 +83,8 @@ def few_maps(monkeypatch):
 
 @pytest.fixture(scope="module")
 def made(no_figures, tmp_path_factory):
-    """Folder with files written by the command, and the result of Python, both read-only."""
+    """Folder with the files of the command, and the result of the same hazard in Python; both are
+    read-only."""
     folder = tmp_path_factory.mktemp("made")
     with pytest.MonkeyPatch.context() as here:
         here.chdir(folder)
@@ -95,14 +95,14 @@ def made(no_figures, tmp_path_factory):
 
 @pytest.fixture
 def found(made, monkeypatch):
-    """Result of Python, in the folder with files of the command."""
+    """Result of the hazard in Python; the current folder has the files of the command."""
     monkeypatch.chdir(made[0])
     return made[1]
 
 
 @pytest.fixture
 def written(hazard_case, made):
-    """Case, and a copy of the command's files."""
+    """Copy the command's files to `out`, next to the case."""
     shutil.copytree(made[0] / "out", "out")
 
 
@@ -212,7 +212,8 @@ def test_small_patches_go_to_their_neighbours(hazard_case):
 
 
 def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case, few_maps):
-    """Each zone has the highest class of its cells; a warning gives the cells that lose theirs."""
+    """Each zone has the highest class of its cells; a warning gives the area, by class, that is
+    shown with a lower class."""
     text = Path("case.nml").read_text() + "&hazard minimum_area = 500.0, minimum_width = 0 /\n"
     Path("case.nml").write_text(text)
     found = rockfall.hazard(rockfall.read_case("case.nml"))
@@ -237,8 +238,8 @@ def test_a_class_that_small_patches_lose_is_not_forgotten(hazard_case, few_maps)
 
 
 def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
-    """A line that extends beyond the terrain is reported; a point on the corner of the terrain is
-    not. Objects of a file with two layers need the name of their layer."""
+    """A line that extends beyond the terrain has a warning; a point on the corner of the terrain
+    has none. A file with two layers requires --objects-layer."""
     beyond = shapely.LineString([(599800, 4999905), (600020, 4999910)])
     bounds = rasterio.open("dem.tif").bounds
     corner = shapely.Point(bounds.right, bounds.bottom)
@@ -256,7 +257,7 @@ def test_an_object_beyond_the_elevations_is_said(hazard_case, few_maps, capsys):
 
 
 def test_commands_repeat_the_warnings_of_a_hazard_and_of_a_result(hazard_case, few_maps, capsys):
-    """Each command repeats two warnings: 40 of 160 m of a line lie beyond the cell centres, and
+    """Each command prints two warnings once: 40 of 160 m of a line lie beyond the cell centres, and
     rebounds follow a classical model."""
     text = Path("case.nml").read_text(encoding="utf-8").replace("x = 600000.0,", "x = 599960.0,")
     surface = "zones = 'zones.tif', table = 'zones.csv'"
@@ -304,7 +305,8 @@ def test_the_summary_says_what_was_run(hazard_case, capsys):
 
 
 def test_a_hazard_says_what_a_run_of_each_scenario_says(hazard_case, few_maps, capsys):
-    """A warning of a single scenario is listed with its name, also in the section of the report."""
+    """A warning of one scenario starts with its name; in the report it is in the scenario's
+    section."""
     narrow = CALM_SETS.replace("/\n&", " speed_range = 100, 101 /\n&").replace(
         "ratio = 5", "ratio = 5, speed_range = 100, 101"
     )

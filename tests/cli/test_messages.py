@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of commands: warnings of products, and written files."""
+"""Messages of commands: warnings of results, and the list of written files."""
 
 import warnings
 from pathlib import Path
@@ -42,7 +42,8 @@ def test_few_files_are_listed_each_and_many_by_kind(capsys):
 
 
 def test_results_with_equal_file_names_have_all_their_warnings(tmp_path, monkeypatch, capsys):
-    """Only the first result follows a shipped set, which has a warning."""
+    """Only the first of two results with the same file name uses a shipped set, which causes a
+    warning."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     own = Path("case.nml").read_text()

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A project from layers to report in a dozen commands, with equal values everywhere."""
+"""A project with layers, from drawing to report, in a dozen commands with equal values
+everywhere."""
 
 import json
 import re
@@ -37,7 +38,7 @@ def in_other_crs(shape):
 
 
 def draw_site():
-    """Realistic terrain and layers; the zones are in another CRS."""
+    """Write a terrain and layers to the current folder; zones are in another CRS."""
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
     make_raster("dem.tif", z, nodata=-9999)
     zones = [in_other_crs(BOX(W + a, N - d, W + b, N - c)) for a, b, c, d in HALVES]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands with two input files refuse files that do not belong together, in one line, with nothing
-written; variants of a site are accepted."""
+"""Commands with two input files refuse files that do not belong together, in one line and without
+writing; variants of a site are accepted."""
 
 import re
 from pathlib import Path
@@ -30,7 +30,7 @@ def run(text, name):
 
 
 def elsewhere(transform=None, crs="EPSG:32632", steeper=0.0):
-    """Use another DEM for the next run, with zones on its cells."""
+    """Write another DEM for the next run, and zones on its cells."""
     z = slope() + steeper * np.arange(slope().shape[0])[::-1, None]
     place = {} if transform is None else {"transform": transform}
     make_raster("dem.tif", z.astype("f4"), nodata=-9999, crs=crs, **place)
@@ -88,7 +88,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
 
 
 def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
-    """Another dam, volume or ground is accepted; another CRS or place is not."""
+    """Another dam, volume or ground is accepted; another CRS or terrain is not."""
     Path("observed.csv").write_text(OBSERVED)
     dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0,"
     dam += " allow_coarse = .true. /\n"
@@ -116,7 +116,7 @@ def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
 
 @pytest.fixture
 def page(place, capsys):
-    """Report of a run on classical ground, and its first section."""
+    """Function that makes a report and returns its text and its first section."""
 
     def made(*words):
         assert main(["report", "out.nc", "--overwrite", *words]) == 0
@@ -128,7 +128,8 @@ def page(place, capsys):
 
 @pytest.mark.all
 def test_page_1_of_classical_rebounds_asks_for_the_spread_and_shows_it(page):
-    """The box at the top requests the spread; unused impact sets are not mentioned."""
+    """If the spread over rebound models is missing, the box at the top of the page gives the
+    command for it. Unused impact sets are not mentioned."""
     text = ON_GROUND.replace("boulders = 20", "boulders = 200")
     run(text.replace("&output", "&output rebounds = .true.,"), "out.nc")
     text, first = page()

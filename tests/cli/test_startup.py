@@ -30,7 +30,7 @@ print("modules", *sys.modules)
 
 
 def case_of_files(folder, maps, **groups):
-    """Case as files, with given maps, a line, histograms and trajectories."""
+    """Write a case and its terrain, with given maps, a line, histograms and trajectories."""
     output = {"maps": maps, "rebounds": True, "trajectories": 3, "energy_balance": True}
     groups["hazard"] = {"thresholds": [30.0, 300.0]}
     z = rough()
@@ -40,14 +40,15 @@ def case_of_files(folder, maps, **groups):
 
 
 def modules(*commands, cwd):
-    """Modules imported by a process that has run these commands."""
+    """Names of the modules imported by a process that has run these commands."""
     words = [sys.executable, "-W", "error", "-c", COMMANDS, *commands]
     done = subprocess.run(words, cwd=cwd, check=True, capture_output=True, text=True)
     return set(done.stdout.splitlines()[-1].split())
 
 
 def described(path):
-    """Everything in a file except values and times: dimensions, types, storage, attributes."""
+    """Yield everything in a netCDF file except values and times: dimensions, types, storage,
+    attributes."""
     clocks = ("date_created", "wall_seconds", "cpu_seconds")
     with netCDF4.Dataset(path) as file:
         yield {dim: one.size for dim, one in file.dimensions.items()}

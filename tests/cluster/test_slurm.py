@@ -52,7 +52,7 @@ if not os.environ.get("ROCKFALL_SLURM"):
 
 @pytest.fixture(scope="module")
 def slurm():
-    """Slurm on this machine for this user, during the tests."""
+    """Run Slurm on this machine for this user, until the tests end."""
     folder = Path(tempfile.mkdtemp(prefix="slurm"))  # short path, because it contains a socket
     folder.chmod(0o755)
     for name in "state", "spool":
@@ -97,7 +97,7 @@ def slurm():
 
 @pytest.fixture(scope="module")
 def case():
-    """Case in a separate folder, and its undivided result."""
+    """Case file in a folder of its own, and the result of its run as a single job."""
     folder, site = Path(tempfile.mkdtemp(prefix="jobs")), ROOT / "cases/vaujany"
     case = rockfall.read_case(site / "case.nml").replace(
         case={"boulders": BOULDERS},
@@ -112,7 +112,7 @@ def case():
 
 @pytest.fixture(params=["python", "batch"])
 def jobs(request, slurm, case, tmp_path, monkeypatch):
-    """Folder of a submitted array, and the numbers of its jobs and of the merge job."""
+    """Folder of a submitted job array, the number of the array, and that of the merge job."""
     path = case[0]
     if request.param == "batch":
         if not find_program():
@@ -174,7 +174,7 @@ def _said(*words):
 
 
 def _answer(*words):
-    """Output of a command; empty as long as no daemon answers."""
+    """Output of a command; empty until a daemon answers."""
     return subprocess.run(words, capture_output=True, text=True).stdout
 
 
@@ -184,7 +184,7 @@ def _states(job):
 
 
 def _process(output):
-    """Process that writes an output, once it exists."""
+    """Number of the process that writes an output; waits until there is one."""
 
     def find():
         for place in Path("/proc").glob("[0-9]*/cmdline"):

@@ -199,7 +199,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def page_site(site, tmp_path, monkeypatch, blank_figures):
-    """Copy of the site, as the current folder."""
+    """Work in a copy of the site; studies are shortened and figures left out."""
     folder = shutil.copytree(site, tmp_path / "site")
     monkeypatch.chdir(folder)
     monkeypatch.setattr("rockfall.studies.back.study.ROUND", 16)
@@ -265,7 +265,7 @@ def write(name, code, kind):
 
 
 def whole(code):
-    """Case with the groups of a block, and missing groups from case.nml."""
+    """Case of the groups in a block, completed with groups from case.nml."""
     has = re.findall(r"^\s*&(\w+)", code, re.MULTILINE)
     rest = [line for line in CASE.splitlines() if line[1:].partition(" ")[0] not in has]
     fits = code.replace("&dam\n", "&dam allow_coarse = .true.\n")  # allowed on cells of the site
@@ -274,7 +274,7 @@ def whole(code):
 
 @contextlib.contextmanager
 def away(words):
-    """Move away files that `new` and `dem` do not overwrite; files of the site replace output."""
+    """Move away a file that `new` or `dem` is to write, and restore it afterwards."""
     path = Path(words[words.index("-o") + 1]) if words[0] in ("new", "dem") else Path()
     before = path.read_bytes() if path.is_file() else b""
     if before:
@@ -285,7 +285,7 @@ def away(words):
 
 
 def known_arguments(words):
-    """Parsed arguments of a command; none if it only prints, as with --version."""
+    """Parsed arguments of a command; empty for one that only prints, such as --version."""
     try:
         return make_parser().parse_args(words)
     except SystemExit:

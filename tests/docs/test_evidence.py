@@ -47,7 +47,7 @@ PARTS = re.compile(r"\d ?%|Viertel|Drittel|Zehntel|\bquart\b|\btiers\b|\bquarto\
 
 
 def sentences(page: str) -> list[str]:
-    """Sentences, list items and table rows, outside of code and of generated blocks."""
+    """Sentences, list items and table rows of a page, without code and generated blocks."""
     page = re.sub(r"<!-- ([^>]*?) -->\n.*?<!-- end of .*? -->", "", page, flags=re.DOTALL)
     page = re.sub(r"^(```|~~~).*?^\1", "", page, flags=re.DOTALL | re.MULTILINE)
     parts = re.split(r"\n(?=\||\s*[-*] |#)|\n\n", page)
@@ -59,14 +59,14 @@ def sentences(page: str) -> list[str]:
 
 
 def holds_a_number(sentence: str) -> bool:
-    """Return True for a sentence that quantifies the agreement with observations."""
+    """Return True if a sentence quantifies agreement with observations."""
     rest = LEVELS.sub("", sentence)
     return bool(NUMBER.search(rest) and COMPARED.search(rest))
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_page_holds_a_number_of_validity_of_its_own(path):
-    """Such numbers are only in blocks of tools/document_evidence.py, to which pages may link."""
+    """Pages have such numbers only in blocks made by tools/document_evidence.py."""
     own = [
         sentence
         for sentence in sentences(path.read_text(encoding="utf-8"))
@@ -130,7 +130,7 @@ def test_no_message_on_validity_holds_a_number(language):
 
 
 def test_no_message_elsewhere_compares_with_a_site():
-    """No text of the catalogue or the sources has a number next to the name of a site."""
+    """No message and no string in the package has a number and the name of a site."""
     texts = [text for forms in catalogue("en").forms.values() for text in forms]
     for path in sorted((ROOT / "python/rockfall").rglob("*.py")):
         nodes = [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
@@ -172,7 +172,8 @@ def test_rows_are_chosen_by_site_place_quantity_and_model():
 
 
 def test_numbers_of_the_model_come_from_errors():
-    """The number follows from its error in percent; without observations it is the value."""
+    """The simulated value follows from the observed value and the error in percent; for a statistic
+    that is not observed, it is the error itself."""
     passing = only("vaujany-forest", "forest", "passing", "vaujany-observed")
     assert passing.simulated == pytest.approx(34 * (1 + passing.error / 100))
     assert passing.simulated_error == pytest.approx(0.34 * passing.standard_error)

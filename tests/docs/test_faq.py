@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The messages explained in docs/faq.md are those of the program."""
+"""The messages explained in docs/faq.md are those that the program prints."""
 
 import ast
 import re
@@ -12,8 +12,8 @@ MESSAGES = re.findall(r"^### `(.+)`$", (ROOT / "docs/faq.md").read_text("utf-8")
 
 
 def texts():
-    """Texts of the program: single texts from Python and the English catalogue, joined texts of
-    each Fortran file."""
+    """Yield texts of the program, with NUL for inserted values: of the English catalogue and of
+    Python one by one, of each Fortran file joined."""
     catalogue = (ROOT / "python/rockfall/locale/en.po").read_text(encoding="utf-8")
     for text in re.findall(r'^msgstr(?:\[\d\])? (".*")$', catalogue, re.MULTILINE):
         yield re.sub(r"\{.*?\}", "\0", ast.literal_eval(text))

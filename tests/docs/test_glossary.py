@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The catalogues use the terms of docs/glossary.csv, one term per thing and language."""
+"""The catalogues use the terms of docs/glossary.csv, one for each thing and language."""
 
 import csv
 import re
@@ -30,7 +30,7 @@ def folded(text):
 
 
 def pattern(term, language):
-    """Pattern of a term in any form: endings vary, and German compounds may precede it."""
+    """Pattern of a term with any ending, and in German also within a compound."""
     words = folded(re.sub(r" \(.*\)", "", term)).split()
     if language == "it":  # plurals change the last letter
         words = [re.sub("h?.$", "", word) if len(word) > 3 else word for word in words]
@@ -42,7 +42,6 @@ def pattern(term, language):
 
 
 def plain(text):
-    """Text without values, keys and code."""
     return re.sub(r"\{[^}]*\}|`[^`]*`|'[a-z]+'|&\w+(?: [a-z_]+)?|--\w+", "#", text)
 
 
@@ -71,7 +70,7 @@ def test_no_second_word_is_used_for_a_term(language):
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_texts_use_the_terms(language):
-    """The longest term counts: an impact table is not an impact."""
+    """The longest term has priority: an "impact table" is not an "impact"."""
     terms = sorted(TERMS, key=lambda term: -len(term["en"]))
     english, other, missing = texts("en"), texts(language), []
     for key in english.keys() - EXCEPT:

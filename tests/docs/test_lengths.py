@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limits for the length of pages, except generated and archived pages."""
+"""Maximum length of pages, except generated and archived pages."""
 
 import pytest
 

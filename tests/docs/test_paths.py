@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files mentioned on pages exist."""
+"""Files that pages mention exist."""
 
 import re
 import shutil
@@ -25,7 +25,7 @@ WRITTEN = {"run.sh", "merge.sh", "submit.sh"}  # written by `rockfall slurm`
 @pytest.mark.skipif(len(FILES) < 100, reason="no checkout of git")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_on_a_page_are_there(page):
-    """Pages give complete paths, or their ends."""
+    """Pages give complete paths, or the last parts of a path."""
     named = set(re.findall(r"`([\w./-]+\.(?:py|f90|ts|sh))`", page.read_text(encoding="utf-8")))
     gone = [
         name for name in named - WRITTEN if not any(file.endswith(f"/{name}") for file in FILES)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The notebook of the tutorial runs. `./run docs` follows its pages, by tools/figures.py."""
+"""The notebook of the tutorial runs. Its pages are tested by `./run docs` with tools/figures.py."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall dem`: elevations of points follow the formula, and edits have the described effect."""
+"""`rockfall dem`: elevations of points follow a formula, and edits have the described effect."""
 
 import heapq
 
@@ -85,7 +85,8 @@ def test_a_survey_becomes_a_dem(tmp_path, capsys):
 
 
 def flooded(z):
-    """Levels at which water overflows, cell by cell from the rim inwards (Barnes et al. 2014)."""
+    """Water levels at which each cell overflows, found from the rim inwards (Barnes et al.
+    2014)."""
     level, heap = np.where(np.isnan(z), np.nan, np.inf), []
     padded = np.pad(z, 1, constant_values=np.nan)
     for r, c in np.argwhere(~np.isnan(z)).tolist():

@@ -33,7 +33,7 @@ TREES = [shapely.Point(W + 150, N - 150), shapely.Point(W + 160, N - 170)]
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """Write dem.tif in the current folder; `check` simulates few boulders."""
+    """Write dem.tif to an empty current folder, and make `check` simulate few boulders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
@@ -143,7 +143,7 @@ def test_the_command_for_objects_names_their_layer(capsys):
 
 
 def test_a_terrain_on_another_drive_is_named_in_full(monkeypatch):
-    """On Windows, no relative path leads to another drive: the case has the absolute path."""
+    """No relative path leads to another drive on Windows: the case has the absolute path."""
     relpath = ntpath.relpath  # os.path on Windows
     monkeypatch.setattr(os.path, "relpath", lambda *_: relpath("D:/dem.tif", "C:/out"))
     assert new("-o", "case.nml") == 0
@@ -178,7 +178,7 @@ def test_houses_are_for_the_commands_of_hazard(name, capsys):
 
 
 def shifted(shapes):
-    """Shapes in the neighbouring UTM zone."""
+    """Shapes in the coordinates of the neighbouring UTM zone."""
     pyproj = pytest.importorskip("pyproj", reason="the vector extra is not installed")
     way = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:25833", always_xy=True)
     return [*shapely.transform(np.array(shapes), lambda xy: np.column_stack(way.transform(*xy.T)))]
@@ -390,7 +390,7 @@ def test_a_table_of_zones_is_not_overwritten():
 
 
 def test_cells_in_no_polygon_and_their_zone_are_reported(capsys):
-    """`new` and `check` report 600 or 120 of the 4,800 cells."""
+    """`new` and `check` report how many of the 4,800 cells are in no polygon: 600 or 120."""
     low = BOX(W, N - 350, W + 300, N - 200)
     make_layer("some.gpkg", [HALVES[0], low], ground=["talus", "meadow"])
     make_layer("most.gpkg", HALVES, ground=["talus", "meadow"])
@@ -406,7 +406,7 @@ def test_cells_in_no_polygon_and_their_zone_are_reported(capsys):
 
 
 def test_all_layers_are_checked_before_one_is_refused(capsys):
-    """Two of three layers, GeoJSON in metres without a CRS, are refused with a line each."""
+    """Two of three layers are GeoJSON in metres without a CRS: both are refused, in a line each."""
     make_layer("road.geojson", [across(300)], crs=None)
     make_layer("cliff.geojson", [CLIFF], crs=None)
     make_layer("house.gpkg", [BOX(W, N - 320, W + 9, N - 310)])

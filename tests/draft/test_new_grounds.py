@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall new`: each zone of a first case has a ground with a term of the field."""
+"""`rockfall new`: each zone of a first case has a ground, named by a term of the field."""
 
 import io
 from pathlib import Path
@@ -23,7 +23,7 @@ THIRDS = [shapely.box(W, N - y - 133, W + 300, N - y) for y in (0, 133, 266)]
 
 @pytest.fixture(autouse=True)
 def slope(tmp_path, monkeypatch):
-    """Write dem.tif in the current folder; `check` simulates few boulders."""
+    """Write dem.tif to an empty current folder, and make `check` simulate few boulders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rockfall.simulation.pilot.PILOT_REBOUNDS", 2000)
     z = scenes.rough(60, 80, 5.0, gradient=0.8, relief=8, dtype="f4")
@@ -35,7 +35,7 @@ def new(*arguments):
 
 
 def zones():
-    """Ground of each zone of the table, by name."""
+    """Ground of each zone, by the name of the zone, from case_zones.csv."""
     rows = [line.split(",") for line in Path("case_zones.csv").read_text().splitlines()]
     ground, name = rows[0].index("ground"), rows[0].index("name")
     return {row[name]: row[ground] for row in rows[1:]}
@@ -140,7 +140,7 @@ def test_a_draft_without_a_ground_is_refused_with_the_choices(options, said, cap
 
 
 class Terminal(io.StringIO):
-    """Input of a user at a terminal."""
+    """Input that claims to be a terminal."""
 
     def isatty(self):
         return True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall new`: layers of deposited blocks and scars become observations of the case."""
+"""`rockfall new`: layers of deposited blocks and of scars become observations of the case."""
 
 import io
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall dem` with points on a grid: gives exactly this grid, without interpolation; shifted
+"""`rockfall dem` with points on a grid: makes exactly this grid, without interpolation; shifted
 columns are refused."""
 
 from pathlib import Path
@@ -19,7 +19,8 @@ Z = np.random.default_rng(5).uniform(1000, 1100, (NY, NX)).round(2)
 
 
 def nodes(step=1.0, first=0.5, z=Z):
-    """Nodes row by row from the north-west; `first` is the offset [steps] from corner (W, N)."""
+    """Points of a grid row by row from the north-west. The first is `first` cells from corner (W,
+    N) in x and y."""
     rows, columns = np.indices(z.shape)
     x, y = W + (columns + first) * step, N - (rows + first) * step
     return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
@@ -138,7 +139,7 @@ def turned(points, degrees):
 
 
 def rounded_survey():
-    """One in twelve of the nodes of a grid of 1 m, in random order."""
+    """One in twelve of the points of a grid of 1 m, in random order."""
     rows = np.random.default_rng(7).choice(NX * NY, NX * NY // 12, replace=False)
     return nodes()[rows]
 

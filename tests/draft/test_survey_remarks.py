@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surveyed points that are probably mistakes give one line each, correct surveys none."""
+"""Surveyed points that are probably mistakes give one line each; correct surveys give none."""
 
 import re
 
@@ -30,7 +30,7 @@ def write(folder, points):
 
 
 def more(*rows):
-    """Function that adds points, given in metres from the corner of the survey."""
+    """Function that adds points, given in metres from the corner of the survey, to an array."""
     extra = np.array(rows, float) + (EAST, NORTH, 0.0)
     return lambda points: np.concatenate([points, extra])
 
@@ -78,7 +78,7 @@ def test_a_mistake_gives_its_line_and_no_other(what, tmp_path):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("options", [{}, {"cell": 1.0}, {"cell": 15.0}, {"within": 50.0}])
 def test_sound_surveys_give_none(seed, options, tmp_path):
-    """A cliff is not a spike; neither are repeated points and survey errors."""
+    """Cliffs, repeated points and survey errors are not reported as spikes."""
     points = survey(seed)
     points = np.concatenate([points, points[:9], points[9:12] + (0.0, 0.0, 0.3)])
     assert dem_of_points(write(tmp_path, points), **options)[1].remarks == ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Decimal commas in lists of numbers are refused by both programs, with the correct number."""
+"""Decimal commas in lists of numbers are refused by both programs, with the corrected number."""
 
 from pathlib import Path
 
@@ -96,7 +96,8 @@ def test_lists_without_blanks_stay_lists(tmp_path, monkeypatch):
     ("far", "off"), [(600120.0, ""), (600500.0, ""), (601000.0, "0.88"), (650120.0, "50")]
 )
 def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
-    """The terrain is 120 m wide; lines may extend three times its longer side, 150 m, beyond."""
+    """The terrain is 120 m by 150 m: vertices may be up to 450 m beyond its edge without a
+    remark."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     Path("case.nml").write_text(CASE.replace("600120.0", str(far)))
@@ -108,7 +109,7 @@ def test_a_vertex_off_the_terrain_is_remarked(far, off, tmp_path, monkeypatch):
 
 
 def test_a_vertex_far_off_the_terrain_is_refused(batch, tmp_path, monkeypatch, capsys):
-    """Blanks hide a decimal comma, so that a vertex is more than 100 km off."""
+    """Blanks after decimal commas split the numbers, so that a vertex is more than 100 km off."""
     monkeypatch.chdir(tmp_path)
     write_slope()
     prepare(rockfall.read_case("case.nml"), tmp_path / "ready")

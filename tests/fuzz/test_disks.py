@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""File systems with faults: no locks, no renaming, full disks. The operations of the last step are
-tried before the first boulder, and completed results are never lost."""
+"""File systems with faults: no locks, no renaming, full disks. Faults of the last step are found
+before the first boulder, and finished results are never lost."""
 
 import errno
 import os
@@ -38,7 +38,7 @@ NO_RENAMES = (errno.EPERM, errno.EXDEV, errno.ENOSYS, errno.EOPNOTSUPP, errno.EA
 
 @pytest.fixture(scope="session")
 def disk(tmp_path_factory):
-    """Environment with variables that choose the faults of disk.c."""
+    """Environment that loads disk.c, whose faults are chosen by further variables."""
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if not compiler:
         pytest.skip("needs a C compiler")
@@ -71,7 +71,7 @@ OUTPUTS = {"rockfall": "a.nc", "rockfall-batch": "a"}
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", NO_LOCKS)
 def test_runs_go_on_without_locks(program, fault, ready, disk):
-    """Runs have checkpoints, whose files HDF5 would also lock."""
+    """Runs write checkpoints too, whose files HDF5 would lock."""
     output = OUTPUTS[program]
     status, said = run(program, output, ready, disk, "--checkpoint", "1e-9", NO_LOCK=fault)
     assert status == 0, said
@@ -149,8 +149,8 @@ def test_commands_that_work_for_long_try_to_rename_first(command, place, monkeyp
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", [errno.EPERM, errno.EIO])
 def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, fault, ready, disk):
-    """The trial before the run is the first rename, the result the second. Other faults are refused
-    before the run in the same way."""
+    """The rename before the run is a trial; the second, of the result, fails. The new file stays
+    under the name in the message."""
     how = {"NO_RENAME": fault, "LATE_RENAME": 1}
     status, said = run(program, OUTPUTS[program], ready, disk, "--checkpoint", "0", **how)
     assert status == 2

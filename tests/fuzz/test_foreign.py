@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Foreign files are refused, or give the correct values: a part of the benchmark."""
+"""Foreign files are refused, or read with correct values: a part of the benchmark."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ from benchmarks.machine import ROOT
 
 @pytest.mark.all
 def test_foreign_files_are_refused_or_read_to_the_numbers_they_hold():
-    """The benchmark runs in a separate process, which can be ended if it waits for a pipe."""
+    """The benchmark is a process of its own, which can be ended if it waits for a pipe."""
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     command = [sys.executable, "-m", "benchmarks.stability.foreign", "--files=100", "--seed=7"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Malformed inputs: accepted or refused in one line, by both programs; refusals write no file.
+"""Malformed inputs are accepted or refused in one line by both programs; a refusal writes no file.
 
-benchmarks/stability/hostile.py tests thousands; this file has one of each class that once was not
-refused, and thirty more.
-"""
+benchmarks/stability/hostile.py tests thousands. This file has one of each kind that once was not
+refused, and thirty others."""
 
 import os
 import shutil
@@ -31,7 +30,8 @@ from rockfall.studies.runs import merge
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Folder with valid inputs of every kind in `in`, a result, and the same in three parts."""
+    """Folder with valid inputs of every kind in `in`, a result, and the same result in three
+    parts."""
     folder = tmp_path_factory.mktemp("made")
     hostile.make_rasters(folder / "in")
     hostile.make_cases(folder / "in")
@@ -46,7 +46,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def files(made, tmp_path, monkeypatch):
-    """Folder `in` with files to alter; its parent is the current folder."""
+    """Work in a folder with inputs that may be altered, and return their folder `in`."""
     shutil.copytree(made / "in", tmp_path / "in")
     monkeypatch.chdir(tmp_path)
     return Path("in")
@@ -54,7 +54,8 @@ def files(made, tmp_path, monkeypatch):
 
 @pytest.mark.all
 def test_thirty_spoiled_inputs():
-    """Forks of a process that has run OpenMP would wait: the benchmark has its own process."""
+    """The benchmark needs a process of its own: it forks, and forks of a process that has run
+    OpenMP would wait."""
     command = [sys.executable, "-m", hostile.__name__, "--inputs", "30", "--seed", "11"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -62,7 +63,8 @@ def test_thirty_spoiled_inputs():
 
 
 def test_the_check_finds_what_it_is_to_find(tmp_path):
-    """A command that crashes, prints too much, writes elsewhere or leaves a file is not `done`."""
+    """`verdict` reports commands that crash, hang, print too much, write elsewhere or leave a
+    file."""
     (tmp_path / "out").mkdir()
     before = hostile.snapshot(tmp_path)
 
@@ -206,7 +208,7 @@ def whole(made, files):
 
 @pytest.fixture
 def half(files):
-    """Run of 40 boulders stopped after 20: the function that starts it, and its checkpoint."""
+    """Run of 40 boulders stopped after 20: the scene, and the path of its checkpoint."""
     scene = read_scene(rockfall.read_case("in/asc.nml"))
     tally = start(scene, 1)
     run_chunks(tally, 20, lambda: tally.done >= 20, lambda _: None)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ctrl-C and SIGTERM: results are kept, no file is half-written, a second ends at once."""
+"""Ctrl-C and SIGTERM: results are kept, no file is incomplete, and a second signal ends a run at
+once."""
 
 import os
 import re
@@ -53,7 +54,8 @@ def shim(tmp_path_factory):
 @pytest.mark.all
 @sends_signals
 def test_a_run_that_slurm_ends_goes_on(place):
-    """`timeout` and other programs send a signal twice: to the process, and to its group."""
+    """Two SIGTERM at once count as one, because `timeout` and other programs send it both to a
+    process and to its group."""
     words = ["run", "case.nml", "-o", "part.nc", "--boulders", "3000000"]
     child = start(words, place, TOGETHER + RUN, **SAYS_PROGRESS)
     wait_until_running(child)
@@ -88,7 +90,8 @@ def test_a_second_ctrl_c_ends_a_chunk_that_lasts(place):
 
 
 def terminated(monkeypatch, module, name, when=lambda *_: True):
-    """Send SIGTERM once after a function returns; the list shows that it was sent."""
+    """Send SIGTERM once, after a function returns; the returned list is not empty once it was
+    sent."""
     do, sent = getattr(module, name), []
 
     def done(*arguments):
@@ -152,7 +155,7 @@ def test_sigterm_is_what_it_was_after_a_command(place):
 
 @pytest.fixture
 def prepared(batch, tmp_path):
-    """Folder with a prepared case that takes long."""
+    """Folder with a prepared case whose run takes long."""
     prepare(make_full_case(tmp_path, case={"boulders": 50_000}), tmp_path / "ready")
     return tmp_path
 
@@ -193,7 +196,7 @@ def test_rockfall_batch_keeps_nothing_where_none_is_asked(prepared, shim):
 
 @preloads
 def test_a_second_signal_ends_rockfall_batch_though_the_disk_hangs(prepared, shim):
-    """The first signal arrives during the second save; the first save is kept."""
+    """The first signal arrives during the second save, which hangs; the first save is kept."""
     process = start_batch(prepared, shim | {"STALL_AT": "13"}, "--checkpoint", "1e-9")
     wait_for(process, prepared / "a.checkpoint")
     process.send_signal(signal.SIGINT)

@@ -35,7 +35,8 @@ ROUNDING = 1e-12  # relative rounding error of values in a flight
 
 
 def looks(examples):
-    """Number of scenes, the same in each run; on request more scenes, different in each run."""
+    """Hypothesis settings: `examples` scenes, the same in each run, or ROCKFALL_EXAMPLES different
+    ones."""
     return settings(
         max_examples=DEEPER or examples, derandomize=not DEEPER, database=None, deadline=None,
         suppress_health_check=list(HealthCheck),
@@ -86,8 +87,8 @@ NO_OUTPUT = {"maps": None, "rebounds": False, "trajectories": 0}
 
 @st.composite
 def terrains(draw, generic=False):
-    """Elevations (ny, nx), NaN without data, and the cell size [m]. Generic terrain has no level,
-    straight or missing parts, so no place is special."""
+    """Elevations (ny, nx), NaN where missing, and the cell size [m]. Generic terrain has no level,
+    straight or missing parts, so that no place is special."""
     ny, nx = draw(st.integers(2, 12)), draw(st.integers(2, 12))
     cell = draw(st.sampled_from([5.0, 0.1, 1.0, 2.5, 100.0]))
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
@@ -110,7 +111,7 @@ def terrains(draw, generic=False):
 
 
 def known_patches(z):
-    """South-western node (column, row from the south) of each patch with four elevations."""
+    """South-western node (column, row from the south) of each patch with four known elevations."""
     known = ~np.isnan(z[1:, :-1] + z[1:, 1:] + z[:-1, :-1] + z[:-1, 1:])
     row, column = np.nonzero(known)
     return np.stack([column, z.shape[0] - 2 - row], axis=1)
@@ -118,7 +119,7 @@ def known_patches(z):
 
 @st.composite
 def releases(draw, z, cell, generic=False):
-    """Group &release, and the raster of source cells if it has one."""
+    """Group &release, and its raster of source cells, if any."""
     patches = known_patches(z)
     assume(len(patches))
     speeds = st.sampled_from([0.0, 3.0, -3.0, 1e-6, -1e-6, 100.0, -20.0])
@@ -146,7 +147,7 @@ def releases(draw, z, cell, generic=False):
 
 @st.composite
 def surfaces(draw, z):
-    """Group &surface, and its raster."""
+    """Group &surface, and its rasters by key."""
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     method = draw(st.sampled_from(["B", "A"]))
     kind = draw(st.sampled_from(["uniform", "zones", "values"]))
@@ -227,7 +228,7 @@ def folder(tmp_path_factory):
 
 
 def started(scene, folder, **how):
-    """Result, if there is a source: there may be no steep cells."""
+    """Result of a scene; the example is skipped if no cell is steep enough for a source."""
     try:
         return scene.run(folder, **how)
     except RockfallError as error:
@@ -236,7 +237,7 @@ def started(scene, folder, **how):
 
 
 def ways(result):
-    """Number and trajectory of each boulder, as column name -> values at the vertices."""
+    """Yield number and trajectory of each boulder: values at the vertices by name."""
     columns = {name: result[f"trajectory_{name}"].values for name in variables.VERTEX}
     for number in np.unique(columns["boulder"]):
         mine = columns["boulder"] == number
@@ -247,8 +248,8 @@ def ways(result):
 
 
 def heights(z, p, q):
-    """Elevation at points (intervals, points) in cells from the south-western centre, each interval
-    within a patch; a missing node may have zero weight."""
+    """Elevations at points (intervals, points) given in cells from the centre of the south-western
+    cell. All points of an interval are in one patch; a missing node may have zero weight."""
     middle = (c.mean(axis=1, keepdims=True) for c in (p, q))
     sides = (np.where(np.abs(c - np.rint(c)) < 1e-12, np.rint(c), np.floor(c)) for c in middle)
     i, j = (np.clip(c.astype(int), 0, n - 2) for c, n in zip(sides, z.shape[::-1], strict=True))
@@ -281,7 +282,8 @@ def lowest(z, cell, gravity, start, velocity, time):
 
 
 def size_of(scene, way):
-    """Size of the numbers that enter the heights of a trajectory: it determines rounding errors."""
+    """Magnitude [m] of the numbers from which heights of a trajectory are computed, to which
+    rounding errors are proportional."""
     z = scene.z[~np.isnan(scene.z)].astype("f8")
     speed = np.abs([way[f"velocity_{axis}"] for axis in "xyz"]).max()
     steps = np.ptp(z) / scene.cell * max(scene.z.shape) * scene.cell
@@ -320,8 +322,8 @@ def test_never_below_the_ground(folder, scene):
 @looks(12)
 @given(scenes_of())
 def test_no_rebound_and_no_flight_gains_energy(folder, scene):
-    """At each contact V_t**2 + V_n**2 + 0.4 W**2 does not increase, up to rounding; a flight
-    conserves total head and W; a rebound leaves the ground."""
+    """A contact does not increase V_t**2 + V_n**2 + 0.4 W**2, a flight conserves total head and W,
+    both up to rounding; a rebound leaves the ground."""
     result = started(scene, folder, changes={"output": NO_OUTPUT | {"trajectories": 15}})
     gravity = scene.groups["flight"]["gravity"]
     for number, way in ways(result):
@@ -387,7 +389,7 @@ def test_every_boulder_ends_for_a_reason(folder, scene):
 
 
 def at_the_edge(scene, x, y):
-    """Return whether a point is on the edge of the known patches."""
+    """Return True if a point is on the edge of the known patches."""
     known = {tuple(patch) for patch in known_patches(scene.z).tolist()}
     p, q = x / scene.cell - 0.5, y / scene.cell - 0.5
     near = 1e-6
@@ -430,7 +432,7 @@ def test_totals_add_up(folder, scene):
 
 
 def rebounds_at_rest(way):
-    """Number of rebounds without energy, which have no angle and are in no histogram."""
+    """Number of rebounds without incoming energy, which have no angle and are in no histogram."""
     hit = way["ratio"] > 0
     return int((sum(way[f"in_{part}"] ** 2 for part in "tnw")[hit] == 0).sum())
 
@@ -496,7 +498,8 @@ def test_windows_and_the_other_door_give_the_same_bits(folder, tmp_path_factory,
 
 
 def in_files(scene, folder):
-    """Write the arrays of a scene as rasters in local coordinates."""
+    """Write the arrays of a scene as rasters in local coordinates; return the case that reads
+    them."""
     place = Affine(scene.cell, 0, 0, 0, -scene.cell, scene.z.shape[0] * scene.cell)
     for name, raster in {"dem": scene.z, **scene.rasters}.items():
         make_raster(folder / f"{name}.tif", raster, place, None)
@@ -524,7 +527,8 @@ WHOLE = {
 @looks(7)
 @given(scenes_of(), st.sampled_from([1 / 8, 1 / 2, 2, 64]))
 def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
-    """The model has no characteristic speed, and powers of two change no digit."""
+    """Speeds scale with the root of gravity, and places are unchanged: the model has no speed of
+    its own. Powers of two make it exact."""
     here, f = started(scene, folder, changes=WHOLE), factor
     there = scene.run(folder, changes=WHOLE | speeds_times(scene, f, gravity=f**2))
     scaled(here, there, {"m s-1": f, "rad s-1": f, "s": 1 / f, "J": f**2})
@@ -534,7 +538,7 @@ def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
 @looks(7)
 @given(scenes_of(), st.sampled_from([1 / 4, 2, 16]))
 def test_a_larger_scene_has_the_same_boulders_larger(folder, scene, factor):
-    """Lengths and gravity are multiplied by a power of two: times are unchanged."""
+    """Lengths and gravity are multiplied by the same power of two, so that times are unchanged."""
     assume("table" not in scene.groups["surface"])  # its sizes are in a file
     # a roll is one radius long, and the cube root of a volume has rounding errors
     flying = WHOLE | {"impact": {"rest_angle": 90.0}}
@@ -573,7 +577,7 @@ def speeds_times(scene, factor, gravity):
 
 
 def times(value, factor):
-    """Multiply a number, list or array by a factor, in its own precision."""
+    """Multiply a number, list or array by a factor, without a change of precision."""
     if isinstance(value, np.ndarray):
         return value * value.dtype.type(factor)
     return [factor * one for one in value] if isinstance(value, list) else factor * value
@@ -584,7 +588,8 @@ OF_RADIUS = "trajectory_ratio", "crossing_omega", "crossing_passing_height"
 
 
 def scaled(here, there, factors):
-    """Check each variable against the factor of its units; real maps are rounded and skipped."""
+    """Check that variables of two results differ by the factor of their units. Maps of real numbers
+    are not compared, because they are rounded."""
     for name, found in here.data_vars.items():
         if {"x", "y"} & set(found.dims) and found.dtype.kind == "f" or found.dtype.kind in "OU":
             continue
@@ -600,7 +605,7 @@ def scaled(here, there, factors):
 
 
 def in_fractions(scene):
-    """The scene with cells and coordinates in 1/1024 m, which are exact with any offset."""
+    """Scene with cells and coordinates in multiples of 1/1024 m, which are exact at any offset."""
     cell = max(1 / 1024, np.round(scene.cell * 1024) / 1024)
     release = dict(scene.groups["release"])
     for axis in {"x", "y"} & set(release):
@@ -612,8 +617,8 @@ def in_fractions(scene):
 @looks(6)
 @given(scenes_of(), st.integers(0, 4), st.integers(0, 4))
 def test_no_data_to_the_north_and_east_change_nothing(folder, scene, rows, columns):
-    """The raster's edge is like nodata, except for the status of boulders; coordinates are relative
-    to the south-western cell."""
+    """The edge of the raster acts like nodata, except for the status of boulders; coordinates are
+    relative to the south-western cell."""
     scene, output = in_fractions(scene), {"map_extent": "terrain"}
     here = started(scene, folder, changes={"output": output})
     about = ((rows, 0), (0, columns))
@@ -653,12 +658,12 @@ def mirrored(x, y, width, height):
 
 
 def turned(x, y, width, height):
-    """Coordinates in the scene rotated by 90 degrees anticlockwise."""
+    """Coordinates in the scene turned by 90 degrees anticlockwise."""
     return height - y, x
 
 
 def shifted(x, y, width, height):
-    """Coordinates in the scene extended by its size to the west and south."""
+    """Coordinates in the scene that is extended by its size to the west and south."""
     return x + width, y + height
 
 
@@ -681,9 +686,9 @@ CHANGES = {
 @looks(12)
 @given(scenes_of(generic=True), st.sampled_from(list(CHANGES)))
 def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
-    """The first five vertices of each trajectory change with the scene; rounding errors grow later.
-    If a heading is exactly along the descent, as on a plane, a turn has no side to be mirrored to,
-    so scenes are rough."""
+    """The first five vertices of each trajectory turn, shift or mirror with the scene; later,
+    rounding errors have grown. Scenes are rough, because a heading along the descent, as on a
+    plane, may turn to either side."""
     place, turn, turn_raster, matrix = CHANGES[change]
     ny, nx = scene.z.shape
     size = (nx * scene.cell, ny * scene.cell)
@@ -717,7 +722,8 @@ def test_a_changed_scene_has_changed_trajectories(folder, scene, change):
 
 @pytest.mark.parametrize("cell, ny, south", [(0.1, 3, 0.0), (1.1, 333, 123.4), (0.3, 31, 5.2e6)])
 def test_source_cells_may_lie_at_the_edge(folder, cell, ny, south):
-    """Centres of source cells are on the edge of the terrain, up to rounding of map coordinates."""
+    """Centres of source cells are on the edge of the known elevations, up to rounding of
+    coordinates."""
     z = np.arange(float(ny))[::-1, None] * np.full(4, cell)
     cells = np.zeros(z.shape, "i4")
     cells[[0, -1, 1, 1], [1, 2, 0, -1]] = 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Environment of a run: streams, names, locale, threads, stacks, memory, forks. Failures give one
+"""Environment of a run: streams, names, locale, threads, stacks, memory, forks. Faults give one
 line before the first boulder."""
 
 import os
@@ -32,7 +32,7 @@ def programs(few_boulders, tmp_path, monkeypatch):
 
 
 def ran(command, prefix="", env=None, **options):
-    """Run a command in a shell that first executes `prefix`."""
+    """Run a command in a shell, after the shell command `prefix`."""
     if sys.platform == "win32":
         pytest.skip("needs a POSIX shell")
     line = ["sh", "-c", f'{prefix} exec "$@"', "sh", *command]
@@ -78,7 +78,7 @@ LIMITS = [
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are those of Linux")
 @pytest.mark.parametrize(("program", "kind", "size"), LIMITS)
 def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind, size):
-    """Batch systems limit the address space, and the C library reserves 64 MB of it per thread."""
+    """The C library reserves 64 MB of address space per thread, and batch systems limit it."""
     command = [*programs[program], "--quiet", "--threads", "16"]
     done = ran(command, f"ulimit -{kind} {size * 1000};", {"OPENBLAS_NUM_THREADS": "1"})
     said, output = done.stderr.decode(), programs[program][-1]
@@ -91,7 +91,7 @@ def test_sixteen_threads_in_little_memory_run_or_say_so(programs, program, kind,
 
 
 def test_a_generous_limit_is_enough(programs):
-    """16 threads need stacks of 128 MB in total, and no arenas."""
+    """16 threads have stacks of 128 MB in total, and the C library reserves no more for them."""
     done = ran([*programs["rockfall-batch"], "--threads", "16"], "ulimit -v 400000;")
     assert done.returncode == 0, done.stderr.decode()
 
@@ -113,7 +113,8 @@ def test_the_smallest_stack_is_enough(programs, program):
     {"surface": {"ground": "talus"}, "impact": {"form": "table"}},
 ], ids=["everything", "little", "table"])  # fmt: skip
 def test_the_smallest_stack_is_enough_for_every_kind_of_scene(batch, tmp_path, changes):
-    """Scenes with every output, with few outputs, and with an impact table run."""
+    """Scenes with every output, with few outputs, and with an impact table run on the smallest
+    stack."""
     make_prepared(tmp_path, **changes)
     done = ran([find_program(), str(tmp_path / "ready/case.nml"), "-o", "out"], *SMALLEST,
                cwd=tmp_path)  # fmt: skip
@@ -203,6 +204,7 @@ print("the same")
 
 
 def test_a_child_of_a_fork_runs_as_its_parent(few_boulders):
-    """Threads of libgomp wait for the next run, and a child process has none of them."""
+    """Threads of libgomp wait for the next run of a process, but a forked child does not have
+    them."""
     done = ran([sys.executable, "-c", FORK, few_boulders])
     assert (done.returncode, done.stdout) == (0, b"the same\n"), done.stderr.decode()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasters given as arrays mean the same as in files, or are refused."""
+"""Rasters given as arrays have the same effect as in files, or are refused."""
 
 import json
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CRS: CF parameters agree with the WKT, different spellings are recognised as the same system, and
-scales are those on the ground."""
+"""CRS: CF parameters agree with the WKT, different spellings of a system are recognised, and scales
+are those on the ground."""
 
 import json
 import math
@@ -45,7 +45,8 @@ DESCRIBED = [
 
 @pytest.mark.parametrize("system", every_third(DESCRIBED))
 def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
-    """The parameters alone give coordinates within 1 mm, as in a program that cannot read WKT."""
+    """The CF parameters without WKT give the coordinates within 1 mm, as in a program that cannot
+    read WKT."""
     attributes = grid_mapping(CRS.from_user_input(system))
     assert attributes["grid_mapping_name"]
     alone = {key: value for key, value in attributes.items() if key not in WKT}
@@ -66,7 +67,7 @@ def test_the_parameters_of_a_projection_give_the_coordinates_of_its_wkt(system):
 
 @pytest.mark.parametrize("code", [27572, 2056, 3375, 3857, 28992, 2062, 5514, 2985, 4087])
 def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
-    """CF has no parameters for grads or a scale on a cone, oblique axes, web maps, or an oblique
+    """CF has no parameters for grads, a scale on a cone, oblique axes, web maps, or an oblique
     stereographic projection."""
     attributes = grid_mapping(CRS.from_epsg(code))
     assert "grid_mapping_name" not in attributes
@@ -75,7 +76,7 @@ def test_a_projection_that_cf_cannot_describe_has_its_wkt_alone(code):
 
 @pytest.mark.parametrize("system", ["EPSG:25832+5783", "EPSG:25832+6360", "EPSG:2056+5728", 4979])
 def test_maps_have_no_system_of_heights(system):
-    """Maps have the horizontal part of a compound system: a reader would convert counts and
+    """Maps have only the horizontal part of a compound system: a reader might convert counts and
     energies to its unit of height."""
     whole = CRS.from_user_input(system)
     attributes = grid_mapping(whole)
@@ -130,7 +131,8 @@ ETRS_UTM = (
     ],
 )  # fmt: skip
 def test_one_system_in_two_spellings_is_one_system(one, other, same):
-    """A shift to WGS 84 is not part of a system: it never moves a layer or a raster."""
+    """A shift to WGS 84 is not part of a system: with or without it, a layer or raster stays in
+    place."""
     a, b = CRS.from_user_input(one), CRS.from_user_input(other)
     assert same_crs(a, b) is same_crs(b, a) is same
 
@@ -138,7 +140,7 @@ def test_one_system_in_two_spellings_is_one_system(one, other, same):
 @pytest.mark.parametrize("form", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019"])
 @pytest.mark.parametrize("code", [31254, 31467, 2056, 25832, 2154, 27700, 3003, 5514, 3035, 2193])
 def test_well_known_text_of_any_dialect_is_the_number(code, form):
-    """Dialects use other names of datums and other orders of axes."""
+    """WKT dialects differ in names of datums and in the order of axes."""
     text = pyproj.CRS.from_epsg(code).to_wkt(form)
     assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
 
@@ -203,8 +205,8 @@ def test_lengths_of_a_crs_are_those_on_the_ground(code, x, y, scale):
 
 @pytest.mark.parametrize(("west", "is_rough"), [(9.0, False), (10.86, True)])
 def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
-    """Swiss coordinates end at 10.49 degrees east. The shift of 100 m and more is given by three
-    lengths (X, Y, Z: 674.374, 15.056, 405.346 m), so it can be computed by hand anywhere."""
+    """The Swiss system is valid to 10.49 degrees east. Its datum shift is three lengths (X, Y, Z:
+    674.374, 15.056, 405.346 m), and is also applied farther east."""
     x, y = pyproj.Transformer.from_crs(4258, 25832, always_xy=True).transform(west, 47.2)
     grid = Grid(x - 50, y + 50, 1.0, 100, 100, CRS.from_epsg(25832))
     by_hand = pyproj.Transformer.from_pipeline(
@@ -219,7 +221,7 @@ def test_a_shift_of_datum_is_not_left_out_beyond_its_area(west, is_rough):
 
 
 def test_a_datum_that_is_not_known_is_said():
-    """Coordinates of a projection on a bare ellipsoid are used unchanged."""
+    """The datum of a bare ellipsoid is unknown: `is_best` is False, which a message reports."""
     bare = CRS.from_string("+proj=utm +zone=32 +ellps=GRS80 +type=crs")
     grid = Grid(2.6e6, 1.2e6, 1.0, 100, 100, CRS.from_epsg(2056))
     assert not transformation(bare, grid).is_best

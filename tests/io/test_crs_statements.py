@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grid mappings that define the CRS several times must be consistent."""
+"""Grid mappings that define the CRS more than once must be consistent."""
 
 import numpy as np
 import pyproj
@@ -84,7 +84,8 @@ def test_equal_systems_are_read(mapping):
     {"crs_wkt": wkt(UTM), "spatial_ref": wkt(FEET, "WKT1_GDAL")},
 ])  # fmt: skip
 def test_feet_in_one_of_them_are_refused(mapping):
-    """GDAL reads spatial_ref first, where feet may be missing."""
+    """Feet in one of several definitions are refused: GDAL reads spatial_ref first, where they may
+    be missing."""
     (name,) = (name for name in mapping if "NAVD88" in mapping[name])
     data = write(**mapping)
     message = f"elevations are in US survey foot ({name}), but must be in metres"

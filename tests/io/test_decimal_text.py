@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Columns of numbers as text: equal to Python and NumPy, number by number."""
+"""Columns of numbers as text: equal to those of Python and NumPy."""
 
 import numpy as np
 import pytest

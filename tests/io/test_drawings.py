@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""DXF drawings as layers: drawn objects are read, and omitted objects are reported."""
+"""DXF drawings as layers: drawn objects are read, and objects left out are reported."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,6 @@ NO_CRS = "the drawing has no CRS: its coordinates are interpreted in the CRS of 
 
 @pytest.fixture
 def drawing():
-    """Empty drawing in metres, to be saved in `place`."""
     made = ezdxf.new("R2010")
     made.header["$INSUNITS"] = 6
     return made
@@ -164,7 +163,7 @@ AREAS = {  # [m2] by style: islands in holes, one level of holes, no holes
 
 
 def hatched(space, rings, edges=False, style=0, layer="Fels"):
-    """Add a hatch with boundaries flagged as in CAD programs: the first is external."""
+    """Add a hatch whose boundaries have the flags of CAD programs: the first is external."""
     hatch = space.add_hatch(dxfattribs=on(layer, hatch_style=style))
     for k, ring in enumerate(rings):
         flags = (1, 16, 0)[min(k, 2)]
@@ -216,7 +215,7 @@ def test_hatches_of_arcs_of_blocks_and_with_room_for_texts(drawing, tmp_path):
 
 
 def test_a_closed_line_that_bounds_no_hatch_stays(drawing, tmp_path):
-    """The circle in a hatched square has the same bounds, but is not its outline."""
+    """A circle in a hatched square has the same bounds as the square, but is not its outline."""
     space = drawing.modelspace()
     hatched(space, [square(0, 0, 10)])
     space.add_circle((5, 5), 5, dxfattribs=on("Fels"))
@@ -311,7 +310,7 @@ def test_a_case_of_a_drawing_is_the_case_of_a_geopackage(drawing, tmp_path, monk
 
 
 def bomb(drawing):
-    """Ten blocks, each with ten copies of the previous: 10^10 lines."""
+    """Draw ten nested blocks, each with ten copies of the previous: 10^10 lines."""
     drawing.blocks.new("b0").add_line((0, 0), (1, 1))
     for k in range(1, 11):
         block = drawing.blocks.new(f"b{k}")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Data of field experiments: downloaded or local files are those published, or are refused in one
-line; cases are made from them. No network is used: downloads are from files."""
+"""Data of field experiments: files with the published checksums become cases, other files are
+refused in one line. No network is used."""
 
 import hashlib
 import importlib.util
@@ -36,7 +36,7 @@ RESTS = "trajectory_id,x_m,y_m\nv1,34,31\nv2,35,30\nv3,36,28\nv4,30,25\n"
 
 
 def terrain_text():
-    """Slope of 20 by 20 cells of 5 m that falls to the south."""
+    """ESRI ASCII grid of 20 by 20 cells of 5 m that falls to the south."""
     rows = [" ".join([f"{100 - 3.0 * row:.1f}"] * 20) for row in range(20)]
     head = ["ncols 20", "nrows 20", "xllcorner 0", "yllcorner 0", "cellsize 5"]
     return "\n".join([*head, "NODATA_value -9999", *rows]) + "\n"
@@ -44,7 +44,8 @@ def terrain_text():
 
 @pytest.fixture
 def published(tmp_path, monkeypatch):
-    """Stand-ins for files of an archive, in a folder, with addresses and checksums."""
+    """Function that replaces the files of an archive by files in a folder, with their checksums;
+    returns the folder."""
     monkeypatch.delenv(FOLDER, raising=False)
     folder = tmp_path / "published"
     folder.mkdir()
@@ -133,7 +134,8 @@ def test_without_pooch_one_line_says_which_extra(tschamut, monkeypatch):
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    """pooch with a separate cache, and a downloader that copies files."""
+    """Give pooch a cache of its own, and a downloader that copies files; return the list of
+    requested addresses."""
     pooch = pytest.importorskip("pooch", reason="the field extra is not installed")
     monkeypatch.setattr(pooch, "os_cache", lambda name: tmp_path / "cache" / name)
     asked = []
@@ -220,7 +222,7 @@ def test_a_case_that_cannot_be_made_leaves_nothing(tmp_path, monkeypatch, capsys
 
 @pytest.fixture
 def mel(published, tmp_path):
-    """Archives like the published archives, as far as these are known."""
+    """Files like those of the published archive, as far as these are known."""
     laspy = pytest.importorskip("laspy", reason="the field extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     made = tmp_path / "made"

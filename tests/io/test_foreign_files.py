@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files as written by other programs: read with their correct values, or refused."""
+"""Files as other programs write them: read with their correct values, or refused."""
 
 import gzip
 import io
@@ -62,7 +62,6 @@ def test_other_numbers_are_not_nodata(nodata, number):
 
 
 def marked(name):
-    """ESRI ASCII grid that begins with a byte-order mark."""
     path = Path(make_ascii(name, "1 2 3 4 5 6", HEAD))
     path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     return path
@@ -136,7 +135,7 @@ def test_layers_are_named():
 
 
 def converted(driver, name, z):
-    """Raster in a format of GDAL."""
+    """Write a raster with a driver of GDAL, without companion files."""
     about = {"width": z.shape[1], "height": z.shape[0], "count": 1, "dtype": "f4"}
     with MemoryFile() as memory:
         with memory.open(driver="GTiff", transform=PLACE, crs=UTM, nodata=-9999, **about) as file:
@@ -191,7 +190,7 @@ def test_the_command_that_converts_is_right(driver, name):
 
 
 def surfer_7(name, z):
-    """Surfer 7 binary grid by its description: GDAL 3.12 requires as many rows as columns."""
+    """Write a Surfer 7 binary grid from its description: GDAL 3.12 only writes squares."""
     place = PLACE.c + PLACE.a / 2, PLACE.f + PLACE.e * (z.shape[0] - 0.5), PLACE.a, PLACE.a
     head = struct.pack("<ii8d", *z.shape, *place, z.min(), z.max(), 0.0, -9999.0)
     tags = (

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A slope of 20 degrees is read as 20 degrees, or refused, for any unit of elevations and any way a
-file declares it. Commands printed in refusals give 20 degrees."""
+"""A slope of 20 degrees is read as 20 degrees, or refused, for any unit of elevations and any
+declaration of it. Commands printed in refusals also give 20 degrees."""
 
 import math
 import re
@@ -40,7 +40,7 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def plane(unit=1.0, cell=CELL):
-    """Elevations, in a given unit, of a slope of 20 degrees with a given cell size [m]."""
+    """Elevations of a slope of 20 degrees, in a unit of `unit` m, with a cell size in m."""
     fall = np.arange(N) * cell * math.tan(math.radians(20))
     return np.tile((1000 + fall) / unit, (N, 1))
 
@@ -66,7 +66,7 @@ def tiff(z, crs=UTM, place=PLACE, unit=None, description=None, tags=None, packin
 
 
 def directory(keys, text):
-    """GeoKey directory {id: value} packed as 16-bit numbers; key 4097 refers to `text`."""
+    """GeoKey directory of {id: value} in 16-bit numbers; key 4097 refers to `text`."""
     rows = []
     for key, value in sorted(keys.items()):
         rows += [key, 34737, len(text), 0] if key == 4097 else [key, 0, 1, value]
@@ -74,7 +74,7 @@ def directory(keys, text):
 
 
 def keyed(z, keys, text=b""):
-    """GeoTIFF written by hand, with given GeoKeys."""
+    """Write dem.tif as a GeoTIFF with the given GeoKeys, without a library."""
     raw = z.astype("<f8").tobytes()
     scale, tie = struct.pack("<3d", CELL, CELL, 0), struct.pack("<6d", 0, 0, 0, 6e5, 5e6, 0)
     tags = [
@@ -496,7 +496,8 @@ def test_a_point_cloud_in_feet_is_refused(way):
 
 
 def has_20_degrees(command, made):
-    """Check that a command printed in a refusal makes points with the correct slope and classes."""
+    """Check that a command printed in a refusal writes points with a slope of 20 degrees; LAS files
+    keep the class of ground."""
     place = shlex.join([sys.executable, *shlex.split(command)[1:]])
     subprocess.run(place if command.startswith("python") else command, shell=True, check=True)
     classes = [2] if made.endswith(".las") else None

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""No command overwrites its inputs, or other files unless requested; files that belong together are
-written together or not at all."""
+"""No command overwrites its inputs, or other files without --overwrite. Files that belong together
+are written together or not at all."""
 
 import os
 import shutil
@@ -34,7 +34,7 @@ STOPS = "x,y\n600060,4999900\n600061,4999905\n"
 
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory):
-    """Folder with a case, its parts and its result."""
+    """Folder with a case, its result, and the two parts of the result."""
     folder = tmp_path_factory.mktemp("ready")
     with pytest.MonkeyPatch.context() as here:
         here.chdir(folder)
@@ -56,7 +56,7 @@ def small():
 
 @pytest.fixture
 def place(ready, tmp_path, monkeypatch):
-    """Current folder, a copy of `ready`; slow drawing is replaced."""
+    """Work in a copy of `ready`, with placeholders for slow figures."""
     shutil.copytree(ready, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     drawn = [Drawing(name, name, name, small) for name in ("passing", "profile", "stops")]
@@ -147,7 +147,8 @@ def test_a_case_that_is_called_like_its_dem_keeps_it(place, capsys):
 
 
 def test_every_file_behind_a_case_is_known(place, capsys):
-    """Files of a case include mask and notes of a GeoTIFF, an ASCII grid and a shapefile."""
+    """Files of a case that must not be overwritten include companions: mask and notes of a GeoTIFF,
+    and the other files of an ASCII grid and a shapefile."""
     pyogrio = pytest.importorskip("pyogrio")
     shapely = pytest.importorskip("shapely")
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=False):
@@ -188,7 +189,8 @@ def test_every_file_behind_a_case_is_known(place, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="rights are not modes there")
 def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
-    """A file is written in a folder with an unpredictable name, and has usual permissions."""
+    """A file is written in a folder with an unpredictable name, and gets the permissions of the
+    umask."""
     (tmp_path / "victim").write_text("mine")
     for name in (f".out.{os.getpid()}.csv", f".out.csv.{os.getpid()}"):
         (tmp_path / name).symlink_to("victim")
@@ -212,7 +214,8 @@ def test_a_file_is_written_where_nobody_can_place_a_link(tmp_path):
 
 @pytest.mark.parametrize("free", [0, 2**30])
 def test_a_full_disk_is_named_where_a_library_does_not(few_boulders, tmp_path, monkeypatch, free):
-    """netCDF only reports missing permission, or an error in HDF5."""
+    """netCDF reports a full disk as missing permission or as an error in HDF5: the message has the
+    cause."""
 
     def failed(*_):
         raise PermissionError(13, "Permission denied")
@@ -231,7 +234,8 @@ NEW, OLD = "new\n", "old\n"
 
 
 def failing(call, error, alone=False):
-    """Replacement for `replace` that fails once, at a given call for folders or files `alone`."""
+    """Replacement for `replace` that fails once, at a given call: counted for files written by
+    themselves if `alone`, else for files of a folder."""
     done = []
 
     def replace(source, target):
@@ -248,7 +252,8 @@ def failing(call, error, alone=False):
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 @pytest.mark.parametrize("call", range(1, 6))
 def test_files_of_a_folder_come_together_or_not_at_all(tmp_path, monkeypatch, call, error):
-    """Two files are replaced, and one is new and comes last."""
+    """Renaming fails at any of its calls, for two files that are replaced and a third that is new:
+    the folder keeps its old files, and the new files are in another folder."""
     folder = tmp_path / "folder"
     folder.mkdir()
     for name in ("a.csv", "b.csv", "other.txt"):
@@ -300,7 +305,8 @@ with atomic_folder(pathlib.Path("new")) as part:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its name")
 def test_temporary_folders_of_killed_processes_go(tmp_path):
-    """The next file removes such folders, except those in use or with replaced files."""
+    """The next write removes temporary folders, except those in use and those with replaced
+    files."""
     for replaced in ("a.csv", ""):
         subprocess.run([sys.executable, "-c", KILLED, *filter(None, [replaced])], cwd=tmp_path)
     assert len([*tmp_path.iterdir()]) == 2
@@ -317,7 +323,7 @@ HELD = PermissionError(13, "Access is denied", "a.csv")
 
 
 def test_what_replaces_an_open_file_is_kept_next_to_it(place, monkeypatch, capsys):
-    """Windows cannot rename a file over a file that another program has open."""
+    """A file that another program has open cannot be replaced on Windows."""
     before = Path("r.nc").read_bytes()
     for kept in ("r-2.nc", "r-3.nc"):
         monkeypatch.setattr("rockfall.io.atomic.replace", failing(1, HELD, alone=True))
@@ -350,7 +356,7 @@ def test_a_file_that_is_open_is_not_lost(tmp_path):
 
 
 def test_a_result_has_a_name_that_netcdf_opens(place, monkeypatch, capsys):
-    """On Windows, netCDF uses paths in a code page of few alphabets: others are refused."""
+    """On Windows, netCDF cannot open paths with letters outside its code page: they are refused."""
     assert main(["run", "case.nml", "-o", "Blöcke.nc", "--quiet"]) == 0
     if sys.platform != "win32":
         monkeypatch.setattr("rockfall.io.netcdf.NETCDF_NAMES", "cp1252")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point clouds: exactly the points of a file are read, and none is silently lost."""
+"""Point clouds: all points of a file are read exactly, and none is silently lost."""
 
 import struct
 import time
@@ -22,7 +22,7 @@ W, S = 2600000.0, 1200000.0
 
 
 def places(n=3000, seed=1):
-    """Random points, rounded to a hundredth of a metre, as stored in the files below."""
+    """Random points rounded to a hundredth of a metre, as the files store them."""
     drawn = np.random.default_rng(seed).uniform((W, S, 500), (W + 60, S + 40, 520), (n, 3))
     return np.round(drawn, 2)
 
@@ -42,7 +42,7 @@ def cloud(path, points, classes=2, crs=2056, withheld=None, version="1.4", kind=
 
 
 def by_hand(points, classes):
-    """LAS file of version 1.2 written from the standard, without laspy."""
+    """LAS file of version 1.2, written from the standard without laspy."""
     scale, offset = (0.01, 0.01, 0.01), (W, S, 0.0)
     head = struct.pack(
         "<4sHHIHH8sBB32s32sHHHIIBHI20x12d", b"LASF", 0, 0, 0, 0, 0, b"", 1, 2, b"", b"by hand", 1,
@@ -157,7 +157,7 @@ def test_files_of_several_systems_are_refused(tmp_path):
     ("crs", "message"), [("EPSG:2056+5773", None), ("EPSG:2263+6360", "are in"), (4326, "degrees")]
 )
 def test_metres_are_needed(crs, message, tmp_path):
-    """Coordinates in degrees, or with a vertical datum in feet, are refused."""
+    """Coordinates in degrees, or with heights in feet, are refused."""
     path = cloud(tmp_path / "a.laz", places(), crs=crs)
     if message is None:
         assert dem_of_points(path, cell=5.0)[0].grid.crs is not None

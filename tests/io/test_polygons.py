@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Borders of polygons through cell centres: each cell and each tree belongs to one neighbour."""
+"""Borders of polygons through cell centres: each cell and each tree belongs to only one
+neighbour."""
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def block(grid, first, last):
 
 
 def held(shapes, grid):
-    """Number of polygons that contain each cell, each drawn separately."""
+    """Number of polygons that contain each cell, if each is drawn separately."""
     alone = (held_cells([(shape, 1)], grid, np.zeros(grid.shape, "u1")) for shape in shapes)
     return np.sum([*alone], axis=0)
 
