@@ -30,8 +30,8 @@ def build(sources: Path) -> str:
 
 
 def extracted(commit: str, folder: Path) -> Path:
-    """Folder with the files of a commit; without one, with the current state of the files in
-    git."""
+    """Extract the files of a commit to `folder`; without a commit, the tracked files as they are
+    now. Return the folder."""
     folder.mkdir()
     if commit:
         pack = ["git", "archive", commit]

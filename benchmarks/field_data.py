@@ -127,7 +127,8 @@ def fetch(name: str, folder: str | Path | None = None) -> dict[str, Path]:
 
 
 def _local(file: RemoteFile, folder: Path, name: str) -> Path:
-    """File in a folder, checked to be unchanged."""
+    """File of an archive in a folder, or in its subfolder `name`. Raises a RockfallError if the
+    file is missing, unreadable or has another checksum."""
     if not folder.is_dir():
         raise RockfallError(f"{folder}: no such folder of field data")
     for path in (folder / name / file.name, folder / file.name):

@@ -19,7 +19,7 @@ def copy_sources(folder: Path) -> None:
 
 
 def replace(file: Path, old: str, new: str, times: int = 1) -> None:
-    """Change the sources; stop if they do not contain the expected text."""
+    """Replace a text in a source file; stop unless it occurs `times` times."""
     text = file.read_text()
     if text.count(old) != times:
         sys.exit(f"{file.name}: '{old}' should be there {times} times; mend the benchmark")

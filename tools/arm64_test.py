@@ -22,7 +22,6 @@ QEMU = "qemu-aarch64", "-L", str(SYSTEM)
 
 
 def main() -> str | None:
-    """Build and run the tests; return the fault, if any."""
     os.environ["OMP_WAIT_POLICY"] = "passive"  # a waiting thread in emulation would occupy a core
     if not SYSTEM.exists():
         unpack_system()

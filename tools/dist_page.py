@@ -11,7 +11,6 @@ PAGE = Path("python/rockfall/app/page")
 
 
 def main() -> str | None:
-    """Copy the page to the tree that meson packs; return the fault, if any."""
     source, target = (Path(os.environ[f"MESON_{one}_ROOT"]) / PAGE for one in ("SOURCE", "DIST"))
     if not (source / "app.js").exists():
         return f"{PAGE}/app.js is missing: ./run page"

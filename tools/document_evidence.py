@@ -51,29 +51,29 @@ def bullets(items: Sequence[str]) -> str:
 
 
 def signed(*rows: Evidence) -> str:
-    """Errors of rows with their signs, without standard errors."""
+    """Signed errors [%] of rows, joined by "and", without standard errors."""
     return " and ".join(f"{round(row.error):+d}".replace("+0", "0") for row in rows) + " %"
 
 
 def with_error(row: Evidence, decimals: int) -> str:
-    """Value of the model with its standard error."""
+    """Simulated value with its standard error, if known."""
     number = f"{row.simulated:.{decimals}f}"
     return number if isnan(row.standard_error) else f"{number} ± {row.simulated_error:.1g}"
 
 
 def signed_with_error(row: Evidence, decimals: int) -> str:
-    """Number of the model with its sign, and its standard error."""
+    """Simulated value with its sign and, if known, its standard error."""
     return f"{'+' if row.simulated > 0 else ''}{with_error(row, decimals)}"
 
 
 def vaujany(model: str, statistic: str) -> str:
-    """Range of the errors over quantities and lines, with signs."""
+    """Range of the signed errors [%] of a statistic, over quantities and lines."""
     low, high = error_range(evidence("vaujany", quantity=f"*_{statistic}", model=model))
     return f"{low:+d} to {high:+d} %".replace("+0", "0")
 
 
 def high_height(line: str, model: str) -> float:
-    """Error of the mean passing height plus one standard deviation at a line [%]."""
+    """Error [%] of the mean plus one standard deviation of the passing heights at a line."""
     mean, deviation = (
         only("vaujany", line, f"passing_height_{statistic}", model) for statistic in ("mean", "std")
     )
@@ -118,7 +118,8 @@ def fallen(model: str) -> float:
 
 
 def default_directions() -> str:
-    """Sentences on those errors of the default set that affect a design, with their direction."""
+    """Sentences on the errors of the default set that matter for design, each marked safe or
+    unsafe."""
     steep, default = (38, 42), "vaujany-observed"
     fast = (100 * runaway(slope, "1", f"{default}, R_m 0.2 m") for slope in steep)
     narrow = only("vaujany", "EL2", "passing_height_std", default).error
@@ -404,7 +405,7 @@ def between(blocks: str, quantity: str, model: str = "shipped") -> Evidence:
 
 
 def between_parts() -> str:
-    """Errors of planes of tables between their parts."""
+    """Table of the errors of table planes at places between their parts."""
     grounds = {
         "`ploughed`": "compact blocks, ploughed",
         "`hard`": "compact blocks, hard",

@@ -36,7 +36,7 @@ LIST = Path(__file__).resolve().parents[1] / "tests/interface.txt"
 
 
 def listed() -> str:
-    """Text of tests/interface.txt for this program."""
+    """Expected text of tests/interface.txt, from this program."""
     parts = {
         "keys of a case: type, number of values, default, what is allowed, unit": _keys(),
         "commands of rockfall, their arguments: number, default, choices": _commands(),
@@ -108,7 +108,7 @@ def _variables() -> Iterator[str]:
 
 
 def _units() -> dict[str, str]:
-    """Units of the result variables, if the tables have them."""
+    """Units of the result variables by name; "" for variables without a unit."""
     tables = {
         "": (variables.BOULDER, variables.COUNT, variables.GROUND, variables.ENERGY,
              variables.TREE, variables.FEATURE, variables.SHAPE, variables.MASS, variables.SHADOW,

@@ -72,7 +72,7 @@ def in_repository(uri: str) -> str:
 
 
 def target(page: str, link: str) -> str | None:
-    """Path in the repository for a link of a page; None for an address."""
+    """Path in the repository for a link of a page; None for a URL or an absolute link."""
     if ":" in link or link.startswith("/"):
         return None
     return posixpath.normpath(posixpath.join(posixpath.dirname(in_repository(page)), link))

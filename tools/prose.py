@@ -165,7 +165,8 @@ def wrong_in_catalogue(path: Path) -> Iterator[str]:
 
 
 def long_message(place: str, text: str) -> Iterator[str]:
-    """Yield a fault for more than 25 words (a value is one), and one for a semicolon."""
+    """Yield a fault for more than 25 words (a value counts as one word), and one for a
+    semicolon."""
     plain = re.sub(r"(?<=\d)[\u202f\xa0 ](?=\d{3})", "", re.sub(r"\{[^{}]*\}", "N", text))
     words = [word for word in plain.split() if re.search(r"\w", word)]
     if len(words) > MOST:

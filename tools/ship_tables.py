@@ -77,7 +77,8 @@ def part_case(name: str, column: int, row: int) -> BlockCase:
 
 
 def contacts_of(case: BlockCase, path: Path | None) -> xr.Dataset:
-    """Contacts of a case, read from the file `path` if it exists, else simulated and stored."""
+    """Contacts of a case, read from the file `path` if it exists, else simulated and stored. Exits
+    if the file belongs to another case."""
     if path and path.exists():
         found = load_dataset(path)
         if found.attrs["lab_case"] != case.text():

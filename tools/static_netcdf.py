@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""HDF5, netCDF and netCDF-Fortran, static, compiled from Debian's source packages.
+"""Compile static libraries of HDF5, netCDF and netCDF-Fortran from Debian's source packages.
 
 usage: static_netcdf.py FOLDER [--windows]   FOLDER/netcdf-fortran.pc; needs CMake, a static zlib,
                                              and for Windows Wine

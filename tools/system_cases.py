@@ -127,7 +127,8 @@ def case_path(folder: Path, name: str) -> Path:
 
 
 def run(folder: Path, out: Path) -> None:
-    """Run every trial; then one case in shards, one case killed and resumed, one case in lanes."""
+    """Run every trial; then a case in shards, a case that is killed and resumed, and a case in each
+    mode of lanes."""
     out.mkdir(parents=True, exist_ok=True)
     for name, trial in TRIALS.items():
         simulate(case_path(folder, name), out / f"{name}.nc", *trial.words)
@@ -197,7 +198,7 @@ def batch(ready: Path, out: Path, program: tuple[str, ...]) -> None:
 
 
 def compare(one: Path, other: Path) -> dict[str, list[str]]:
-    """Variables that are not bit-identical, for each result in either folder."""
+    """Names of variables that are not bit-identical, for each result that is in either folder."""
     names = {path.name for folder in (one, other) for path in folder.glob("*.nc")}
     return {
         Path(name).stem: differing(one / name, other / name)
@@ -229,7 +230,6 @@ def distance(x: np.ndarray, y: np.ndarray) -> str:
 
 
 def main(command: str, one: str, *more: str) -> str | None:
-    """Run a command; return the fault, if any."""
     place, *others = (Path(folder).resolve() for folder in (one, *more[:1]))
     if command == "make":
         make(place)

@@ -72,8 +72,8 @@ def run(command: str) -> str:
 
 
 def edited(case: str, block: str) -> str:
-    """Case with the keys of a block set in existing groups, and new groups added. Refuses keys that
-    do not occur once."""
+    """Case with the keys of a block set in existing groups, and new groups added. Raises a
+    ValueError unless each key occurs exactly once in its group."""
     had = set(re.findall(r"^&(\w+)", case, re.MULTILINE))
     for group in GROUP.finditer(block):
         name, keys = group.groups()
@@ -102,7 +102,7 @@ def agree(said: str, printed: str) -> bool:
 
 
 def differences(folder: Path) -> Iterator[str]:
-    """List differences between pages and the program."""
+    """Yield differences between pages and the program."""
     for page, said, printed in follow(folder):
         if not agree(said, printed):
             yield f"docs/tutorial/{page} says\n{said}but the program prints\n{printed}"

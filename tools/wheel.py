@@ -28,7 +28,6 @@ BUNDLED = {"libgfortran", "libgomp", "libquadmath"}
 
 
 def main(words: list[str]) -> str | None:
-    """Make the distributions; return the fault, if any."""
     once = "--once" in words
     pythons = [word for word in words if word != "--once"] or [sys.executable]
     if changed := output("git", "status", "--porcelain", "--untracked-files=no"):
@@ -118,7 +117,8 @@ def surroundings(tools: Path) -> dict[str, str]:
 
 
 def check(wheel: Path, folder: str) -> str | None:
-    """First fault of a wheel, if any: libraries, paths of this machine, exported symbols."""
+    """First fault of a wheel, or None: wrong libraries, paths of this machine, exported LAPACK
+    symbols."""
     inside = Path(tempfile.mkdtemp(dir=folder))
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(inside)

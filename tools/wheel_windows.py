@@ -41,7 +41,6 @@ PACKAGES = {"_core": ROOT / "python/rockfall", "_lab": ROOT / "lab/rockfall_lab"
 
 
 def main() -> None:
-    """Make the wheel, and rockfall-batch.exe."""
     BUILD.mkdir(exist_ok=True)
     python = windows_python()
     build_kernel()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reference LAPACK for Windows: the procedures that we call, compiled from Debian's source package.
+"""Compile the LAPACK procedures that the kernel calls for Windows, from Debian's source package.
 
-usage: windows_lapack.py FOLDER   FOLDER/liblapack.a and FOLDER/lapack.pc
+usage: windows_lapack.py FOLDER FOLDER/liblapack.a and FOLDER/lapack.pc
 """
 
 import re

@@ -80,7 +80,6 @@ TYPED = 3_000_000
 
 
 def main(words: list[str]) -> str | None:
-    """Run the tests; return the fault, if any."""
     env = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(BUILD / "prefix")}
     env["PYTHONUTF8"] = "1"  # files written by tests have no code page
     env.pop("PYTHONPATH", None)  # path of this system's Python
@@ -99,7 +98,7 @@ def main(words: list[str]) -> str | None:
 
 
 def start_wine(env: dict[str, str]) -> None:
-    """Create or update the folder that is Wine's Windows."""
+    """Create or update the Wine prefix."""
     subprocess.run([WINE, "wineboot", "--init"], env=env, check=True)
 
 
@@ -128,7 +127,8 @@ def compare_cases(env: dict[str, str]) -> str | None:
 
 
 def press_ctrl_c(env: dict[str, str]) -> str | None:
-    """Type Ctrl-C in the console of a run that has saved results; return the fault, if any."""
+    """Type Ctrl-C in the console of a run that has written a checkpoint; return the fault, if
+    any."""
     folder = BUILD / "cases/Übung in/vaujany"
     result, state = folder / "typed.nc", folder / "typed.nc.checkpoint"
     for path in (result, state):
@@ -160,8 +160,8 @@ def press_ctrl_c(env: dict[str, str]) -> str | None:
 
 def run_files(words: list[str], env: dict[str, str]) -> str | None:
     """Run files of Python tests, each in a separate process, because Wine ends some; print a table
-    and return the fault, if any. Each core has its own Windows, which is ended completely if a file
-    takes too long."""
+    and return the fault, if any. Each core has its own Wine prefix, whose processes are all ended
+    if a file takes too long."""
     table = BUILD / "python-tests.json"
     done = json.loads(table.read_text("utf-8")) if table.exists() else {}
     idle: SimpleQueue[dict[str, str]] = SimpleQueue()
@@ -197,7 +197,7 @@ COUNTED = "passed", "failed", "error", "skipped"
 
 
 def test_files() -> list[str]:
-    """Test files that can run there, without `tests/`."""
+    """Test files that can run under Wine, relative to `tests`."""
     tests = ROOT / "tests"
     names = [path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py")]
     return sorted(name for name in names if not {name, name.split("/")[0]} & {*LEFT_OUT})
@@ -238,7 +238,8 @@ def run_piped(
     limit: float | None = None,
 ) -> int:
     """Run a command, and show or store its output through a pipe, because Python for Windows does
-    not start under Wine if its output is a file. After `limit` seconds all of Wine is ended."""
+    not start under Wine if its output is a file. After `limit` seconds all processes of the Wine
+    prefix are ended."""
     pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "stdin": subprocess.PIPE}
     timer = threading.Timer(limit or 0, subprocess.run, [[WINESERVER, "-k"]], {"env": env})
     with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipe) as process:

@@ -110,7 +110,8 @@ def truth(folder: Path, place: str, k: int, told: argparse.Namespace) -> pd.Data
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Print the calibration. Standard errors are between truths, whose parameters are dependent."""
+    """Print the calibration. Standard errors are computed over truths, because the parameters of a
+    truth are dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["worth"] = pd.cut(rows["effective"], [0, 20, 100, np.inf])
     rows["all"] = "all"

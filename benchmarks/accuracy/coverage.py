@@ -47,7 +47,8 @@ def case_of(x: np.ndarray, y: np.ndarray, each: int, seed: int, **groups: dict) 
 
 
 class Held:
-    """Intervals that contain the truth, exist, or were requested, by statistic and passages."""
+    """Counts of intervals that contain the truth, that exist, and that were requested, by statistic
+    and class of passages."""
 
     def __init__(self) -> None:
         self.of: dict[tuple, list] = defaultdict(list)
@@ -63,7 +64,8 @@ class Held:
             self.of[name, k].append(((holds & given)[mine].sum(), (given & mine).sum(), mine.sum()))
 
     def show(self, about: str) -> None:
-        """Print coverage with its standard error over repetitions, and intervals that exist [%]."""
+        """Print coverage with its standard error over repetitions, and the percentage of intervals
+        that exist."""
         for (name, k), found in sorted(self.of.items()):
             holds, given, asked = np.array(found, float).T
             if not given.sum():

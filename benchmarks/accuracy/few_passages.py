@@ -75,7 +75,7 @@ def of_cases(boulders: int) -> Iterator[Population]:
 
 
 def _with_terrain(case: Path, folder: Path) -> Path:
-    """Case in a copy of its folder; a missing terrain is made."""
+    """Path of the case in a copy of its folder, with the terrain made if missing."""
     place = folder / case.parent.name
     if not place.exists():
         shutil.copytree(case.parent, place)
@@ -93,8 +93,8 @@ def of_laws(size: int) -> Iterator[Population]:
 
 
 def drawn(found: Population, passages: float, random: np.random.Generator) -> tuple:
-    """Sample of a short run: equal numbers of boulders from each source, for a mean number of
-    passages."""
+    """Values of the passing boulders of a short run, and their sources. Each source has the same
+    number of boulders, chosen for a mean number of passages."""
     of, size = found.values.shape
     each = max(2, round(passages / np.isfinite(found.values).sum(axis=1).mean() * size / of))
     chosen = random.integers(size, size=(of, each)) + size * np.arange(of)[:, None]
@@ -105,8 +105,8 @@ def drawn(found: Population, passages: float, random: np.random.Generator) -> tu
 
 
 def judged(found: Population, passages: float, repetitions: int, seed: int) -> np.ndarray:
-    """Flags (repetitions, NUMBERS, 4): the statistic has a lower limit, has an upper limit; the
-    truth is below, is above its interval."""
+    """Flags (repetitions, NUMBERS, 4): the interval has a lower limit, has an upper limit; the
+    truth is below it, is above it."""
     random = np.random.default_rng(seed)
     values = found.values[np.isfinite(found.values)]
     truth = {"mean": values.mean(), "std": values.std()}

@@ -88,7 +88,7 @@ def kinds() -> Iterator[Kind]:
 
 
 def run(kind: Kind, slope: float, boulders: int, seed: int) -> dict[str, float]:
-    """Statistics of boulders at the line, by the names in HOW."""
+    """Statistics of boulders at the line, by the names in HOW; NaN if fewer than FEW pass."""
     surface = {"uniform_mean_radius": kind.radius, "ground": kind.ground}
     if kind.table:
         surface["ground_table"] = kind.table

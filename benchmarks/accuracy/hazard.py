@@ -81,8 +81,8 @@ def frequency_of(runs: list) -> np.ndarray:
 
 
 def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
-    """Fraction of cells whose intervals contain the frequency, for each level and for cells at the
-    edge of a zone."""
+    """Yield the fraction of cells whose interval contains the true frequency, for each level: over
+    the cells with at least the frequency RARE, then over cells at the edge of a zone."""
     ends = []
     for end in ("_low", "_high"):
         hits = found[f"hit_frequency{end}"].values
@@ -96,7 +96,7 @@ def held_in(found, truth: np.ndarray, matrix: Matrix) -> Iterator[float]:
 
 def right_in(found, truth: np.ndarray, matrix: Matrix) -> tuple[float, float]:
     """Fraction of cells in a zone whose class is reported as certain, and the fraction of these
-    that have the right class."""
+    cells whose class is right."""
     classes = hazard_classes(truth, matrix, truth[0] > 0)
     certain = (found.hazard_class_certain.values > 0) & (classes > 0)
     same = np.maximum(found.hazard_class.values, 1) == classes  # treat none and residual as equal

@@ -44,7 +44,8 @@ def held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
 
 
 def levels_held(parts: list[xr.Dataset], truth: xr.Dataset) -> None:
-    """Print how often return-level intervals contain the value, over lines and quantities."""
+    """Print how often return-level intervals contain the value of the long run, over lines and
+    quantities."""
     # Numbers of intervals that contain the value, exist, and were requested:
     counts = {N: [0, 0, 0] for N in tails.LEVELS}
     for k in range(truth.sizes["line"]):

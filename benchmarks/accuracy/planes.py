@@ -118,7 +118,7 @@ def numbers(speed: dict[str, float], height: dict[str, float], boulders: int) ->
 
 
 def neutral(sets: Sets, ratio: int) -> Number:
-    """Neutral slope of one of the five sets [degree]."""
+    """Neutral slope [degree] of one of the five sets, with its standard error over seeds."""
     rebound = set_rebound(sets.mean[ratio - 1], sets.covariance[ratio - 1])
     found = [neutral_slope(rebound, seed=seed) for seed in SEEDS]
     return Number(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found))))
@@ -151,8 +151,8 @@ def growth_flown(path: Path, ratio: int, slope: float) -> float:
 
 
 def neutral_flown(path: Path, ratio: int, law: float) -> float:
-    """Neutral slope from simulated flights [degree], near that from the set's distribution: growth
-    is nearly linear within a degree."""
+    """Neutral slope [degree] from simulated flights, near `law`, that from the set's distribution:
+    growth is nearly linear within a degree."""
     low, high = law - 1, law + 1
     ends = [growth_flown(path, ratio, slope) for slope in (low, high)]
     return low - ends[0] * (high - low) / (ends[1] - ends[0])
@@ -200,8 +200,8 @@ def look_at_tables(boulders: int) -> Measured:
 
 
 def text(number: Number, digits: int, scale: float = 1.0) -> str:
-    """Text of a value with its standard error; percentages have no error, which the page gives
-    once."""
+    """Text of a value with its standard error. Percentages have no standard error here: the page
+    states it once."""
     value, error = number
     if np.isnan(value):
         return "-"

@@ -102,7 +102,8 @@ def rows_of(k: int, found: Back, made: dict[str, float]) -> pd.DataFrame:
 
 
 def report(rows: pd.DataFrame) -> None:
-    """Print the calibration. Standard errors are between truths, whose parameters are dependent."""
+    """Print the calibration. Standard errors are computed over truths, because the parameters of a
+    truth are dependent."""
     rows = rows.assign(held=(rows["q05"] < rows["truth"]) & (rows["truth"] < rows["q95"]))
     rows["all"] = "all"
     for by in ("all", "kind", "parameter"):

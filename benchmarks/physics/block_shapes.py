@@ -27,7 +27,8 @@ from rockfall.studies.validation import RUN_OUT, comparable_numbers
 
 
 def ways(folder: Path) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Variants of shapes: name, release table and keys of &boulder."""
+    """Yield variants of block shapes: name, release table (written to `folder`), and keys of
+    &boulder."""
     releases = pd.read_csv(folder / "releases.csv")
     shares = releases["block_shape"].value_counts(normalize=True)
     releases.drop(columns="block_shape").to_csv(folder / "alike.csv", index=False)

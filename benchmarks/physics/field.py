@@ -103,8 +103,8 @@ def relief_laws(name: str) -> Iterator[Law]:
 
 
 def site_laws(given: argparse.Namespace, tables: Sequence[str], rows: Sequence[str]) -> list[Law]:
-    """The matrix, impact tables, the first table with other reliefs, classical grounds, and
-    requested models, which replace others of the same name."""
+    """Rebound models of a site: the matrix, impact tables, the first table with other reliefs,
+    classical grounds, and requested models, which replace others of the same name."""
     shipped = [table(f"table {name}={name}") for name in tables]
     laws = [matrix(), *shipped, *relief_laws(tables[0]), *map(ground, rows), *given.law]
     return [*{law.name: law for law in laws}.values()]
@@ -224,7 +224,7 @@ def _quantiles(result: xr.Dataset, seen: Observed) -> Iterator[tuple[Key, Number
 
 def event(given: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows for every rebound model at the Mel de la Niva, with inputs from its `make_case.py`.
-    Refuses a folder without observed.csv."""
+    Raises a RockfallError if its folder has no observed.csv."""
     folder = ROOT / "cases" / "mel-de-la-niva"
     if not (folder / "observed.csv").exists():
         raise RockfallError(f"{folder}: has no observed.csv: run make_case.py there first")
@@ -264,7 +264,8 @@ def markdown(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _cell(rows: pd.DataFrame, name: str, whose: str, factor: float) -> str:
-    """Value with its standard error, and the mark of its verdict."""
+    """Cell of a table: value with its standard error and, if simulated, the mark of its verdict;
+    "-" for a missing value."""
     if name not in rows.index or not np.isfinite(rows.loc[name, whose]):
         return "-"
     row = rows.loc[name]
@@ -282,7 +283,8 @@ def place(name: str, half: str) -> str:
 
 
 def put(name: str, text: str) -> None:
-    """Insert tables at the position with this name on their page; refuses a page without it."""
+    """Insert tables at the position with this name on their page. Raises a RockfallError unless the
+    page has this position once."""
     path = PAGES.get(name, TABLES)
     page = path.read_text(encoding="utf-8")
     begin, end = f"<!-- {name} -->\n", f"<!-- end of {name} -->\n"

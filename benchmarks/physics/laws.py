@@ -62,7 +62,7 @@ class Law:
 
 
 def matrix() -> Law:
-    """Matrix of the paper with its shipped sets."""
+    """Model by the matrix, with the default impact set and rocks of R_m = ROCKS."""
     return Law(f"matrix, R_m {ROCKS} m", {"impact": {"form": "matrix"}}, ROCKS)
 
 

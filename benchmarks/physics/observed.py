@@ -55,7 +55,8 @@ def measure(case: rockfall.Case, seed: int, boulders: int) -> pd.DataFrame:
 
 
 def maximum(values: np.ndarray) -> float:
-    """Mean maximum of 100 passing boulders, from values at a line; NaN: did not pass."""
+    """Mean maximum of 100 passing boulders, from `values` at a line (NaN for boulders that do not
+    pass); NaN if fewer than 100 pass."""
     passed = values[np.isfinite(values)]
     hundreds = passed[: len(passed) // AT_ONCE * AT_ONCE].reshape(-1, AT_ONCE)
     return float(hundreds.max(axis=1).mean()) if len(hundreds) else nan

@@ -68,7 +68,8 @@ def on_meadow(tried: Law, data: Path) -> Found:
 
 
 def fitted(start: float, error_of: Callable[[float], Found]) -> Iterator[tuple[float, Found]]:
-    """Yield reliefs [degree], by the secant method until the mean agrees, with their results."""
+    """Yield reliefs [degree] with their results, by the secant method, until the mean agrees within
+    TOLERANCE or after TRIES reliefs."""
     relief, before = start, None
     for _ in range(TRIES):
         found = error_of(relief)

@@ -54,8 +54,8 @@ class PlatRockError(Exception):
 def stops(
     python: Path, folder: Path, seed: int, rocks: int = ROCKS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (n, 2) from release to rest [m], and the number of each release; `folder` has dem.asc
-    and releases.csv. Raises a PlatRockError if PlatRock fails."""
+    """Vectors (n, 2) from release to rest [m], and the index of the release of each boulder;
+    `folder` has dem.asc and releases.csv. Raises a PlatRockError if PlatRock fails."""
     releases = pd.read_csv(folder / "releases.csv")
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)

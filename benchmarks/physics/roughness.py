@@ -47,7 +47,7 @@ def on_pasture(law: Law, runs: list[Run], place: tuple) -> list[str]:
 
 
 def on_talus(law: Law, slopes: int, seen: pd.DataFrame) -> list[str]:
-    """Relative error of the mean of each quantity at the line."""
+    """Relative error of the mean of each quantity at the line, as text."""
     case = rockfall.read_case(CASES / METHODS["B"]).replace(**law.of("compact"))
     runs = [measure(case, FIRST + k, ON_SLOPES) for k in range(slopes)]
     errors = []

@@ -35,7 +35,7 @@ RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
 def beyond(
     law: Law, slope: float, boulders: int, seed: int = 1, radius: float = RADIUS
 ) -> tuple[float, float]:
-    """Fraction of boulders beyond the limit, and their mean maximum speed [m/s]."""
+    """Fraction of boulders that exceed LIMIT on a plane, and their mean maximum speed [m/s]."""
     angle = np.radians(slope)
     rows = int(LENGTH * np.cos(angle) / CELL) + 12
     z = 500 + np.tan(angle) * CELL * np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0]
@@ -54,7 +54,8 @@ def beyond(
 
 
 def beyond_on(terrain: str, law: Law) -> tuple[float, float]:
-    """Fraction of boulders beyond the limit and mean maximum speed [m/s] on a real terrain."""
+    """Fraction of boulders faster than observed, and their mean maximum speed [m/s], on a real
+    terrain."""
     groups = {
         "case": {"title": "terrain", "seed": 3, "boulders": 2},
         "terrain": {"dem": terrain},

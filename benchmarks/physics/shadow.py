@@ -46,8 +46,8 @@ def profile(slopes: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 def stops(
     talus: str, plain: str, slopes: Sequence[float], radius: float, boulders: int, folder: Path
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Shadow angles of the stopping places [degree], 90 if above the foot of the talus, and a mask
-    of the places below it."""
+    """Shadow angles [degree] of the stopping places, 90 for places above the foot of the talus; and
+    a mask of the places below the foot."""
     z, zone = profile(slopes)
     rows, columns = len(z), int(WIDTH / CELL)
     groups = {

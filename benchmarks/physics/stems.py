@@ -50,7 +50,8 @@ def of_model(folder: Path, volume: float) -> dict[tuple[int, int], tuple[float, 
 
 
 def of_program(diameter: float, speed: float, volume: float, folder: Path) -> tuple[float, float]:
-    """Means as from `of_model` by this program, from horizontal flights at single stems."""
+    """Mean fraction of energy left, and fraction stopped, by this program, from horizontal flights
+    at single stems."""
     reach = np.cbrt(3 * volume / (4 * np.pi)) + diameter / 200
     x = APART * (1 + np.arange(PLACES))
     trees = pd.DataFrame(

@@ -73,7 +73,7 @@ def _data(folder: Path) -> Path:
 
 
 def observed(folder: Path, half: str) -> list[Run]:
-    """Runs of a half, in the order of their names."""
+    """Observed runs of a half ("calibration" or "held-out"), sorted by name."""
     _, _, starts = read_table(_data(folder) / "release_points.csv")
     _, _, rests = read_table(_data(folder) / "observed_deposition.csv")
     rest = {row.cells["trajectory_id"]: row for row in rests}
@@ -107,7 +107,8 @@ def terrain(folder: Path) -> tuple[np.ndarray, Grid]:
 
 
 def simulated(run: Run, law: Law, place: tuple[np.ndarray, Grid], boulders: int, seed: int):
-    """Stopping places (boulders, 2) [m]."""
+    """Stopping places (boulders, 2) [m] of boulders simulated from the release of an observed
+    run."""
     volume = 4 / 3 * np.pi * run.radius**3
     shape = SHAPE_OF_BLOCK[run.block]
     groups: dict[str, dict[str, Any]] = {
@@ -131,7 +132,8 @@ def azimuths(way: np.ndarray) -> np.ndarray:
 
 
 def described(runs: list[Run], rests: list[np.ndarray]) -> dict[str, float]:
-    """Statistics of stopping places, equal numbers per run, compared with those observed."""
+    """Statistics by title of the run-outs to stopping places `rests`, which have equal numbers for
+    each run, compared with the observed run-outs."""
     ways = np.concatenate([rest - run.start for run, rest in zip(runs, rests, strict=True)])
     out = np.hypot(*ways.T)
     seen = np.array([np.hypot(*(run.rest - run.start)) for run in runs])

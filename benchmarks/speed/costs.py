@@ -170,7 +170,8 @@ def _rebounds(part: Path) -> int:
 
 
 def per_rebound(program: Path, case: Path, few_boulders: int = FEW) -> float:
-    """Instructions per rebound, from the additional cost of boulders."""
+    """Instructions per rebound, from the difference of two runs with different numbers of
+    boulders."""
     numbers = few_boulders, few_boulders * MANY // FEW
     (few, before), (many, after) = (instructions(program, case, n) for n in numbers)
     return (many - few) / (after - before)
@@ -255,7 +256,8 @@ NEEDED = {
 
 
 def builds(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Name and path of rockfall-batch in one-by-one mode, then without each option, then all."""
+    """Yield name and path of rockfall-batch without lanes: complete, then without the code of each
+    option, then without the code of all of them."""
     copy_sources(folder)
     go_one_by_one(folder)
     every = [edit for name, edits in CUTS.items() if name != "maps by source" for edit in edits]

@@ -29,7 +29,7 @@ LINES = 200, 5000
 
 
 def estimated(said: str, word: str, units: dict[str, float]) -> float:
-    """Value of a row such as `memory   about 2.0 GB ...`."""
+    """Value [byte or s] from a row of `rockfall check` such as `memory about 2.0 GB ...`."""
     number, unit = re.search(rf"^  {word} +about ([\d.]+) (\w+)", said, re.MULTILINE).groups()
     return float(number) * units[unit]
 

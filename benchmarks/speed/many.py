@@ -43,7 +43,7 @@ def command(kept: str, boulders: int, threads: int, output: str) -> list[str]:
 
 
 def kill_on_the_way(folder: Path, words: list[str], seconds: float) -> None:
-    """Kill a run that saves every second, after a time, but not before its first save."""
+    """Kill a run that saves every second, after `seconds`, but not before its first save."""
     process = subprocess.Popen([*words, "--checkpoint", "1"], cwd=folder)
     time.sleep(seconds)
     checkpoint = folder / f"{words[-1]}.checkpoint"
@@ -66,7 +66,8 @@ def same(one: Path, other: Path) -> bool:
 
 
 def compare(folder: Path, kept: str, boulders: int, threads: int) -> None:
-    """Print the maximum relative differences of line statistics from a run with all rows."""
+    """Print the maximum relative differences of line statistics between a run with `kept` rows and
+    a run with all rows."""
     for name in ("all", kept):
         run(folder, name, boulders, threads, f"{name}_few.nc")
     results = [rockfall.read_result(folder / f"{name}_few.nc") for name in ("all", kept)]

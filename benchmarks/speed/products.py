@@ -53,7 +53,7 @@ CASE = """&case boulders = {boulders}, seed = 20090601, title = 'Vaujany, method
 
 
 def prepare(python: str, folder: Path, boulders: int) -> None:
-    """Make the result with a build, and the case of the hazard."""
+    """Make the result with a build, and copy the cases of the hazard and of the dossier."""
     sets = ROOT / "python/rockfall/data/impact_sets/bourrier2009.nml"
     maps = ", ".join(f"'{name}'" for name in MAPS)
     text = CASE.format(boulders=boulders, place=VAUJANY.parent, sets=sets, maps=maps)

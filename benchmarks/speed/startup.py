@@ -74,7 +74,8 @@ def words_of(command: str) -> list[str]:
 
 
 def by_package(tree: Path, folder: Path, command: str) -> Counter[str]:
-    """Milliseconds of a command by package, from the fastest of five starts."""
+    """Milliseconds that a command takes to import each package, and for the rest, from the fastest
+    of five starts."""
     found: list[Counter[str]] = []
     for _ in range(5):
         wall, _, said = start(tree, folder, ["-X", "importtime", *words_of(command)])

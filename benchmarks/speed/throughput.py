@@ -66,7 +66,7 @@ class Runs(NamedTuple):
         return 1e9 * self.cpu.min() / self.rebounds
 
     def over(self, one: Runs) -> str:
-        """Speed-up over one thread, and additional CPU time."""
+        """Text with the speed-up over the runs `one`, and with the ratio of the CPU times."""
         faster, dearer = one.wall.min() / self.wall.min(), self.cpu.min() / one.cpu.min()
         return f"{faster:18.2f} x{dearer:20.2f}"
 

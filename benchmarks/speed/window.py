@@ -159,7 +159,7 @@ def wait(coming: Iterator[dict[str, Any]], type: str, **content: Any) -> None:
 
 
 def times(coming: Iterator[dict[str, Any]], revision: int, begun: float) -> list[float]:
-    """Milliseconds from a time to the state, the first results and all results of a revision."""
+    """Milliseconds from `begun` to the state, the first results and all results of a revision."""
     found: list[float] = []
     for one in coming:
         assert one["type"] not in ("fault", "refused") and not one.get("errors"), one
@@ -214,7 +214,7 @@ def _chromium() -> Any:
 
 
 def _start(browser: Any, path: Path, environment: dict[str, str]) -> list[float]:
-    """Milliseconds of each of PHASES."""
+    """Start `rockfall app` for a case; return the milliseconds of each of PHASES."""
     browser.get("about:blank")
     command = [sys.executable, "-m", "rockfall", "app", str(path), "--no-browser"]
     begun = 1e3 * time.time()

@@ -56,7 +56,7 @@ class Scene:
         return self.groups.get("flight", {}).get("gravity", 9.81)
 
     def case(self, folder: Path, boulders: int = 500, **groups: dict[str, Any]) -> rockfall.Case:
-        """Case with at least a number of boulders; its impact sets are written to `folder`."""
+        """Case with at least `boulders` boulders; its impact sets are written to `folder`."""
         alike = np.tile(self.mean, (5, 1)), np.tile(self.covariance, (5, 1, 1))
         write_sets(folder / "sets.nml", *alike)
         points = np.array(self.points or scattered(self))

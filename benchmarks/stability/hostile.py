@@ -347,8 +347,9 @@ def verdict(ran: Ran, work: Path, before: dict[str, tuple], batch: bool) -> str:
 
 
 def bad_numbers(path: Path) -> list[str]:
-    """Names of variables with invalid numbers: not finite per boulder or along a path, else
-    infinite; and "lines" if variables at lines lack values for different boulders."""
+    """Names of variables with invalid numbers: NaN or infinite in variables per boulder or path
+    vertex, infinite in others; and "lines" if variables at lines lack values for different
+    boulders."""
     bad = []
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)

@@ -66,7 +66,8 @@ PRELOAD = ["__main__", "rockfall.simulation.parts.checkpoint", "rockfall.text.su
 
 
 def build_shim(folder: Path) -> dict[str, str]:
-    """Build crash.c; return an environment in which programs read CRASH_AT and the like."""
+    """Build crash.c; return an environment that loads it into programs, which then obey CRASH_AT
+    and its other variables."""
     shim = folder / "crash.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", "-o", shim, SHIM, "-ldl"], check=True)
     return {**os.environ, "LD_PRELOAD": str(shim), "OMP_NUM_THREADS": "1"}
@@ -200,8 +201,8 @@ def _finish(command: list[str], folder: Path, environment: dict[str, str]) -> No
 
 
 def _may_stay(left: Path) -> bool:
-    """Return True for empty files or folders that were not yet used, and for a temporary folder
-    with files that were about to be replaced."""
+    """Return True for what may remain after a crash: an empty file, an unused folder, or a
+    temporary folder with files that were about to be replaced."""
     if left.is_file():
         return left.stat().st_size == 0
     return any(left.glob(f"{OLD}/*")) or {path.name for path in left.iterdir()} <= {UNLOCKED}

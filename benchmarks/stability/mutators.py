@@ -347,7 +347,7 @@ def folder(_: np.random.Generator, path: Path) -> None:
 
 
 def missing(_: np.random.Generator, path: Path) -> None:
-    """Leave the name unused."""
+    """Remove the file."""
     path.unlink()
 
 

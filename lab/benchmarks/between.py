@@ -98,8 +98,8 @@ Keys = dict[str, dict[str, Any]]  # case keys by group
 
 
 def passing(keys: Keys, slope: float, folder: Path, seed: int) -> float:
-    """Fraction of boulders with R_b = RADIUS that pass LINE on an even slope [degree], by these
-    case keys; their files are in `folder`."""
+    """Fraction of boulders with R_b = RADIUS that pass LINE on an even slope [degree]. The case
+    `keys` select the rebound; their files are in `folder`."""
     angle = np.radians(slope)
     rows = int((LINE * np.cos(angle) + BEYOND) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

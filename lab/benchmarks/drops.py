@@ -23,7 +23,7 @@ CELL, COLUMNS, ROWS, ABOVE, PASSED = 2.0, 60, 100, 10, 80.0
 
 
 def passing(table: str, slope: float, drop: float, given: argparse.Namespace) -> float:
-    """Fraction of boulders that pass."""
+    """Fraction of boulders that pass PASSED [m] down a plane."""
     top = (ROWS - ABOVE) * CELL
     at = top - PASSED * np.cos(np.radians(slope))
     case = rockfall.Case(

@@ -28,7 +28,8 @@ BASE = "base"
 
 
 def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
-    """Name and change of each variant: a factor if the name contains "times", else a value."""
+    """Changes of the case by the name of each variant; "x 2" in a name means that the value is
+    doubled."""
 
     def times(group: str, key: str, factor: float) -> dict[str, dict[str, Any]]:
         return {group: {key: getattr(case, group)[key] * factor}}
@@ -52,7 +53,8 @@ def variants(case: LabCase) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def peak_change(data, base) -> str:
-    """Changes for impacts that ended in both runs; empty if shots or layers differ."""
+    """Median and 90 % quantile of the relative change of V_out, as text, for impacts that ended in
+    both runs; empty for the base itself, or if shots or layers differ."""
     same = data["status"].shape == base["status"].shape and all(
         np.array_equal(data[name], base[name]) for name in ("surface", "vt_in")
     )

@@ -35,7 +35,8 @@ FASTER = {"speed": [1.0, 14.0, 60.0], "angle": [3.0, 45.0, 90.0]}  # [m/s], [deg
 
 
 def fallen(case: BlockCase, slope: float, drop: float) -> float:
-    """Fraction of laboratory blocks that pass."""
+    """Fraction of laboratory blocks that pass MARK [m] down a slope [degree] after a fall of `drop`
+    [m]."""
     speed = np.sqrt(2 * GRAVITY * drop)
     throw = {
         "slope": [slope] * 2, "speed": [speed] * 3, "angle": [90 - slope] * 3, "spin": [0.0] * 3,
@@ -50,7 +51,8 @@ def fallen(case: BlockCase, slope: float, drop: float) -> float:
 def drawn(
     table: str, folder: Path, radius: float, slope: float, drop: float
 ) -> tuple[float, float]:
-    """Fraction of boulders that pass by a table, and rebounds per boulder beyond its records."""
+    """Fraction of boulders that pass MARK by a table, and rebounds per boulder that are faster than
+    its records."""
     along = MARK * np.cos(np.radians(slope))
     rows = ABOVE + int(along / CELL) + BELOW
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

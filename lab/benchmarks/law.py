@@ -34,8 +34,9 @@ CELL, COLUMNS, ABOVE = 2.5, 80, 8  # cell size [m], columns, rows above the rele
 
 
 def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Run-outs (blocks,) and speeds at the marks (blocks, marks) [m], [m/s], NaN: not reached.
-    Within a contact, the squared speed is linear in the distance."""
+    """Run-outs (blocks,) [m] of laboratory blocks, and their speeds at the marks (blocks, marks)
+    [m/s], NaN for marks that are not reached. Within a contact, the squared speed is linear in the
+    distance."""
     throw = {"slope": [slope] * 2, "speed": [SPEED] * 3, "angle": [ANGLE] * 3, "spin": [0.0] * 3}
     one = case.replace(lab={"throws": blocks, "contacts": 600, "seed": seed}, throw=throw)
     data = run_throws(one)
@@ -73,7 +74,8 @@ def thrown(case: BlockCase, slope: float, blocks: int, seed: int) -> tuple[np.nd
 
 
 def drawn(table: Path, slope: float, boulders: int) -> tuple[np.ndarray, np.ndarray]:
-    """Run-outs and speeds at the marks of boulders in the program."""
+    """Run-outs [m] of boulders in the program, and their speeds at the marks [m/s], as from
+    `thrown`."""
     angle = np.radians(slope)
     rows = int((FAR * np.cos(angle) + 60) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

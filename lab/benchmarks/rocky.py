@@ -44,7 +44,8 @@ def wyllie(angle: np.ndarray) -> np.ndarray:
 
 
 def scree_friction(ratio: float) -> str:
-    """Range of the friction angle of stones on scree, R_b/R_m times larger than the scree."""
+    """Range of the friction angle [degree], as text, of stones on scree whose rocks are `ratio`
+    times smaller."""
     low, high = np.degrees(np.arctan(np.tan(np.radians(INTERNAL)) + np.array(PER_SIZE) / ratio))
     return f"{low:.1f} to {high:.1f}"
 
@@ -134,8 +135,8 @@ def slope_with_error(data: xr.Dataset, ratio: float, slopes: list[float]) -> str
 
 
 def relief_at(case: LabCase, ratio: float) -> float:
-    """Relief of the layer [degree] at any ratio: beyond the ratios of the case, that of the
-    nearest."""
+    """Relief of the layer [degree] at any ratio, interpolated in the logarithm of the ratio; beyond
+    the ratios of the case, that of the nearest."""
     relief = np.broadcast_to(case.throw["relief"], len(case.lab["ratios"]))
     return float(np.interp(np.log(ratio), np.log(case.lab["ratios"]), relief))
 

@@ -35,7 +35,8 @@ CELL, COLUMNS, ABOVE = 2.5, 120, 8
 
 
 def on_plane(keys: dict[str, dict[str, Any]], radius: float, slope: float, folder: Path) -> str:
-    """Statistics of boulders on an even slope; `keys` of the case select the table."""
+    """Passing fraction with its standard error, and mean speed, as text, of boulders on an even
+    slope; `keys` of the case select the table."""
     angle = np.radians(slope)
     rows = int((LENGTH * np.cos(angle) + 80) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

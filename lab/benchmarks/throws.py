@@ -31,7 +31,8 @@ PARTS = 5  # number of groups of throws, omitted in turn
 
 
 def errors(files: list[xr.Dataset], seeds: range, boulders: int, kept: int = KEPT) -> np.ndarray:
-    """Relative errors of the means at the lines, averaged over slopes, by a table of contacts."""
+    """Relative errors of the means at the lines, averaged over slopes, by the table made from
+    `files`."""
     printed = pd.read_csv(CASES / "paper.csv").set_index(["line", "method", "quantity"])["mean"]
     places = [(line, quantity) for line in LINES for quantity in QUANTITIES]
     seen = np.array([printed[line, "observed", quantity] for line, quantity in places])

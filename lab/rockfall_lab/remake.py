@@ -63,8 +63,8 @@ def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool)
 
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:
-    """Laboratory contacts from which a table was made, for each of its cases. Refuses a table
-    that names no case."""
+    """Laboratory contacts from which a table was made, for each of its cases. Raises a
+    RockfallError for a table without cases."""
     texts = cases_of(table.attrs)
     if not texts:
         raise RockfallError(f"{path}: does not say which case of the laboratory made it")

@@ -150,7 +150,8 @@ def test_the_checksum_is_of_every_outcome(impacts):
 
 
 def stops_after(questions):
-    """Substitute for `interrupts` that answers no `questions` times, then reports Ctrl-C."""
+    """Substitute for `interrupts` that reports no Ctrl-C for the first `questions` calls, then
+    Ctrl-C."""
 
     @contextmanager
     def interrupts():
@@ -325,7 +326,8 @@ ALIKE = {  # (lengths, speeds) multiplied by 16 or 4; rounding commutes with suc
 
 @pytest.fixture(scope="module")
 def stiff():
-    """Case so stiff and slow that its step is Rayleigh's, a product of powers of parameters."""
+    """Case so stiff and slow that its time step is Rayleigh's, a product of powers of parameters;
+    and its impacts."""
     case = SMALL.replace(
         lab={"layers": 1, "ratios": [1, 2]},
         packing={"friction": 0.3, "rigid_base": True},

@@ -95,7 +95,7 @@ def test_a_contact_begins_downwards_or_where_one_was_cut(data):
 
 
 def test_where_a_contact_is_cut_the_next_begins_with_what_the_block_has(data):
-    """The velocity at the start of a contact is that at the end of the contact that was cut, plus
+    """A contact after a cut contact begins with the velocity at the end of the cut contact, plus
     the gain from gravity along the fall line."""
     rolls = np.flatnonzero((data["exit"].values[:-1] == ROLLS_ON) & (data["order"].values[1:] > 1))
     assert len(rolls) > 20
@@ -120,7 +120,8 @@ def test_contacts_are_cut_at_their_time(data):
 
 
 def test_gravity_is_taken_out_along_the_slope():
-    """On a smooth plane only gravity acts along it, whatever the attitude."""
+    """On a smooth plane without friction, only gravity changes the velocity along the plane,
+    whatever the attitude of the block."""
     case = SMALL.replace(
         ground={"plough": False, "friction": 0, "relief": 0, "soil_density": 0},
         throw={"slope": [45, 45], "angle": [5, 30, 60], "speed": [1, 3, 8]},

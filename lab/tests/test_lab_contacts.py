@@ -56,7 +56,7 @@ def files(folder):
 
 
 def groups(means):
-    """Numbers in the groups of a set file."""
+    """Lines with the means in a set file."""
     return [line for line in means.read_text().splitlines() if line.startswith("  mean = ")]
 
 
@@ -204,7 +204,7 @@ def test_sets_are_not_made_again_from_other_contacts(again, capsys, spoil, messa
 
 
 def changed(column, value, row=3):
-    """Contacts with one changed cell, in line `row` + 2."""
+    """Return a function that changes a cell of a contact table, in line `row` + 2 of its file."""
 
     def change(table):
         table[column] = list(table[column])

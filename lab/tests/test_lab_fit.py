@@ -62,7 +62,8 @@ def test_a_fit_that_ignores_the_cut_off_would_not_do(found):
 
 
 def test_the_law_of_the_rebound_comes_back_where_the_matrix_cannot(found):
-    """Only the part of C that affects V_out can be recovered: its covariance, by direction."""
+    """Only the part of C that affects V_out can be recovered: the covariance of V_out for each
+    incident direction."""
     x = incident(200, 7)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     for k in range(3):

@@ -237,7 +237,7 @@ def test_what_is_climbed_on_a_facet_becomes_motion_again():
 
 
 def least_squares(contacts, nearest=False):
-    """Replacement for the fit, which takes a minute."""
+    """Quick replacement for `fit_contacts`, which takes a minute."""
     v = contacts.impacts
     mean = np.linalg.lstsq(v.v_in, v.v_out, rcond=None)[0].T.ravel()
     found = ImpactSet(mean, 1e-3 * np.eye(9), np.zeros(9), np.zeros((9, 9)), len(v.v_in), 0.0)

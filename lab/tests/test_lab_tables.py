@@ -336,7 +336,8 @@ def test_bins_hold_their_records(made):
 
 
 def test_a_record_knows_what_followed_it_in_its_throw(made):
-    """A rolling record has the speed of the next contact's start; a stopping record has none."""
+    """A rolling record ends with the speed at which the next contact begins; a stopping record has
+    no follower."""
     table = open_table(made / "meadow.nc")
     record = dict(zip(FIELDS, table.record.T.astype(float), strict=True))
     follower = record["follower"].astype(int)

@@ -162,8 +162,8 @@ class BlockCase:
         return BlockCase(name=self.name, folder=self.folder, **(kept | changed))
 
     def at_radius(self, radius: float) -> BlockCase:
-        """Return a copy with blocks of another R_b [m] on the same ground, with equal relief over
-        R_b and equal or proportional strength."""
+        """Return a copy with blocks of another R_b [m] on the same ground: its relief scales with
+        R_b, its strength with R_b to the power `yield_exponent`."""
         ground, factor = self.ground, radius / self.ground["fitted_radius"]
         growth = factor ** ground["yield_exponent"]
         pressure = ground["yield_pressure"] * growth

@@ -40,7 +40,7 @@ MIN_REBOUNDS = 20  # minimum number of rebounds for a mean, per incidence class 
 
 
 class Site:
-    """Stand-in for the experimental slope."""
+    """Stand-in for the experimental slope. Raises a RockfallError if the folder has no case.nml."""
 
     def __init__(self, folder: str | Path, boulders: int = 2000, trajectories: int = 200) -> None:
         folder = Path(folder)

@@ -130,8 +130,8 @@ def tied(n: int, ties: Iterable[list[str]]) -> np.ndarray:
 
 
 def fit_contacts(contacts: Contacts, nearest: bool = False) -> dict[int, ImpactSet]:
-    """Fit the sets for all five ratios. A ratio without contacts is an error; with `nearest`, it
-    gets the set of the nearest ratio that has contacts."""
+    """Fit the sets for all five ratios. Raises a RockfallError for a ratio without contacts; with
+    `nearest`, this ratio gets the set of the nearest ratio with contacts instead."""
     given = contacts.by_ratio()
     for ratio in RATIOS:
         if not (ratio in given or ALL in given or nearest):

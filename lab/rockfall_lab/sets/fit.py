@@ -98,8 +98,8 @@ def impacts_of(data: xr.Dataset, ratio: float, state: str = "peak") -> Impacts:
 
 
 def fit_impacts(data: xr.Dataset, state: str = "peak") -> dict[int, ImpactSet]:
-    """Fit the sets for all ratios. Raises a RockfallError for a ratio that no set has, or if a set
-    cannot be fitted."""
+    """Fit the sets for all ratios. Raises a RockfallError for a ratio other than 1, 2, 3, 4 or 5,
+    or if a set cannot be fitted."""
     sets = {}
     for ratio in data["ratio"].values:
         if ratio != int(ratio) or not 1 <= ratio <= 5:
@@ -138,8 +138,8 @@ def fit_set(impacts: Impacts, groups: int = GROUPS) -> ImpactSet:
     """Fit M and C by maximum likelihood, with standard errors from `groups` groups of layers (NaN
     without groups).
 
-    The result is bitwise independent of the number of threads. A RockfallError reports too few
-    impacts, or incident velocities that are too similar.
+    The result is bitwise independent of the number of threads. Raises a RockfallError for too few
+    impacts, incident velocities that are too similar, and impacts without scatter.
     """
     from threadpoolctl import threadpool_limits
 
@@ -242,8 +242,9 @@ def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def _rejections(bad: np.ndarray) -> np.ndarray:
-    """Fraction (n, draws) of the start points in the ring of draws from which a draw is rejected
-    before an admissible draw. Sums are unbiased estimates of the rejections before a rebound."""
+    """Fraction (n, draws) of the start points, in the ring of an impact's draws, from which a draw
+    is rejected before the first admissible draw. Sums over the draws are unbiased estimates of the
+    number of rejections before a rebound."""
     draws = bad.shape[1]
     run = np.zeros(len(bad))
     times = np.zeros(bad.shape)

@@ -88,8 +88,8 @@ class Layers:
 def pack_layers(
     case: LabCase, ratio: float, first: int = 1, count: int = 1, threads: int = 0
 ) -> Layers:
-    """Pack layers `first` to `first + count - 1` of the case's seed, deep and wide enough for a
-    boulder of a given R_b/R_m: dropped and settled rocks."""
+    """Pack layers `first` to `first + count - 1` of the case's seed: rocks that are dropped and
+    settle, deep and wide enough for a boulder of a given R_b/R_m."""
     check_team(threads)
     room, code, message = _lab.room_for_layer(case.row("packing", ratio))
     check_kernel(code, message, case.name)

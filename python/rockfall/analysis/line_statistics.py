@@ -124,7 +124,7 @@ def numbers_at(samples: LineSamples, line: int, quantity: str) -> dict[str, floa
 
 
 def numbers(sample: Sample, quantity: str) -> dict[str, float]:
-    """Statistics of a quantity from a sample."""
+    """Row of `line_statistics` for a quantity, from a sample."""
     row: dict[str, float] = {"n": sample.n, "fraction": sample.n / max(1, sample.released)}
     if sample.released:
         row["fraction_low"], row["fraction_high"] = fraction_limits(
@@ -141,7 +141,8 @@ def sample_numbers(v: np.ndarray, source: Sources, signed: bool = False) -> dict
 
 
 def numbers_of(sample: Sample, signed: bool = False) -> dict[str, float]:
-    """Statistics of a non-empty sample."""
+    """Mean, standard deviation, quantiles and maximum of a non-empty sample, with intervals. Unless
+    `signed`, the lower limit of the mean is at least 0."""
     row = {"mean": sample.mean(), "max": sample.max()}
     for level, value in zip(QUANTILES, sample.quantile(QUANTILES), strict=True):
         name = quantile_name(level)
@@ -170,7 +171,8 @@ def withheld(row: Mapping[str, float]) -> list[str]:
 
 
 def row_name(quantity: str) -> str:
-    """Quantity whose row has the number of another: for the fraction, the speed."""
+    """Quantity of the row that has the statistics of `quantity`: the speed for "fraction", which
+    has no row of its own."""
     return "speed" if quantity == "fraction" else quantity
 
 

@@ -15,7 +15,8 @@ OF_VOLUMES = (  # keys of &boulder, except the list of volumes, which may be lon
 
 
 def population_notes(case: Case, yearly: bool = False) -> Iterator[Text]:
-    """Notes on the boulders behind results of a case; `yearly` results cover its scenarios."""
+    """Notes on the boulders behind results of a case; `yearly` means that the results cover its
+    scenarios."""
     given = {key: case.boulder[key] for key in keys_of("boulder") if key in case.boulder}
     volumes = [f"{key} = {literal(value)}" for key, value in given.items() if key in OF_VOLUMES]
     yield say("variants.population", boulders=", ".join(volumes))

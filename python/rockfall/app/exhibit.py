@@ -82,7 +82,7 @@ class Exhibit:
         """Do nothing, because no run is in progress."""
 
     def look(self, view: View) -> None:
-        """Set the selected map, lines or section."""
+        """Set the view, and send the messages that depend on its changes."""
         before, self.view = self.view, view
         if view.section != before.section:
             self._tell("section", self._section())

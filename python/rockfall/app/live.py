@@ -89,7 +89,6 @@ class Live:
         return len(self.site.kept.get("scenario", []))
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def close(self) -> None:

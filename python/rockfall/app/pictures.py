@@ -66,7 +66,7 @@ class Ground:
         return round(self.shade_grid.cell / self.full.cell)
 
     def message(self) -> bytes:
-        """Content of the message `terrain`."""
+        """Message `terrain`: thinned elevations and hillshade."""
         grid = self.grid
         return binary_message(
             "terrain",

@@ -71,7 +71,6 @@ class Task:
         self._thread = Thread(target=self._work, name=kind, daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def cancel(self) -> None:
@@ -79,7 +78,6 @@ class Task:
         self._cancel.set()
 
     def wait(self) -> None:
-        """Wait until the thread ends."""
         self._thread.join()
 
     def _work(self) -> None:

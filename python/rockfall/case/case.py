@@ -267,7 +267,8 @@ class Facts(NamedTuple):
 
 
 def facts(case: Case, *groups: str) -> Facts:
-    """Facts that derive from these groups of a case; a reading stage records that it reads them."""
+    """Facts that derive from these groups of a case. The groups are accessed, so that a case that
+    records accessed groups includes them."""
     for group in groups:
         getattr(case, group)
     return case._facts
@@ -280,7 +281,7 @@ def in_kernel(case: Case) -> KernelValues:
 
 
 def check_all_kept(case: Case, needs: str) -> None:
-    """Raise an error for a case whose runs do not keep the rows of all boulders; the message
+    """Raise a RockfallError for a case whose runs do not keep the rows of all boulders; the message
     starts with `needs`."""
     if (kept := case.output["kept"]) != "all":
         raise RockfallError(
@@ -290,7 +291,7 @@ def check_all_kept(case: Case, needs: str) -> None:
 
 
 def is_given(case: Case, group: str, key: str) -> bool:
-    """Return True if a key differs from its default; a reading stage records `group` as read."""
+    """Return True if a key differs from its default. The group is accessed, as in `facts`."""
     own = getattr(case, group).get(key)
     read = next(read for read in case._values.groups if read.name == group)
     return key in read.given or own != read.usual.get(key)

@@ -47,7 +47,7 @@ def variants(case: Case) -> dict[str, Case]:
 
 def chosen_variant(case: Case, name: str | None) -> Case:
     """Variant with this name; BASE selects the case without variants. Without a name, the case
-    itself, which must then have no variants."""
+    itself, which must then have no variants. Raises a RockfallError for an unknown name."""
     if name is None:
         check_single(case)
         return case

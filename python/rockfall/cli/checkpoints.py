@@ -69,7 +69,8 @@ def new_checkpoint(
 
 
 def study_interrupted(checkpoints: Iterable[Checkpoint]) -> int:
-    """Report checkpoints after Ctrl-C and return the status; KeyboardInterrupt without any."""
+    """Report checkpoints after Ctrl-C and return the status; raise KeyboardInterrupt without
+    checkpoints."""
     kept = [str(checkpoint.path) for checkpoint in checkpoints if checkpoint.saved]
     if not kept:
         raise KeyboardInterrupt

@@ -229,7 +229,7 @@ def centre(u: np.ndarray) -> np.ndarray:
 
 
 def likeliest(u: np.ndarray, pool) -> np.ndarray:
-    """State with its most likely boulder state."""
+    """State `u` with the boulder state that makes it most likely."""
     each = np.tile(u, (len(STATES), 1))
     each[:, NAMES.index("state")] = (np.arange(len(STATES)) + 0.5) / len(STATES)
     values = pool.map(Likelihood({}), each)

@@ -157,7 +157,8 @@ class ScenarioRun:
         return lines
 
     def samples(self, kind: str) -> list[Sample]:
-        """Samples at each line, object or segment (`kind`)."""
+        """Samples (boulders, boulders that count as one, boulders per year) at each line, object or
+        segment (`kind`)."""
         return [(self.boulders, each, self.yearly) for each in self.per_place[kind].tolist()]
 
     def _risk(self, objects: Objects, result: xr.Dataset, clusters: Clusters) -> RunRisk:

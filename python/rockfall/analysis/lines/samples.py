@@ -90,7 +90,8 @@ class LineSamples:
         return Values(values[among], Passing(self._source[chosen], which))
 
     def kept(self, line: int) -> dict[Any, Any]:
-        """Cached statistics of all boulders at a line, shared by analyses."""
+        """Cache for statistics of all boulders at a line, shared by analyses; a new dictionary if
+        they cannot be cached."""
         return self._at(line)[0].kept if self._has_kept else {}
 
     def _at(self, line: int) -> tuple[AtLine, Passing]:

@@ -117,7 +117,8 @@ class Layer:
 
     def by_intensity(self, name: str, intensities: int, *, missing: bool = False) -> np.ndarray:
         """Values (objects, intensities) of an attribute: of `name` for all intensities, or of
-        name_1, name_2, ..., which must not decrease; empty if the layer has neither."""
+        name_1, name_2, ...; empty if the layer has neither. Raises a RockfallError for other
+        numbers of columns, and for values that decrease with the intensity."""
         several = [f"{name}_{k}" for k in range(1, intensities + 1)]
         self.asked.update((name, *several))
         given = [column for column in self.columns if column.startswith(name) and column != NAMED]

@@ -86,7 +86,8 @@ def files_of(sources: Sequence[Source], frames: dict[str, Path]) -> list[File]:
 
 
 def only_layer(path: str | Path) -> str:
-    """Layer name in a file with a single layer; otherwise the file name, refused on reading."""
+    """Layer name in a file with a single layer; otherwise the name of the file without its
+    ending."""
     names = layer_names(path)
     return names[0] if len(names) == 1 else Path(path).stem
 

@@ -245,8 +245,9 @@ def _place(objects: Objects, number: int, shape: Any, width: float, grid: Grid) 
 
 
 def object_hits(objects: Objects, result: xr.Dataset) -> Iterator[tuple[int, np.ndarray]]:
-    """Number of each object with evaluation lines, and the largest energy [J] and centre height
-    [m] of each boulder at these lines (2, boulders); NaN if the boulder misses the object."""
+    """Yield the index of each object with evaluation lines, and the largest energy [J] and centre
+    height [m] of each boulder at these lines (2, boulders); NaN if the boulder misses the
+    object."""
     for number in np.unique(objects.owner):
         check_all_rows(result, "an object that is a line")
         hits = np.full((2, result.sizes["boulder"]), np.nan)

@@ -277,7 +277,8 @@ def _outlines(ground: Any) -> Iterator[Any]:
 def _on_terrain(
     pieces: Sequence[_Piece], scene: Scene, path: str, remarks: list[str]
 ) -> list[_Piece]:
-    """Segments at least partly on the terrain, with a remark on others; an error if none is."""
+    """Segments at least partly on the terrain, with a remark on the others. Raises a RockfallError
+    if no segment is on the terrain."""
     import shapely
 
     grid = scene.grid

@@ -33,8 +33,8 @@ NONE = 0.0, 0.0, 0.0
 
 class Estimate(NamedTuple):
     """A statistic of the boulders that have a value, and the contribution of each released boulder
-    to its error (influence with mean 0; Hampel 1974). With too few boulders, there are no
-    influences; without any, the statistic is NaN."""
+    to its error (influence with mean 0; Hampel 1974). With too few boulders, `influence` is None;
+    without boulders, `value` is NaN."""
 
     value: float
     influence: np.ndarray | None = None
@@ -51,7 +51,8 @@ def mean_of(values: np.ndarray, fewest: int = MIN_FOR_MEAN) -> Estimate:
 
 def quantile_of(values: np.ndarray, level: float = LEVEL) -> Estimate:
     """Quantile of the known values (not NaN). Its influence uses the density between the order
-    statistics that enclose it (Woodruff 1952); without influences if the sample has none."""
+    statistics that enclose it (Woodruff 1952); without influences if the sample lacks these order
+    statistics."""
     has = ~np.isnan(values)
     if not has.any():
         return Estimate(math.nan)

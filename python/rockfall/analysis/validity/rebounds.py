@@ -54,7 +54,7 @@ def rebound_remarks(values: Variables, case: Case) -> Iterator[Remark]:
 
 
 def ground_part(rebounds: GroundRebounds) -> Text:
-    """Ground, its model, and its fraction of the rebounds."""
+    """Text with a ground, its model, and its fraction of the rebounds."""
     return say(
         "model.ground_part",
         name=rebounds.name,

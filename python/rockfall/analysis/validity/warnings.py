@@ -82,7 +82,8 @@ def with_model_warnings(result: Result) -> Result:
 
 
 def warned_of_model(result: Result) -> Result:
-    """Result with its model warnings, also issued and attributed to the caller's caller."""
+    """Add the model warnings to a result, and issue them as Python warnings attributed to the
+    caller's caller."""
     result = with_model_warnings(result)
     warn_each(dict.fromkeys(result.attrs[MODEL_WARNINGS].splitlines()), stacklevel=4)
     return result

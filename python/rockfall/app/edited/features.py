@@ -34,14 +34,12 @@ class Feature(NamedTuple):
     properties: dict[str, Any]
 
     def vertices(self) -> int:
-        """Number of vertices."""
         if self.type == "Point":
             return 1
         return len(self.coordinates) if self.type == "LineString" else sum(map(len, self.rings))
 
     @property
     def rings(self) -> Any:
-        """Rings of a polygon."""
         return self.coordinates
 
     def shape(self) -> Any:
@@ -158,7 +156,6 @@ class Layer:
 
     @property
     def geometry(self) -> str:
-        """Geometry type of the features."""
         return self.features[0].type
 
     def shapes(self) -> np.ndarray:

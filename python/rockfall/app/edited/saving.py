@@ -39,8 +39,8 @@ def check_name(name: object) -> str:
 
 
 def check_free(folder: Path, names: list[str], overwrite: bool) -> None:
-    """Raise an error if files or folders with these names exist, unless `overwrite`. Links to
-    folders are refused, because files elsewhere would be replaced."""
+    """Raise Exists if files or folders with these names exist, unless `overwrite`. Raise Refused
+    for links to folders, because files elsewhere would be replaced."""
     taken = [name for name in names if os.path.lexists(folder / name)]
     for name in taken:
         if (folder / name).is_symlink() and (folder / name).is_dir():
