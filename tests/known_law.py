@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders with known, lognormal speeds, of which some cross a line; runs end by rules."""
+"""Boulders with lognormal speeds of known parameters, part of which cross a line; runs end by a
+rule."""
 
 import numpy as np
 import xarray as xr
@@ -20,8 +21,8 @@ SAMPLE = {  # attributes of a result with sampled sources
 
 
 def made(values, source=None, attrs=None):
-    """Result with one line that boulders of 1 m3 and 1 kg crossed with given speeds; NaN: not
-    crossed."""
+    """Result in which boulders of 1 m3 and 1 kg cross a line at the speeds `values` [m/s]; NaN is
+    for no crossing."""
     source = np.zeros(values.size, int) if source is None else source
     start = source.astype(float)
     one, number = np.ones(values.size), np.arange(values.size)
@@ -37,7 +38,8 @@ def lognormal(random, n):
 
 
 def theory(statistic: str, limit: float) -> tuple[float, float]:
-    """Value of a statistic, and the number of boulders at which its half width is `limit`."""
+    """True value of a statistic, and the number of boulders for which the half width of its
+    interval is `limit` times the value."""
     w, scale = np.exp(SIGMA**2), (Z / limit) ** 2 / SHARE
     if statistic == "fraction":
         return SHARE, scale * (1 - SHARE)
@@ -52,7 +54,8 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
 
 
 def stages(rules, random, draw=lognormal, cap=10**7):
-    """Run in stages with boulders from `draw`; return the last result."""
+    """Run in stages, with values of boulders from `draw`, until the rules are met; return the last
+    result."""
     n, values = min(FIRST, cap), np.empty(0)
     while True:
         values = np.concatenate([values, draw(random, n - values.size)])

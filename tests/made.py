@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files for tests to read, and a check for refusals."""
+"""Files for tests to read, and a check of refusals."""
 
 import contextlib
 import os
@@ -20,12 +20,13 @@ PLACE = Affine(5.0, 0.0, 600000.0, 0.0, -5.0, 5000000.0)
 
 
 def hill(ny=6, nx=4, dtype="float64"):
-    """Elevations that differ in every cell."""
+    """Elevations, different in every cell."""
     return (1000.0 + np.arange(ny * nx).reshape(ny, nx) * 0.25).astype(dtype)
 
 
 def make_raster(path, array, transform=PLACE, crs=UTM, nodata=None, **profile):
-    """Write a raster with one band, or several for a three-dimensional array."""
+    """Write a raster with one band, or with several from a three-dimensional array; return its
+    path."""
     bands = array if array.ndim == 3 else array[None]
     with rasterio.open(
         path,
@@ -45,13 +46,14 @@ def make_raster(path, array, transform=PLACE, crs=UTM, nodata=None, **profile):
 
 
 def make_ascii(path, body, head="xllcorner 600000\nyllcorner 4999970\ncellsize 5\n", size=(3, 2)):
-    """Write an ESRI ASCII grid with `size` (columns, rows) and any text as numbers."""
+    """Write an ESRI ASCII grid of `size` (columns, rows) with `body` as its numbers; return its
+    path."""
     Path(path).write_text(f"ncols {size[0]}\nnrows {size[1]}\n{head}{body}")
     return path
 
 
 def make_layer(path, shapes, crs=UTM, layer=None, **columns):
-    """Write a vector layer of shapes, with an attribute for each of `columns`."""
+    """Write a vector layer with an attribute for each of `columns`; return its path."""
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     kinds = {shape.geom_type for shape in shapes if shape is not None}
@@ -74,7 +76,7 @@ def _field(values):
 
 
 class Frame(pd.DataFrame):
-    """Minimal GeoDataFrame for rockfall, without geopandas."""
+    """The part of a GeoDataFrame that rockfall uses, without geopandas."""
 
     _metadata = ["crs"]
 
@@ -99,8 +101,8 @@ def write_ascii(path, array, grid, nodata=-9999):
 
 
 def make_rockyfor3d(folder, elevations, sources):
-    """Write a Rockyfor3D folder with given elevations, in cells of 5 m; `sources` is 1 where
-    boulders start."""
+    """Write a Rockyfor3D folder for elevations in cells of 5 m; `sources` is 1 where boulders
+    start, else 0."""
     ones = np.ones(elevations.shape)
     rasters = {"dem": elevations, "soiltype": 4 * ones, "rockdensity": 2700 * sources}
     rasters |= dict.fromkeys(("rg70", "rg20", "rg10"), 0.1 * ones)
@@ -113,8 +115,8 @@ def make_rockyfor3d(folder, elevations, sources):
 
 @contextlib.contextmanager
 def refused(message):
-    """Check that the block raises a RockfallError with exactly this line and exit status 2. Paths
-    are compared with `/` on every system."""
+    """Check that the block raises a RockfallError with exactly this line and exit status 2; on
+    every system paths have `/`."""
     with pytest.raises(RockfallError) as caught:
         yield
     said, expected = (text.replace(os.sep, "/") for text in (str(caught.value), message))
@@ -124,7 +126,7 @@ def refused(message):
 
 
 def every_third(parameters):
-    """Parameters of a test; all but every third require `--all`."""
+    """Parameters of a test; two of three require `--all`."""
     return [
         pytest.param(
             *(one if isinstance(one, tuple) else (one,)), marks=[pytest.mark.all] * (k % 3 > 0)
@@ -134,15 +136,15 @@ def every_third(parameters):
 
 
 def write_few_maps(patch):
-    """Write hazards with two maps, because writing all takes longer than everything else."""
+    """Write only two maps of a hazard, because writing all takes longer than all other steps."""
     put = hazard_files._put_maps
     few = ["hazard_class", "hazard_class_certain", "crs"]
     patch.setattr(hazard_files, "_put_maps", lambda hazard, folder: put(hazard[few], folder))
 
 
 def leave_pictures_blank(patch):
-    """Give page figures their size but no content: other tests cover drawing, which takes longer
-    than everything else. Texts of figures are still translated."""
+    """Make figures of pages blank but of their true size, because drawing takes longest and has its
+    own tests. Texts of figures are still translated."""
 
     def blank(figure, _):
         wide, high = figure.get_size_inches()
@@ -153,13 +155,13 @@ def leave_pictures_blank(patch):
 
 
 def surveyed_blocks():
-    """Rows `volume,year` of 60 blocks from a power law, every sixth of which is dated."""
+    """Rows `volume,year` of 60 blocks from a power law; every sixth has a year."""
     years = [str(1990 + k // 2) if k % 6 == 0 else "" for k in range(60)]
     return [f"{0.4 * (1 - k / 60) ** -0.8:.4f},{year}\n" for k, year in enumerate(years)]
 
 
 def make_page(folder):
-    """Files that replace the built page of the live window."""
+    """Write files that replace the built page of the live window; return their folder."""
     folder.mkdir()
     (folder / "index.html").write_text(
         '<!doctype html><html><head><link rel="stylesheet" href="app.css"></head>'

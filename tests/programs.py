@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The standalone program, and a small case with everything that it can run."""
+"""The program rockfall-batch, and a small case with everything that it can run."""
 
 import os
 import re
@@ -50,14 +50,15 @@ makes_links = pytest.mark.skipif(
 
 
 def find_program():
-    """Path of rockfall-batch in this build or installation; None if there is none."""
+    """Path of rockfall-batch on the PATH, in this build or next to Python; None if there is
+    none."""
     places = [ROOT / "build" / "fortran", Path(sys.executable).parent]
     beside = [place / "rockfall-batch" for place in places if (place / "rockfall-batch").is_file()]
     return shutil.which("rockfall-batch") or (str(beside[0]) if beside else None)
 
 
 def run_program(*words, cwd, limit=None, env=None):
-    """Run the program in a folder; `limit` is the maximum size of its files [bytes]."""
+    """Run rockfall-batch in a folder; `limit` is the maximum size of its files [bytes]."""
     first = limited("RLIMIT_FSIZE", limit) if limit else None
     return subprocess.run(
         [find_program(), *map(str, words)], cwd=cwd, capture_output=True, text=True, timeout=600,
@@ -66,8 +67,8 @@ def run_program(*words, cwd, limit=None, env=None):
 
 
 def limited(name, size):
-    """Function that limits a resource of a child process to `size` bytes; larger files cannot be
-    written, as on a full disk."""
+    """Function that a child process calls to limit a resource to `size` bytes. Larger files cannot
+    be written, as on a full disk."""
     resource = pytest.importorskip("resource", reason="this system has no limits of a process")
     return lambda: resource.setrlimit(getattr(resource, name), (size, size))
 
@@ -104,14 +105,15 @@ def make_full_case(folder, **groups):
 
 
 def make_prepared(folder, **groups):
-    """Write the case of `make_full_case`, and `folder/ready/case.nml` for the program."""
+    """Write the case of `make_full_case`, and prepare it in `folder/ready` for rockfall-batch."""
     case = make_full_case(folder, **groups)
     prepare(case, folder / "ready")
     return case
 
 
 def same_results(one, other):
-    """Check that variables, bits and attributes are equal, except those specific to a run."""
+    """Check that variables and attributes are bit-identical, except attributes such as run
+    times."""
     assert {*one.variables} == {*other.variables}
     for name, variable in other.variables.items():
         mine = one.variables[name]
@@ -129,14 +131,14 @@ def same_results(one, other):
 
 
 def refused_in_one_line(done, words):
-    """Check for exit status 2 and one line that contains a text."""
+    """Check that rockfall-batch ended with status 2 and exactly this line."""
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"rockfall-batch: {words}\n"
 
 
 def refuses(words, message, capture):
-    """Check that `rockfall` ends with status 2 and one matching line, and writes nothing. Paths in
-    the line are matched with `/` on every system."""
+    """Check that `rockfall` ends with status 2 and one line that matches `message`, and writes
+    nothing. Paths in the line are matched with `/` on every system."""
     assert Path.cwd() != ROOT
     before = everything(Path())
     capture.readouterr()
@@ -148,12 +150,12 @@ def refuses(words, message, capture):
 
 
 def everything(folder):
-    """All bytes of all files in a folder."""
+    """Bytes of every file in a folder, by path; False for folders."""
     return {path: path.is_file() and path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
 def wait_until_busy(pid, seconds=1.5):
-    """Return when a process has used some CPU time: it has read its case and is running."""
+    """Wait until a process has used some CPU time, so that it has read its case and is running."""
     process = psutil.Process(pid)
     for _ in range(6000):  # five minutes, because others use the machine
         spent = process.cpu_times()
@@ -169,7 +171,7 @@ PROGRESS = r"rockfall: \d+ of \d+ \w+(?:, run \d+ of \d+ \([^)\n]*\))?\n"
 
 
 def wait_until_running(child):
-    """Return when a child with `SAYS_PROGRESS` has completed its first boulders."""
+    """Wait until a child with `SAYS_PROGRESS` has completed its first boulders."""
     while (line := child.stderr.readline()).startswith("rockfall: 0 of "):
         pass
     assert re.fullmatch(PROGRESS, line), line
@@ -180,7 +182,7 @@ class Killed(BaseException):
 
 
 def killed_after(monkeypatch, chunks):
-    """Let a run end like a killed run after some chunks."""
+    """Make a run raise `Killed` after some chunks."""
     calls = iter(range(chunks))
     fly = simulate._run_range
 

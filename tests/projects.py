@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Projects of other programs, as read and written by them: a slope of 39 degrees above a flat."""
+"""Folders of projects of other programs, as these write them: a slope of 39 degrees above a
+flat."""
 
 import json
 from pathlib import Path
@@ -14,7 +15,7 @@ BOX = {"west": (1050, 2250, 1100, 2280), "east": (1150, 2250, 1200, 2280)}  # re
 
 
 def elevations():
-    """Elevations that rise by 0.8 to the north, from y = 2100."""
+    """Elevations of a flat at 100 m, and of a slope of 0.8 north of y = 2100."""
     y = GRID.north - (np.arange(GRID.ny) + 0.5) * GRID.cell
     return np.repeat(np.interp(y, [2000, 2100, 2300], [100, 100, 260])[:, None], GRID.nx, 1)
 
@@ -47,7 +48,7 @@ SOILS = (
 
 def platrock(folder, **files):
     """Write a PlatRock simulation: two release polygons, two soils that overlap from y = 2100 to
-    2150, a checkpoint, trees. `files` replaces texts by their stem, or omits them with None."""
+    2150, a checkpoint, trees. `files` has other texts by file name, or None to leave a file out."""
     texts = {
         "rocks.geojson": collection(*zip(ROCKS, (box(*BOX[name]) for name in BOX), strict=True)),
         "soil.geojson": collection(
@@ -69,8 +70,8 @@ def platrock(folder, **files):
 
 
 def avaframe(folder, release="raster"):
-    """Write an AvaFrame folder with two release areas as shapefiles or one as a raster,
-    infrastructure of two areas, a forest structure index, and empty folders."""
+    """Write an AvaFrame folder: release areas (one raster, or two shapefiles), infrastructure of
+    two areas, a forest structure index, and empty folders."""
     import shapely
 
     inputs = Path(folder) / "Inputs"

@@ -9,7 +9,7 @@ OWN = ("date_created", "wall_seconds", "cpu_seconds", "threads", "model_warnings
 
 
 def same_bits(a, b):
-    """Return whether type, shape and bits are equal; -0 differs from 0, all NaN are equal."""
+    """Return True if type, shape and bits are equal; -0 differs from 0, and all NaN are equal."""
     a, b = np.asarray(a), np.asarray(b)
     if a.dtype.kind == "f":
         a, b = (np.where(np.isnan(x), x.dtype.type(np.nan), x) for x in (a, b))
@@ -17,7 +17,7 @@ def same_bits(a, b):
 
 
 def same_numbers(a, b, names=None):
-    """Check that two results are bit-identical in all common variables."""
+    """Check that two results are equal in all common variables, or in `names`; NaN equals NaN."""
     names = names or sorted(set(a.variables) & set(b.variables))
     assert {"status", "stop_z", "path_length", "rebounds"} <= set(names)
     for name in names:
@@ -30,7 +30,8 @@ def same_numbers(a, b, names=None):
 
 
 def same(one, other):
-    """Check that variables, bits and attributes are equal, except times and threads."""
+    """Check that variables and attributes are identical, except attributes such as run times and
+    threads."""
     xr.testing.assert_identical(
         one.assign_attrs(dict.fromkeys(OWN, 0)), other.assign_attrs(dict.fromkeys(OWN, 0))
     )

@@ -32,19 +32,19 @@ pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreference
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Make an empty folder current, so that files have short names, as in messages."""
+    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(params=["whole", "in blocks of a row"])
 def blocks(request, monkeypatch):
-    """Results of reading by blocks must not depend on block size."""
+    """Run a test also with blocks of one row, because the block size must not change results."""
     if request.param != "whole":
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
 
 
 def shifted(east):
-    """`PLACE` shifted to the east by some metres."""
+    """`PLACE` shifted to the east by `east` metres."""
     return Affine(PLACE.a, PLACE.b, PLACE.c + east, PLACE.d, PLACE.e, PLACE.f)
 
 
@@ -64,7 +64,7 @@ def run_offered(error, *, after="with: "):
 
 
 def georeferenced(z, nodata=None, dtype="float32"):
-    """CF variable on the cells of PLACE."""
+    """CF variable on cells of PLACE."""
     x = xr.Variable("x", 600002.5 + 5.0 * np.arange(z.shape[1]), {"axis": "X"})
     y = xr.Variable("y", 4999997.5 - 5.0 * np.arange(z.shape[0]), {"axis": "Y"})
     data = xr.DataArray(z.astype(dtype), dims=("y", "x"), coords={"x": x, "y": y}, name="z")
@@ -173,7 +173,8 @@ def test_a_variable_of_a_netcdf_file_can_be_named():
 
 
 def make_netcdf(stored, about, units=("m", "m", "m")):
-    """Write a grid of 2 x 3 to dem.nc, whose variable has given attributes; y ascends."""
+    """Write a grid of 2 x 3 cells to dem.nc; `about` has attributes of its variable, and y
+    ascends."""
     with netCDF4.Dataset("dem.nc", "w") as file:
         for name, centres, unit in (
             ("x", 600002.5 + 5.0 * np.arange(3), units[0]),
@@ -206,13 +207,14 @@ BYTES = np.array([[1, 2, 3], [4, 5, -6]], "i1")
     ],
 )  # fmt: skip
 def test_what_netcdf_says_of_its_numbers_is_honoured(about, values, blocks):
-    """y ascends in the file, so its last row is the first."""
+    """The rows of the file are read in reverse, because y ascends in it."""
     make_netcdf(BYTES, about)
     np.testing.assert_array_equal(read_dem("dem.nc")[0], values)
 
 
 def test_packed_floats_are_unpacked_in_double_precision():
-    """Values are those of rockfall-batch; single precision would give other bits."""
+    """Values are bit-identical to those of rockfall-batch, which single precision would not
+    give."""
     stored = np.array([[0.1, 0.2, 0.3], [1.7, 2.3, 9.9]], "f4")
     make_netcdf(stored, {"scale_factor": np.float32(0.1), "add_offset": 1000.0})
     z, _ = read_dem("dem.nc")
@@ -270,7 +272,8 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
 )
 @pytest.mark.parametrize("rising", [False, True])
 def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
-    """A part keeps the GeoTransform of the complete raster, which some versions of GDAL use."""
+    """A part of a dataset may keep the GeoTransform of the complete raster, which some versions of
+    GDAL use."""
     about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)
@@ -559,7 +562,7 @@ def test_zones_that_are_no_integers(dem, blocks):
     (4294967295.0, "u4"), (-2147483648.0, "i4"), (1.70141e38, "f8"),
 ])  # fmt: skip
 def test_undeclared_nodata_is_named_with_its_cure(dem, value, kind, blocks):
-    """The printed command declares the value; the cells are then empty."""
+    """The command in the message declares the value as nodata; cells with it are then empty."""
     ids = np.ones((60, 40), kind)
     ids[50, 2] = value
     path = make_raster("my zones.tif", ids)
@@ -670,7 +673,7 @@ MOSAIC = """<VRTDataset rasterXSize="4" rasterYSize="6"><VRTRasterBand dataType=
 
 
 def test_a_mosaic_is_refused_with_the_command_that_converts_it():
-    """A VRT may refer to any files, servers and code."""
+    """A VRT is refused, because it may refer to any files, servers and code."""
     Path("dem.vrt").write_text(MOSAIC)
     command = "gdal_translate dem.vrt dem_vrt.tif"
     with refused(f"dem.vrt: is a VRT: convert it to a GeoTIFF: {command}"):
@@ -679,7 +682,8 @@ def test_a_mosaic_is_refused_with_the_command_that_converts_it():
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF3_64BIT_DATA"])
 def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
-    """A classic header may claim more memory than exists, which would end the process."""
+    """Classic netCDF is refused, because its header may claim more memory than exists, which would
+    end the process."""
     netCDF4.Dataset("dem.nc", "w", format=format).close()
     said = "dem.nc: is classic netCDF: convert it to netCDF-4 by nccopy -k nc4 dem.nc dem_nc4.nc"
     for read in read_dem, read_result:
@@ -689,7 +693,8 @@ def test_classic_netcdf_is_refused_with_the_command_that_converts_it(format):
 
 @pytest.fixture
 def server():
-    """Address of a server, and a function that returns 1 after a request, otherwise 0."""
+    """Address of a server, and a function that returns 1 if it had a request since the last call,
+    else 0."""
     with socket.create_server(("127.0.0.1", 0)) as waiting:
         waiting.setblocking(False)
 
@@ -758,7 +763,8 @@ def test_a_folder_is_no_raster():
 
 
 def test_a_mark_that_is_no_number():
-    """GDAL would read such a nodata value as zero, and leave out all cells at zero."""
+    """A nodata value that is not a number is refused: GDAL would read it as zero, and omit all
+    cells at zero."""
     make_raster("dem.tif", hill(), nodata=-9999)
     content = Path("dem.tif").read_bytes()
     assert content.count(b"-9999\0") == 1
@@ -768,7 +774,8 @@ def test_a_mark_that_is_no_number():
 
 
 def test_a_tile_far_larger_than_its_raster_is_refused():
-    """Reading any cell would unpack the complete tile."""
+    """A tile far larger than its raster is refused, because reading any cell would unpack it
+    completely."""
     tiles = {"tiled": True, "blockxsize": 4112, "blockysize": 4112}
     make_raster("dem.tif", hill(dtype="uint8"), compress="deflate", **tiles)
     with refused("dem.tif: tiles of 4112 x 4112 cells do not fit a raster of 4 x 6: damaged"):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scale that may already convert a unit, next to the unit's name: the correct meaning is unknown,
-and no command that converts again is proposed."""
+"""A scale that may already convert a unit, next to the name of the unit: the elevations are
+ambiguous and refused, without a command that might convert them twice."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""CSV files written by the program have no formulas, and can be read back unchanged."""
+"""CSV files written by the program contain no formulas, and can be read back unchanged."""
 
 import csv
 import math
@@ -28,7 +28,7 @@ def cells_of(path):
 
 
 def is_formula(cell):
-    """Return True if a cell begins like a formula of a spreadsheet and is not a number."""
+    """Return True if a cell begins like a formula and is not a number."""
     try:
         float(cell)
     except ValueError:
@@ -62,7 +62,8 @@ def result(tmp_path_factory):
 
 
 def test_a_line_that_is_called_like_a_formula(result, tmp_path, monkeypatch, capsys):
-    """Tables with the line's name have no formulas, and a name copied from them still matches."""
+    """Tables with a line named `=1+1` contain no formulas, and the name copied from them still
+    matches."""
     monkeypatch.chdir(tmp_path)
     rockfall.write_result(result, "out.nc")
     assert main(["lines", "out.nc", "-o", "lines.csv"]) == 0

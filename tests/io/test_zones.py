@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones: every cell of the terrain has a row in the table, or one line gives the reason."""
+"""Zones: every cell of the terrain has a row in the table, or a line of error gives the reason."""
 
 import json
 import math
@@ -31,7 +31,7 @@ from rockfall.io.zone_table import index_blocks, read_zone_table
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Make an empty folder current, so that files have short names, as in messages."""
+    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -39,7 +39,7 @@ def in_tmp_path(tmp_path, monkeypatch):
 
 
 def table(text, encoding="utf-8"):
-    """Write a table of zones; return the sizes by zone."""
+    """Write a table of zones; return the obstacle sizes of each zone."""
     Path("zones.csv").write_bytes(text.encode(encoding))
     return {zone: row.sizes for zone, row in read_zone_table("zones.csv").items()}
 
@@ -121,7 +121,7 @@ def test_no_table():
 
 @pytest.fixture(params=["whole", "in blocks of a row"])
 def blocks(request, monkeypatch):
-    """Results of processing by blocks must not depend on block size."""
+    """Run a test also with blocks of one row, because the block size must not change results."""
     if request.param != "whole":
         monkeypatch.setattr(grid_module, "_BLOCK", 1)
 
@@ -189,7 +189,7 @@ GRID = Grid(600000.0, 5000000.0, 10.0, nx=6, ny=4)
 
 
 def box(west, south, east, north):
-    """Rectangle in local coordinates from GRID's south-western corner."""
+    """Rectangle in metres from the south-western corner of GRID."""
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     return shapely.box(600000 + west, 4999960 + south, 600000 + east, 4999960 + north)
 
@@ -254,7 +254,7 @@ def inside(path, grid):
 
 
 def plain_geojson(x0=600000, y0=4999960, size=20):
-    """GeoJSON without a CRS, written by hand."""
+    """Write a square as GeoJSON without a CRS."""
     x, y = x0 + size, y0 + size
     ring = f"[[{x0},{y0}],[{x},{y0}],[{x},{y}],[{x0},{y}],[{x0},{y0}]]"
     Path("a.geojson").write_text(
@@ -314,7 +314,8 @@ def test_geojson_says_only_where_polygons_lie(old, new, said):
 
 
 def test_multipoints_are_points_but_no_object():
-    """Exports of single points are often multipoints; several points are never one object."""
+    """A multipoint with a single point is often an export of points; one with several points is no
+    object."""
     import shapely
 
     places = [(600005, 4999990), (600015, 4999990), (600025, 4999990)]
@@ -346,7 +347,7 @@ def test_geojson_of_one_feature_or_shape():
 
 
 def test_geojson_without_a_crs_is_in_degrees_or_refused():
-    """If the terrain has no CRS, nothing is checked."""
+    """Without a CRS of the terrain, coordinates are not checked."""
     with pytest.raises(RockfallError) as caught:
         inside(plain_geojson(), utm_grid())
     assert str(caught.value) == (
@@ -363,7 +364,7 @@ def test_geojson_without_a_crs_is_in_degrees_or_refused():
     "crs", every_third(["EPSG:4326", "EPSG:25833", "EPSG:3857", "EPSG:32632+5773"])
 )
 def test_reprojected_polygons_are_those_of_the_terrain(crs):
-    """One remark reports the reprojection; systems of heights do not matter."""
+    """One remark reports a change of horizontal CRS; a CRS of heights gives none."""
     import pyproj
     import shapely
 

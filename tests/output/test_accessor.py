@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results have the functions of the package as methods, whether made or read."""
+"""Results have functions of the package as methods, whether computed or read from a file."""
 
 import pytest
 

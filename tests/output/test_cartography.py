@@ -29,7 +29,7 @@ NET = {"name": "net", "x": [100.0, 200.0], "y": [250.0, 252.0], "height": 3.0, "
 
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
-    """Lines too close to each other for all of their names."""
+    """Result with lines too close to each other for all of their names."""
     groups = {"line": CROWDED, "release": {"x": 150.0, "y": 380.0}}
     output = {"maps": ["passages", "energy_max", "jump_height_max_map"]}
     folder = tmp_path_factory.mktemp("crowded")
@@ -84,7 +84,7 @@ def test_the_scale_bar_is_as_long_as_it_says(crowded):
 
 
 def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
-    """Maps of values and of stops also give their coordinate system, or that it is unknown."""
+    """Below maps of values and of stops is also the coordinate system, or that there is none."""
     place = {
         "projected_crs_name": "ETRS89 / UTM zone 32N",
         "crs_wkt": 'X[AUTHORITY["EPSG","25832"]]',
@@ -134,7 +134,7 @@ def test_limits_that_are_none_are_refused(text):
 
 @pytest.mark.parametrize("side", [3, 60])
 def test_many_sources_are_outlined_and_hide_nothing(crowded, side):
-    """The outline of 9 or 3,600 source cells is their perimeter."""
+    """The length of the outline of 9 or 3,600 source cells is their perimeter."""
     x, y = np.meshgrid(*[102.5 + 5.0 * np.arange(side)] * 2)
     inside, cells = marks.outlined(np.column_stack([x.ravel(), y.ravel()]), 1.0)
     sides = rasters.edges(inside, cells)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Catalogues of texts: all languages have the same ids and placeholders, and each id is used."""
+"""Catalogues of texts: all languages have the same ids and placeholders, and every id is used."""
 
 import json
 import re
@@ -36,7 +36,7 @@ PAGE = Path(__file__).parents[2] / "web/src"  # page of `rockfall app`; uses onl
 
 
 def messages(language):
-    """Forms of each message by id: one form, or singular and plural."""
+    """Forms of each message by id: one, or singular and plural."""
     with (PACKAGE / f"locale/{language}.po").open("rb") as source:
         found = read_po(source, locale=language, abort_invalid=True)
     several = {one.id: one.string for one in found if one.id}
@@ -177,7 +177,8 @@ def test_numbers_are_written_as_in_the_region(locale, number):
 
 
 def test_german_outside_switzerland_has_its_own_spelling():
-    """Texts have ß after long vowels and diphthongs, ss after short ones, and no Swiss words."""
+    """Texts for Germany and Austria have ß after long vowels and diphthongs, ss after short vowels,
+    and no Swiss words."""
     swiss, austrian = catalogue("de").forms, catalogue("de-AT").forms
     assert swiss == catalogue("de-CH").forms
     assert austrian == catalogue("de-DE").forms and austrian.keys() == swiss.keys()

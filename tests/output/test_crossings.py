@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First crossings of lines: table, dense view, selections of boulders, and file."""
+"""First crossings of lines: table, dense arrays, selections of boulders, and file."""
 
 import netCDF4
 import numpy as np
@@ -49,7 +49,7 @@ def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
 
 
 def test_places_are_on_the_line_at_the_distance(result):
-    """Crossings before and beyond a bend are at the points of the line at their distances."""
+    """Crossings on either side of a bend are on the line, at their distance along it."""
     x, y = (np.array(LINES[0][axis]) for axis in "xy")
     first = np.hypot(x[1] - x[0], y[1] - y[0])
     table = rockfall.crossings(result, 0)
@@ -100,7 +100,8 @@ def test_of_selected_boulders_there_are_their_crossings(result, chosen, tmp_path
 
 
 def test_the_file_is_one_that_other_programs_read(result, tmp_path):
-    """Line names are ASCII words that no `coordinates` attribute lists; chunks hold few lines."""
+    """Line names are ASCII words; no `coordinates` attribute has the variable of names; chunks are
+    small."""
     rockfall.write_result(result, tmp_path / "out.nc")
     with netCDF4.Dataset(tmp_path / "out.nc") as file:
         line, names, sizes = (file[name] for name in ("line", "line_name", "row_size"))
@@ -118,8 +119,8 @@ def test_the_file_is_one_that_other_programs_read(result, tmp_path):
 
 @pytest.mark.parametrize("size", [1.0, 1e9])
 def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypatch):
-    """Statistics are equal whether lines are shared, not shared, or exceed memory. A selection of
-    boulders is a different result."""
+    """Statistics are the same whether the values at a line are shared, not shared, or too large to
+    share. A selection of boulders does not share those of the full result."""
     monkeypatch.setattr(module, "MAX_SHARED", size)
     half = result.isel(boulder=slice(0, 150))
     alone = [rockfall.line_statistics(result), rockfall.return_levels(result, [10])]
@@ -138,7 +139,7 @@ def test_analyses_that_share_lines_have_the_same_numbers(result, size, monkeypat
 
 @pytest.fixture
 def in_file(result, tmp_path, monkeypatch):
-    """Result read from a file in which its crossings stay."""
+    """Result read from a file, whose crossings are not read into memory."""
     monkeypatch.setattr(stored_crossings, "MOST", 100)
     rockfall.write_result(result, tmp_path / "a.nc")
     return rockfall.read_result(tmp_path / "a.nc")

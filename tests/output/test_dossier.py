@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dossier: each value on page 1 is in its tables and comes from Python, a place has the same
-frequency in all products, and pages are few and signed in every language."""
+"""Dossier: values on page 1 are in its tables and come from Python, a place has one frequency in
+all products, and pages are few and have a signature in every language."""
 
 import json
 import re
@@ -211,7 +211,7 @@ def test_what_remains_is_a_table_of_what_is_known(made):
 
 
 def pages_of(made, monkeypatch, language):
-    """HTML of the pages, typeset as a PDF would be."""
+    """HTML of the dossier in a language, and the document typeset from it as a PDF would be."""
     folder, _ = made
     hazards = {name: read_hazard(folder / f"hazard_{name}.nc") for name in ("today", "with net")}
     frequencies = pd.read_csv(folder / "frequencies.csv", dtype={"statistic": str})
@@ -277,7 +277,7 @@ def test_a_map_of_part_of_the_area_shows_objects_and_the_reached_part_of_lines(m
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_second_model_is_run_and_what_governs_is_said(case, made):
-    """The second model is the table `talus` instead of the impact sets of the case."""
+    """The second model is the table `talus` in place of the impact sets of the case."""
     folder, page = made
     other = read_hazard(folder / "hazard_by_second_model.nc")
     today = variants(case)["today"]
@@ -302,7 +302,8 @@ def test_a_second_model_is_run_and_what_governs_is_said(case, made):
 
 
 def test_heights_of_both_models_are_compared(made):
-    """The second model has half the frequencies and energies, and twice the heights."""
+    """Each quantity is governed by the model with the higher value, here height by the second
+    model: frequencies and energies are halved, heights are doubled."""
     own = read_hazard(made[0] / "hazard_today.nc")
     other = own.copy(deep=True)
     for name, factor in (("frequency", 0.5), ("energy_by_period", 0.5), ("height_by_period", 2.0)):
@@ -356,7 +357,8 @@ def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
 
 
 def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
-    """By the model `higher`, boulders at the road pass 1 m higher."""
+    """Boulders pass the road 1 m higher by the second model, so that its net is 1 m higher; it is
+    only on page 1 if it must be stronger."""
     usual = read_hazard(made[0] / "hazard_by_second_model.nc")
     higher = usual.copy(deep=True)
     rates = usual["line_class_behind"].values
@@ -387,8 +389,8 @@ def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
     ],
 )
 def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, expected):
-    """By the model of the case, 30 boulders (28 to 32) pass a line per year. Factors of 2.5, and
-    factors of 5 with wide intervals, are not reported."""
+    """By the model of the case, 30 boulders (28 to 32) per year pass a line. A factor of 2.5 by the
+    other model, or of 5 with wide intervals, is not reported."""
     own = read_hazard(made[0] / "hazard_today.nc").drop_dims("object")
     other = own.copy(deep=True)
     for hazard, limits in ((own, (30.0, 28.0, 32.0)), (other, (rate, low, high))):
@@ -403,7 +405,8 @@ def test_page_1_begins_with_models_that_differ_widely(made, rate, low, high, exp
 @pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
-    """A dossier uses the checkpoints of its four runs, also of those by the second model."""
+    """The four runs of a dossier, two of them by the second model, are read from their
+    checkpoints."""
     inputs = read_dossier(case.replace(variant=[]), **PLACE)
     saved = {
         run: Checkpoint(tmp_path / f"run{k}", 1e-9, keep=True) for k, run in enumerate(inputs.runs)
@@ -418,7 +421,8 @@ def test_runs_that_are_done_are_not_run_again(case, tmp_path, monkeypatch):
 
 
 def test_a_single_model_is_said(case):
-    """Compact soil without rock sizes is reported before the run and on page 1."""
+    """Compact soil without rock sizes has no second model, which is reported before the run and on
+    page 1."""
     alone = case.replace(surface={"ground": "compact", "uniform_mean_radius": None},
                          impact={"sets": None}, variant=[])  # fmt: skip
     inputs = read_dossier(alone, **PLACE)
@@ -430,7 +434,8 @@ def test_a_single_model_is_said(case):
 
 
 def test_tables_without_sizes_of_rocks_have_the_coefficients_of_their_ground(case, tmp_path):
-    """The second model has constant coefficients for talus and meadow, but not compact soil."""
+    """Without rock sizes, the second model has constant coefficients for talus and meadow, but not
+    for compact soil."""
     zones = [shapely.box(0, y, 300, y + 150) for y in (250, 100, -50)]
     names = ["talus", "meadow", "compact"]
     make_layer(tmp_path / "zones.gpkg", zones, crs=None, ground=names)
@@ -540,7 +545,8 @@ def test_places_of_one_name_keep_their_own_numbers(case, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
-    """Both rows equal counts in the results of scenarios; loads are of all that arrive."""
+    """Rows of a net have the frequencies of boulders that reach it and of those that pass it; its
+    energy is that of all that reach it."""
     few = case.replace(case={"boulders": 200}, hazard={"thresholds": [30.0, 300.0]})
     made = run_dossier(read_dossier(few, one_model=True, **PLACE))
     rows = made.frequencies[made.frequencies["line"] == "net"]
@@ -575,8 +581,8 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
     [("en", "155 of 450 m lie outside"), ("fr", "1 tronçons sur 8 s'étendent au-delà du terrain")],
 )
 def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, language, expected):
-    """A third of the line, measured from the outer cell centres, one of 8 road segments and half of
-    a house are outside the terrain."""
+    """Outside of the terrain are a third of the line, measured between the outermost cell centres,
+    one of 8 road segments, and half of a house."""
     x = [-150.0, 300.0]
     line = case.line[0] | {"x": x, "y": [200.0, 200.0]}
     few = case.replace(case={"boulders": 10}, line=[line], variant=[])
@@ -592,7 +598,7 @@ def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, languag
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_path):
-    """Differences for such points have no interval, so they are undecided."""
+    """Differences at points without a width have no interval, and are therefore undecided."""
     middle = shapely.Point(150.0, 160.0), shapely.Point(30.0, 60.0)
     make_layer(tmp_path / "masts.gpkg", [*middle], crs=None, name=["mast", "road"])
     made = run_dossier(read_dossier(case, AtRisk(tmp_path / "masts.gpkg"), one_model=True, **PLACE))
@@ -616,7 +622,8 @@ def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_p
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_house_is_never_compared_with_a_net_of_its_name(case, tmp_path):
-    """The net, which one variant lacks, and the house both reach the table of differences."""
+    """A net, which one variant does not have, and a house of the same name are separate rows of
+    differences."""
     make_layer(tmp_path / "twins.gpkg", HOUSES, crs=None, name=["net", None])
     few = case.replace(case={"boulders": 40})
     made = run_dossier(read_dossier(few, AtRisk(tmp_path / "twins.gpkg"), one_model=True, **PLACE))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A project from four layers to the dossier, with the commands that a user types: each table equals
-a hand calculation over the boulders of the runs and the values in the result files."""
+"""A project from four layers to the dossier, with a user's commands: each table equals a
+calculation by hand from the boulders of the runs and from the result files."""
 
 import csv
 import hashlib
@@ -48,7 +48,8 @@ def below(y):
 
 
 def site(folder):
-    """Layers: a cliff of 60 degrees above a slope of 38 and a flat, grounds, road, houses."""
+    """Write layers of a site: a cliff of 60 degrees above a slope of 38 degrees and a flat,
+    grounds, road, net, houses. Return the shapes of the houses."""
     south = (np.arange(NY) + 0.5) * CELL
     z = np.interp(south, [0, 40, 80, 320, 400], [1270, 1260, 1190, 1003, 1000])
     waves = 0.4 * np.sin(np.arange(NX) / 3)[None, :] * np.cos(np.arange(NY) / 4)[:, None]
@@ -85,7 +86,8 @@ def site(folder):
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    """Project folder after `new`, manual edits, `check` and `dossier`."""
+    """Project folder after `new`, manual edits, `check` and `dossier`, and the shapes of the
+    houses."""
     folder = tmp_path_factory.mktemp("project")
     shapes = site(folder)
     names = {name: str(folder / name) for name in ("dem.tif", "site.gpkg", "case.nml")}
@@ -113,14 +115,14 @@ def project(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sheets(project):
-    """Rows of each sheet of the workbook, by number; the first column is the key of a row."""
+    """Rows of each sheet of the workbook, by number of the sheet."""
     book = openpyxl.load_workbook(project[0] / "dossier/dossier.xlsx")
     return [[*sheet.iter_rows(values_only=True)] for sheet in book.worksheets]
 
 
 @pytest.fixture(scope="module")
 def boulders(project):
-    """Results at each place for each boulder, by variant and scenario."""
+    """Crossings of each place, by variant and scenario; `second` has the other rebound model."""
     folder, shapes = project
     cases = rockfall.variants(rockfall.read_case(folder / "case.nml"))
     grounds = (folder / "case_zones.csv").read_text()
@@ -145,8 +147,8 @@ def pieces():
 
 
 def run(case, scenario, shapes):
-    """Boulder, energy [kJ] and height [m] of each crossing, by place, and the numbers of boulders
-    whose path in plan touches each house."""
+    """Boulder, energy [kJ] and height [m] of each crossing by place, and under `touches` the number
+    of boulders whose path in plan touches each house."""
     _, low, high = SCENARIOS[scenario]
     lines = [
         {"name": name, "x": list(x), "y": list(y), "object_width": 0.0}
@@ -173,8 +175,8 @@ def run(case, scenario, shapes):
 
 
 def touched(result, shapes, radius):
-    """Number of boulders whose path (a polyline through the contacts in plan) comes within their
-    radius of each shape."""
+    """Number of boulders whose path in plan, straight between contacts, comes within their radius
+    of each shape."""
     owner = result["trajectory_boulder"].values
     x, y = result["trajectory_x"].values, result["trajectory_y"].values
     paths = [np.column_stack([x[owner == b], y[owner == b]]) for b in np.unique(owner)]
@@ -190,33 +192,35 @@ def wilson(k, n, z=1.959963984540054):
 
 
 def rates(counts):
-    """Boulders per year with limits, summed over the scenarios."""
+    """Boulders per year and limits, from the number of boulders in each scenario."""
     three = [(k / BOULDERS, *wilson(k, BOULDERS)) for k in counts]
     yearly = [rate for rate, _, _ in SCENARIOS.values()]
     return [sum(rate * ends[i] for rate, ends in zip(yearly, three, strict=True)) for i in range(3)]
 
 
 def count(at, place, test):
-    """Number of boulders of each scenario with a crossing at a place for which `test` is true."""
+    """Number of boulders, in each scenario, with a crossing at a place whose energy and height pass
+    `test`."""
     crossings = (at[name][place] for name in SCENARIOS)
     return [np.unique(boulder[test(*own)]).size for boulder, *own in crossings]
 
 
 def reached(boulders, place, index, least):
-    """Boulders of each scenario with more energy (index 0) or height (1) than `least`, today."""
+    """Number of boulders today, in each scenario, with more energy (index 0) or height (index 1)
+    than `least`."""
     return count(boulders["today"], place, lambda *own: own[index] > least)
 
 
 def table(sheets, words):
-    """Rows, by their first cell, of the table with given words in its caption."""
+    """Rows of the table whose caption contains `words`, by their first cell."""
     (number,) = [int(row[0]) for row in sheets[0] if row[0] and words in row[1]]
     return {row[0]: row[1:] for row in sheets[number][1:]}
 
 
 @pytest.mark.all
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
-    """Frequencies and return periods of road and houses, also by variant, and frequencies of houses
-    in plan and above 30 and 300 kJ."""
+    """Frequencies and return periods of road and houses; the frequencies also by variant, and those
+    of houses also in plan and above 30 and 300 kJ."""
     rows, by_variant = table(sheets, "at each place"), table(sheets, "year, by variant")
     objects = table(sheets, "Objects")
     for place in ("road", *HOUSES):
@@ -237,8 +241,8 @@ def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
 
 
 def test_levels_by_return_period(sheets, boulders, project):
-    """The frequency of boulders above a level agrees with its return period, within a step of the
-    levels counted in a result."""
+    """Boulders above a level are as frequent as its return period requires, to within the steps of
+    levels in a result."""
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for words, (name, unit, index) in {
         "[kJ] reached once per": ("energy", 1e-3, 0), "Height [m]": ("height", 1.0, 1),
@@ -276,7 +280,7 @@ def test_levels_by_return_period(sheets, boulders, project):
 
 
 def test_barriers(sheets, boulders):
-    """A boulder passes a barrier above its top, or with more energy than its capacity."""
+    """A boulder passes a barrier if it is above the top or has more energy than the capacity."""
 
     def behind(height, capacity):
         return rates(count(boulders["today"], "road", lambda e, h: (h > height) | (e > capacity)))
@@ -302,7 +306,8 @@ def test_barriers(sheets, boulders):
 
 
 def test_barriers_of_the_case(sheets, project):
-    """Boulders that reach the net of the case, and that pass it, from a separate run."""
+    """Frequencies of boulders that reach the net of the case, and of those that pass it, equal a
+    separate run."""
     case = rockfall.variants(rockfall.read_case(project[0] / "case.nml"))["with net"]
     come, passed = [], []
     for _, low, high in SCENARIOS.values():
@@ -323,7 +328,8 @@ def test_barriers_of_the_case(sheets, project):
 
 
 def class_of(f):
-    """Hazard class from frequencies of hits, above 30 and above 300 kJ, by the default matrix."""
+    """Hazard class, by the default matrix, from the frequencies of hits, of hits above 30 kJ, and
+    above 300 kJ."""
     found = ["residual"]
     for k, period in enumerate((30, 100, 300)):
         intensity = max((i for i in range(3) if f[i] >= 1 / period), default=None)
@@ -356,7 +362,8 @@ def test_classes_and_risks_of_houses(sheets):
 
 
 def test_what_no_object_has_is_not_zero(project):
-    """Damage is unknown without values or vulnerabilities, deaths are unknown without persons."""
+    """Damage is unknown without values or vulnerabilities, deaths without persons: the tables have
+    "-"."""
     hazard = read_hazard(project[0] / "dossier/hazard_today.nc")
     for what, column in {"damage": 2, "collective_risk": 3}.items():
         without = hazard.assign({f"object_{what}": hazard[f"object_{what}"] * np.nan})
@@ -415,8 +422,8 @@ def test_scenarios_areas_and_files(sheets, project):
 
 
 def test_segments(sheets, boulders):
-    """Segments have frequencies, a class, and the 95 % quantile of energy. None is hit more often
-    than the road, and their sum is at least the frequency of the road."""
+    """Segments have frequencies, a class, and a 95 % quantile of energy. None is hit more often
+    than the road; together they are hit at least as often."""
     rows, today = table(sheets, "Road segments"), boulders["today"]
     assert {*rows} == {*pieces()}
     for name, row in rows.items():
@@ -434,14 +441,14 @@ def test_segments(sheets, boulders):
 
 
 def weighted_q95(energies, weights):
-    """95 % quantile of the highest energies of boulders with unequal weights (Hazen's rule)."""
+    """95 % quantile, by Hazen's rule, of boulders' maximum energies, weighted by scenario."""
     each = sorted((own, weight) for of, weight in zip(energies, weights, strict=True) for own in of)
     values, weight = np.array(each).T
     return np.interp(0.95, (np.cumsum(weight) - weight / 2) / weight.sum(), values)
 
 
 def test_the_second_model(sheets, boulders):
-    """The frequency of each place on other grounds, and the model that governs."""
+    """The table has the frequency of each place on other grounds, and the model that governs."""
     (head,) = [row[1] for row in sheets[0] if row[0] and "other rebound model" in row[1]]
     assert all(ground in head for ground in SECOND.values())
     for place in ("road", *HOUSES):

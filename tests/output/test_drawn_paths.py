@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Views of boulders that slide and wait: on the ground, in the air no higher than they jumped."""
+"""Views of boulders that slide and wait: on the ground, or no higher than the boulders jumped."""
 
 import json
 import sqlite3
@@ -66,14 +66,15 @@ def of_curves(result, _):
 
 
 class Shown:
-    """Ground of a window with a separate origin."""
+    """Ground of a window whose origin is (W, N)."""
 
     def relative(self, x, y):
         return np.column_stack([x, y]) - (W, N)
 
 
 def of_window(result, _):
-    """Both ends of each leg, and its middle with the gravity sent to the page."""
+    """Points in the message to the page: ends of legs, and middles raised by the gravity of each
+    leg."""
     paths = rockfall.trajectories(result)
     message = trajectory_message(paths, np.ones(len(paths)), Shown(), revision=0, append=False)
     size = int.from_bytes(message[:4], "little")
@@ -141,7 +142,7 @@ VIEWS = {
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
-    """Drawn heights are within the kernel's range, and never below the ground."""
+    """Drawn heights are at most the kernel's maximum, and never below the ground."""
     result, folder = drawn
     draw, near = VIEWS[view]
     x, y, z = draw(result, folder).T
@@ -153,7 +154,7 @@ def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
 
 
 def test_arcs_over_slides_and_waits_would_be_needles(drawn):
-    """Free fall between all vertices would make some legs higher than the views' error."""
+    """Free fall between all vertices would raise the middle of some legs by more than 0.1 m."""
     result, _ = drawn
     motion = motion_of(result).straightened()
     lasts = (motion.end - motion.start)[3, motion.gravity == 0].max()

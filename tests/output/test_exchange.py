@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trajectories in time, KML and DXF: other readers find the simulated values."""
+"""Trajectories in time, KML and DXF: other readers find the simulated values in them."""
 
 import sqlite3
 import struct
@@ -45,14 +45,15 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def exported(result, tmp_path_factory):
-    """Folder with every format, drawn to 1 cm."""
+    """Folder with every format, whose polylines are within 1 cm of the arcs."""
     folder = tmp_path_factory.mktemp("out")
     rockfall.export(result, folder, formats=["gpkg", "kml", "dxf"], tolerance=0.01)
     return folder
 
 
 def contacts(result):
-    """x, y, z, time, velocity and kind of motion at each contact and point between, by boulder."""
+    """Rows of x, y, z, time, velocity and kind of motion, at contacts and points between them, by
+    boulder."""
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z", "leg")
     rows = np.column_stack([result[f"trajectory_{name}"].values for name in names])
     owner = result["trajectory_boulder"].values
@@ -67,8 +68,8 @@ def met(result):
 
 
 def place_at(rows, time):
-    """Position of a boulder at a time since its release: free fall in flight, straight lines
-    between points on the ground."""
+    """Position of a boulder at a time since its release, by free fall in flight and along straight
+    lines on the ground."""
     k = np.searchsorted(rows[:-1, 3], time, side="right") - 1
     t = time - rows[k, 3]
     if rows[k, 7] > 1:
@@ -77,7 +78,8 @@ def place_at(rows, time):
 
 
 def rows_of(path, layer, columns):
-    """Rows of a GeoPackage, read by SQLite, and their lines (n, 4) decoded by the standard."""
+    """Yield each line of a layer as (n, 4), decoded as in the standard, with the values of its
+    columns; read by SQLite alone."""
     with closing(sqlite3.connect(path)) as database:
         rows = database.execute(f"SELECT geom, {', '.join(columns)} FROM {layer}").fetchall()
     for blob, *values in rows:
@@ -89,7 +91,7 @@ def rows_of(path, layer, columns):
 
 
 def test_trajectories_are_parabolas_in_space_and_time(exported, result):
-    """At every vertex and halfway between, boulders are where free fall puts them, to 1 cm."""
+    """At every vertex and halfway between vertices, boulders are within 1 cm of free fall."""
     found = dict(
         (number, path)
         for path, (number,) in rows_of(exported / "rockfall.gpkg", "trajectories", ["boulder"])
@@ -123,7 +125,7 @@ def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
 
 
 def seconds_of(stamp):
-    """Time since release from a time stamp, read by the standard library."""
+    """Seconds since the release, from a time stamp."""
     return (datetime.fromisoformat(stamp.rstrip("Z")) - datetime(2000, 1, 1)).total_seconds()
 
 

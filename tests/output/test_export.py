@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall export`: every value of a result, where a GIS expects it."""
+"""`rockfall export`: every value of a result is in the layer or attribute that a GIS expects."""
 
 import csv
 import subprocess
@@ -102,7 +102,7 @@ def result():
 
 @pytest.mark.parametrize("system", ["EPSG:32632+6360", "EPSG:32632+5783"])
 def test_maps_of_a_result_with_a_system_of_heights_have_none(result, system, tmp_path):
-    """GDAL would convert counts and energies from feet. Older results have such a CRS."""
+    """GDAL would convert counts and energies from feet. Older results have compound systems."""
     result["crs"].attrs["crs_wkt"] = rasterio.crs.CRS.from_user_input(system).to_wkt()
     maps = [path for path in export(result, tmp_path / "out") if path.suffix == ".tif"]
     assert maps
@@ -126,7 +126,7 @@ def layer(folder, name):
 
 @pytest.fixture(scope="module", params=["dataset", "decoded file"])
 def exported(request, tmp_path_factory):
-    """Export folder, whichever way the result is passed."""
+    """Folder of exports from a result in memory, or from a file opened with decoded times."""
     place, given = tmp_path_factory.mktemp("place"), made()
     if request.param != "dataset":
         given.to_netcdf(place / "out.nc")

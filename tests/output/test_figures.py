@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of any result: available kinds, agreement with the result, and refusals."""
+"""Figures of any result: which of them exist, agreement with the result, and refusals."""
 
 import base64
 import re
@@ -75,7 +75,7 @@ def full(tmp_path_factory):
 
 @pytest.fixture
 def observed():
-    """Observations as given by `rockfall.analysis.observed.observations.read_observed`."""
+    """Observations with the attributes that `read_observed` gives."""
     names = ["line", "method", "quantity", "mean", "std", "max"]
     rows = [("L", "observed", "energy_total", 2e5, 1e5, 9e5), ("L", "A", "speed", 9.0, 2.0, 20.0)]
     rows += [("L", "B", "speed", np.nan, np.nan, 21.0)]
@@ -221,7 +221,8 @@ def test_distributions_hold_the_boulders_that_pass(full, observed):
 
 
 def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
-    """If a page has too few figures, the lines passed by most boulders are drawn, with a note."""
+    """All lines are drawn, a few per figure. If `most_lines` is below their number, those with the
+    most passing boulders are drawn, with a note."""
     y = [375.0 - 4 * k for k in range(19)]
     several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
     result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
@@ -238,7 +239,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
 
 
 def test_a_map_names_the_lines_passed_by_most_boulders(tmp_path):
-    """24 lines, all of them drawn; names of 20 on the profile of passing boulders, too."""
+    """All of 24 lines are drawn; 20 have names, also on the profile of passing boulders."""
     y = [375.0 - 3 * k for k in range(24)]
     several = [{"name": f"L{k}", "x": [0.0, 300.0], "y": [one, one]} for k, one in enumerate(y)]
     result = run(tmp_path, several, case={"boulders": 30}, release=POINT)
@@ -291,7 +292,7 @@ def test_a_map_shows_the_cells_where_they_are(full, name):
 
 
 def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
-    """The limit is above 0 everywhere, but a map only shows cells with boulders."""
+    """The limit is above 0 everywhere, but the map shows only cells with boulders."""
     groups = {"release": POINT, "case": {"boulders": 9}}
     result = run(tmp_path, output={"maps": ["passages", "reach_probability_high"]}, **groups)
     alone = result.drop_vars("passages")
@@ -398,7 +399,7 @@ def test_stops_are_told_apart_by_marker(full):
 
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory):
-    """Folder with a completed case: out.nc."""
+    """Folder with the files of a case and its result, out.nc."""
     with pytest.MonkeyPatch.context() as here:
         here.chdir(tmp_path_factory.mktemp("ready"))
         make_raster("dem.tif", Z.astype("f4"), TERRAIN[1].transform, crs=None)
@@ -451,7 +452,8 @@ def test_another_dem_is_refused_when_given_and_left_out_when_found(place):
 
 
 def test_a_result_that_was_moved_with_its_dem_keeps_its_relief(place, monkeypatch):
-    """The DEM of the run is found next to the result; else the searched places are listed."""
+    """The DEM of the run is found next to the result; if it is not, a warning lists the searched
+    paths."""
     moved = place / "moved"
     moved.mkdir()
     Path("out.nc").rename(moved / "out.nc")
@@ -542,7 +544,7 @@ def test_a_result_without_boulders_is_refused(full):
 
 
 def test_a_small_fraction_is_not_rounded_to_nothing(full):
-    """The caption gives 6 of 20,000 boulders as 0.0300 %, with a lower limit above 0."""
+    """The caption has 0.0300 % for 6 of 20,000 boulders, with a lower limit above 0."""
     values, number = np.full(20_000, np.nan), np.arange(1, 20_001)
     values[:6] = 150.0
     rare = full.drop_dims(["boulder", "line", "crossing"]).assign(
@@ -557,7 +559,8 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
 def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
-    """Figures are equal byte for byte, also with panels that share an axis."""
+    """Files are equal byte for byte with kept ticks and with Matplotlib's, also with panels that
+    share an axis."""
     style.save(draw(full, name), tmp_path / "kept.svg")
     monkeypatch.setattr(style, "_keep_ticks", lambda figure: None)
     style.save(draw(full, name), tmp_path / "made.svg")
@@ -577,7 +580,7 @@ def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
 
 
 def test_contours_are_two_curves_of_all_their_levels(full):
-    """One curve is bold and one thin, with gaps between their pieces."""
+    """A bold and a thin curve have gaps between the pieces of contours."""
     contours = relief.contours_of(TERRAIN, extent.reached(full))
     drawn = draw(full, "stops", TERRAIN)
     brown = [line for line in drawn.axes[0].lines if line.get_color() == relief.BROWN]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page 1 of a report can be signed: it fits on one sheet, including the line for the signature."""
+"""Page 1 of a report can be signed: it fits on one sheet, with the line for the signature."""
 
 import re
 import shutil
@@ -37,7 +37,7 @@ PEOPLE = Parties("2026-117", "Service of natural hazards", "A. Muster", "2024", 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """Run with many lines and maps, in a common CRS."""
+    """Result with many lines and a map."""
     groups = {"case": {"boulders": 200, "title": "Upper valley, road and railway below the face"}}
     groups |= {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": ["passages"]}}
     case = make_case(tmp_path_factory.mktemp("case"), *sets(), line=LINES, terrain={}, **groups)
@@ -47,13 +47,13 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def levels(result):
-    """Return levels, which follow page 1, computed once for all pages."""
+    """Return levels of the result, computed once for all pages."""
     return return_levels(result)
 
 
 @pytest.fixture
 def bare(monkeypatch, levels):
-    """Page without the figures that follow page 1."""
+    """Leave figures after page 1 out of reports, and figures on it blank."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda *_, **__: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
@@ -75,8 +75,8 @@ def page_1(result, language="en", **about):
 
 @pytest.fixture
 def full_page(result, levels, monkeypatch):
-    """Function that makes the page in a language, with more warnings than page 1 can hold; for
-    `without`, the German page on paper without warnings."""
+    """Function that makes page 1 in a language, with more warnings than it has room for; `without`
+    is the German page on paper without warnings."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.return_levels", lambda *_, **__: levels)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
@@ -94,7 +94,7 @@ def full_page(result, levels, monkeypatch):
     ["de", *(pytest.param(one, marks=pytest.mark.all) for one in ("without", "en", "fr", "it"))],
 )
 def test_the_signature_is_on_page_1_in_every_language(full_page, name):
-    """The report has many lines, with and without more warnings than page 1 can hold."""
+    """Reports have many lines, and no or more warnings than page 1 has room for."""
     weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
     page = full_page(name).split('<section id="results">')[0]
     first, *others = weasyprint.HTML(string=page).render().pages
@@ -170,7 +170,7 @@ def test_the_command_states_the_checksum_of_the_result(result, bare, tmp_path, m
 
 
 def test_many_lines_share_one_table_and_the_most_passed_have_their_own(tmp_path, monkeypatch):
-    """Three of 25 lines are above the release, 21 across the slope below, one at the edge."""
+    """Three of 25 lines are above the release, 21 across the slope below it, one at the edge."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))

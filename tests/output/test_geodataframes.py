@@ -69,7 +69,8 @@ def test_layers_of_a_result_are_those_of_its_export(case, tmp_path):
 
 
 def test_sources_that_are_handed_out_release_the_same_boulders(case, tmp_path):
-    """Shapes, frequencies and volumes of a layer are returned, and can be used again."""
+    """`session.sources` returns shapes, frequencies and volumes of a layer, and can be used as
+    input."""
     make_layer(tmp_path / "points.gpkg", POINTS, crs=None, **SOURCES)
     by_layer = case.replace(release={"x": None, "y": None, "points": str(tmp_path / "points.gpkg")})
     with rockfall.open(by_layer, **PLACE) as session:

@@ -43,7 +43,7 @@ def found(tmp_path_factory):
 
 
 def images(figure):
-    """Pictures of a map, without its relief."""
+    """Images of a map, except its relief."""
     return [image for image in figure.axes[0].images if image.get_cmap().name != "gray"]
 
 
@@ -63,7 +63,7 @@ def test_there_is_one_of_zones_and_one_for_each_period(found):
 
 
 def test_zones_are_drawn_as_they_are(found):
-    """A patch for each class, and a hatched patch where the class is uncertain."""
+    """Each class has a patch, and the cells with an uncertain class have a hatched patch."""
     zones = zones_of(found)
     *classes, doubtful = hazard_figures(found)[0].draw().axes[0].patches
     assert len(classes) == len(np.unique(zones.number)) and doubtful.get_hatch()
@@ -117,7 +117,8 @@ def test_the_sheet_says_what_the_zones_mean_and_fits_on_a3(found, language):
 
 @pytest.mark.parametrize("n", [2, 40])
 def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
-    """Warnings of each scenario have its name, whatever their number and length."""
+    """Warnings of scenarios start with their names, and fit on the pages whatever their number and
+    length."""
     groups = [
         (
             names,
@@ -149,7 +150,7 @@ def test_pages_after_the_sheet_have_all_warnings_in_full(found, n):
 
 
 def test_the_sheet_names_what_was_read_and_followed(found, tmp_path):
-    """The sheet lists the grounds that rebounds used, not the default sets of a case."""
+    """The sheet lists the grounds that rebounds followed, not the default sets of a case."""
     shown = [text.get_text() for text in hazard_sheet(found).texts]
     whole = re.sub(r"\s+", " ", " ".join(shown))
     assert "frequencies refer to the boulders of these scenarios, not to &boulder" in whole

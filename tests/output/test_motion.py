@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motion between recorded contacts: free fall in the air, straight and uniform motion along the
-ground, and waiting, during which time continues."""
+ground, and waiting."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def moved(request, tmp_path_factory):
 
 
 def vertices(result):
-    """Coordinates x, y, z and time (4, n) of the vertices of each recorded boulder."""
+    """Arrays (4, n) of x, y, z and time of the vertices, for each recorded boulder."""
     owner = result["trajectory_boulder"].values
     columns = np.stack([result[f"trajectory_{name}"].values for name in ("x", "y", "z", "time")])
     return [columns[:, owner == number] for number in np.unique(owner)]
@@ -76,8 +76,8 @@ def test_a_curve_goes_from_vertex_to_vertex_as_time_goes_on(moved):
 
 
 def test_speed_is_the_rate_at_which_the_place_changes(moved):
-    """Between two points in the air, speed changes at most by gravity; on the ground it is uniform
-    in plan. A boulder that leaves a table's contact rises at once by its centre's rise."""
+    """Speed in the air changes by gravity alone; on the ground it is uniform in plan. At the end of
+    a contact drawn from a table, a boulder is raised at once."""
     name, result = moved
     stood = 0.0
     for one in rockfall.trajectories(result):
@@ -103,8 +103,8 @@ def test_speed_is_the_rate_at_which_the_place_changes(moved):
 
 
 def test_a_leg_on_the_ground_follows_the_terrain(moved):
-    """No point is farther from the ground than 2 % of the smallest boulder radius; without the
-    intermediate points, legs would be decimetres off."""
+    """Legs on the ground are within 2 % of the smallest boulder radius of it. Without their
+    intermediate points they would be off by decimetres."""
     name, result = moved
     radius = (3 * result["volume"].values.min() / (4 * np.pi)) ** (1 / 3)
 
@@ -119,8 +119,8 @@ def test_a_leg_on_the_ground_follows_the_terrain(moved):
 
 
 def test_no_point_is_higher_than_its_leg_allows(moved):
-    """Nothing is drawn above the higher end of its leg except the apex of its own flight, nor below
-    the lower end: in the air only by free fall."""
+    """No point is above the higher end of its leg or the apex of its flight, and none is below the
+    lower end."""
     motion = motion_of(moved[1])
     (_, _, z, _), _ = motion.take(None).at(np.linspace(0, 1, 41))
     ends = np.array([motion.start[2], motion.end[2]])
@@ -135,8 +135,9 @@ def test_no_point_is_higher_than_its_leg_allows(moved):
     "moved", every_third(["matrix", "table", "trees"]), indirect=True, scope="module"
 )
 def test_a_curve_has_the_kernels_speed_where_it_passes_a_line(moved):
-    """Squared speed, quadratic in time, is interpolated with an error of at most g^2 h^2/4. (With
-    breakage, a line has its most energetic fragment, which may not be the recorded one.)"""
+    """Linear interpolation of the squared speed, quadratic in time, has an error of at most g^2
+    h^2/4. (With breakage, a line has its most energetic fragment, which may not be the recorded
+    one.)"""
     compared, (_, result) = 0, moved
     crossed = at_lines(result)
     for one in rockfall.trajectories(result):
@@ -174,7 +175,8 @@ def test_chords_stay_within_the_tolerance_at_any_time(moved, tolerance):
 
 
 def recorded(**columns):
-    """Motion of boulders between vertices given by hand."""
+    """Motion of one boulder between given vertices; missing columns are zero, and legs are
+    flights."""
     zeros = np.zeros_like(columns["z"])
     names = ("x", "y", "z", "time", "velocity_x", "velocity_y", "velocity_z")
     columns = (
@@ -187,7 +189,8 @@ def recorded(**columns):
 
 
 def test_flights_are_those_of_a_falling_stone():
-    """A fall of 1 s from rest at 100 m, then a bounce of 0.5 s: elevations and speeds."""
+    """A fall of 1 s from 100 m and a bounce of 0.5 s have the elevations and speeds of a hand
+    calculation."""
     t, ground = np.linspace(0, 1, POINTS), 100 - G / 2
     vertical = (90.0 - ground + G / 8) / 0.5
     (flight,) = curves(recorded(
@@ -201,8 +204,8 @@ def test_flights_are_those_of_a_falling_stone():
 
 
 def test_a_slide_waits_at_its_end_and_leaves_above_it():
-    """A slide of 1 m at 2 m/s over a bump; the contact takes 0.8 s; then a horizontal throw from
-    0.2 m above its end."""
+    """Motion by hand: a fall, a slide of 1 m at 2 m/s over a bump, a wait of 0.3 s, and a
+    horizontal throw from 0.2 m above. The slide and the wait are one contact of 0.8 s."""
     fall = np.sqrt(2 * 0.2 / G)
     motion = recorded(
         x=[0.0, 0.0, 0.4, 1.0, 1.0, 1.0 + 3 * fall], z=[0.2, 0.0, 0.1, 0.0, 0.0, 0.0],

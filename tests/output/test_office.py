@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables as a workbook and as a document: values as in the CSV, with units and provenance."""
+"""Tables as a workbook and as a document: the values of the CSV, with units and provenance."""
 
 import math
 import os
@@ -34,7 +34,8 @@ PURE = {"n", "value", "cost", "ead_class", "shape", "exceedances", "over", "thro
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Folder with a result whose line name looks like a formula, as the current folder."""
+    """Work in a folder with exports of a result whose line name looks like a formula; return the
+    folder."""
     before = Path.cwd()
     os.chdir(folder := tmp_path_factory.mktemp("site"))
     slope_case.write_slope()
@@ -59,7 +60,7 @@ def cells(path, sheet):
 
 
 def same(cell, value):
-    """Return True if a cell is exactly the value in a table."""
+    """Return True if a cell has exactly a table's value."""
     if isinstance(value, str):
         return (cell or "") == value
     return cell is None if pd.isna(value) else cell == value
@@ -280,7 +281,7 @@ def test_a_missing_package_is_named(site, capsys, monkeypatch):
 
 
 def test_units_are_those_of_results(site):
-    """Units of checks and loads equal those of the variables of a result."""
+    """Units of checks and loads are those of the variables of a result."""
     result = rockfall.read_result("out.nc")
     assert UNITS["capacity"] == result["barrier_capacity"].attrs["units"]
     assert UNITS["height"] == result["barrier_height"].attrs["units"]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages on paper: every text is within its sheet and its cell, in each locale, as laid out by
-WeasyPrint. Text extracted from a PDF would lack columns completely off the sheet."""
+"""Pages on paper: every text is within its sheet and cell in each locale, as WeasyPrint lays it
+out. Text extracted from a PDF would lack columns that are off the sheet."""
 
 import os
 import subprocess
@@ -58,7 +58,7 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def documents(results):
-    """Function that lays out the page of a result in a locale, once for each."""
+    """Function that lays out the page of a result in a locale; each is laid out once."""
 
     @cache
     def page(kind, language):
@@ -85,7 +85,7 @@ def page_of(result, language):
 
 
 def texts(document) -> Iterator[tuple[int, str, bool]]:
-    """Texts with their page number, and whether they are within sheet and cell [CSS px]."""
+    """Yield each text with its page number, and whether it is within its sheet and cell."""
     for number, page in enumerate(document.pages, start=1):
         sheet = page._page_box
         left, top = sheet.content_box_x(), sheet.content_box_y()
@@ -118,7 +118,8 @@ def within(limits, start, size):
 
 
 def laid_out(*locales):
-    """Locales that are always laid out; others with --all, because each takes some seconds."""
+    """Parametrise a test by locale; locales not given need --all, because each takes some
+    seconds."""
     extra = [pytest.param(one, marks=pytest.mark.all) for one in LOCALES if one not in locales]
     return pytest.mark.parametrize("locale", [*locales, *extra])
 
@@ -126,7 +127,7 @@ def laid_out(*locales):
 @pytest.mark.all
 @laid_out("de", "fr", "it")
 def test_every_text_is_within_its_sheet_and_cell(documents, locale):
-    """Every text fits, even if energies have seven digits."""
+    """All texts are within sheet and cell, even if energies have seven digits."""
     document = documents("wide", locale)
     all_within(document)
     assert "signature" in document.pages[0].anchors
@@ -141,7 +142,8 @@ def all_within(document):
 @pytest.mark.all
 @laid_out("en", "de-CH")
 def test_a_page_of_usual_numbers_fits_wraps_no_interval_and_has_a_map_to_read(documents, locale):
-    """Page 1 has the complete project and title, and a map more than 100 mm high."""
+    """Page 1 has the complete project and title, and a map more than 100 mm high; no interval is
+    broken across lines."""
     document = documents("usual", locale)
     all_within(document)
     intervals = [text for _, text, _ in texts(document) if text.startswith("(")]
@@ -173,7 +175,7 @@ def test_the_walk_finds_text_beyond_the_margin_and_beyond_its_cell():
 @pytest.mark.all
 @pytest.mark.parametrize("command", ["report out.nc --pdf", "report out.nc -o page.pdf"])
 def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
-    """Without the refusal, Pango would end the process by a signal."""
+    """A PDF without fonts is refused: Pango would end the process by a signal."""
     rockfall.write_result(results["usual"], tmp_path / "out.nc")
     (tmp_path / "fonts.conf").write_text("<fontconfig><cachedir>cache</cachedir></fontconfig>")
     done = subprocess.run(
@@ -188,7 +190,8 @@ def test_without_fonts_a_pdf_is_refused_in_one_line(results, tmp_path, command):
 
 
 def test_svg_on_paper_has_attributes_in_place_of_styles():
-    """Texts keep their fonts; the rule for all elements is on the root and is inherited."""
+    """Texts keep the style that has their font; the rule for all elements is on the root, from
+    which they inherit."""
     svg = (
         "<?xml version='1.0'?><svg width='9'><defs>"
         '<style type="text/css">*{stroke-linejoin: round; stroke-linecap: butt}</style></defs>'

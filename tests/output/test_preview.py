@@ -97,7 +97,8 @@ def test_what_is_not_asked_for_takes_nothing(tmp_path):
 
 
 def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
-    """All lines except the run time are equal, also on slower machines."""
+    """Two calls give the same lines, except the run time, although the pilot run took another
+    time."""
     scene = scene_of(tmp_path, 50, 10)
 
     def lines():
@@ -110,7 +111,8 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
 
 
 def test_scenarios_are_summed_in_a_line(tmp_path):
-    """One boulder in four years from each of 50 sources, and one in 10 years from all."""
+    """The frequencies of one boulder in 4 years from each of 50 sources, and of one in 10 years
+    from all together, add up to 12.6 per year."""
     scene = scene_of(tmp_path, 50, 10)
     assert "scenarios" not in preview.preview(scene)
     law = {"volume": "uniform", "volume_min": 2.0, "volume_max": 5.0}
@@ -125,7 +127,8 @@ def test_scenarios_are_summed_in_a_line(tmp_path):
 
 
 def test_each_ground_has_a_softer_and_a_firmer_neighbour():
-    """Neighbours are ordered by strength; talus, with strength proportional to size, has none."""
+    """Neighbours are next to each other by strength; talus, with strength proportional to size, has
+    none."""
     order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]
     for k, name in enumerate(order):
         assert band(name) == (*order[max(0, k - 1) : k], *order[k + 1 : k + 2])
@@ -147,7 +150,8 @@ def test_the_runs_by_both_neighbours_are_offered(tmp_path, surface, others):
 
 
 def test_memory_of_samples_grows_with_what_lines_see(tmp_path, monkeypatch):
-    """Boulders are not kept: bins fill up, and tails have the largest values of each line."""
+    """Without kept boulders, the memory of samples grows with the number of lines and less than in
+    proportion to the boulders, because bins fill up."""
     monkeypatch.setattr(pilot, "PILOT_BOULDERS", 400)
     many = [{"name": f"{k}", "x": [0.0, 300.0], "y": [9.0 * k] * 2} for k in range(1, 31)]
     found = []

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`rockfall export --qgis`: a project in which every reference leads to a layer in its own folder,
-and sources are areas. tests/qgis opens it in QGIS."""
+"""`rockfall export --qgis`: every reference of the project leads to a layer in its own folder, and
+sources are areas. tests/qgis opens the project in QGIS."""
 
 import math
 import os
@@ -37,7 +37,7 @@ def ring(x, y, side):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Folder with a case of two faces, its result and a hazard, as the current folder."""
+    """Work in a folder with a case of two faces, its result and a hazard; return the folder."""
     folder = tmp_path_factory.mktemp("site")
     before = Path.cwd()
     os.chdir(folder)
@@ -57,7 +57,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def project(site):
-    """XML of a project with a hazard in German, and its folder."""
+    """XML of a German project with a hazard, and the folder of the project."""
     words = [
         "--qgis",
         "--hazard",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Report: its sentences and tables agree with the result, and a browser can show it."""
+"""Report: its sentences and tables agree with the result, and a browser can display it."""
 
 import hashlib
 import re
@@ -81,7 +81,7 @@ SOURCES = {"x": [100.0, 150.0, 200.0], "y": [380.0, 380.0, 380.0]}
 
 
 def run(folder, boulders=300, line=LINES, title=EVIL, **groups):
-    """Short run over rough terrain with everything a result can have."""
+    """Result on rough terrain, with maps, rebounds and trajectories."""
     groups = {
         "case": {"boulders": boulders, "threads": 0, "title": title},
         "release": {"x": 150.0, "y": 380.0},
@@ -98,7 +98,8 @@ def result(tmp_path_factory):
 
 
 def no_levels(result, **_):
-    """Return levels as returned by `rockfall.analysis.return_levels`, of which one is refused."""
+    """Return levels of the form that `rockfall.analysis.return_levels` gives; the level of 1 in
+    10,000 is refused."""
     lines = line_names(result)
     rows = {"line": lines, "quantity": "speed", "n": 100, "max": 31.0, "level_1000": 30.0,
             "level_1000_low": 28.0, "level_1000_high": 33.0, "level_10000": np.nan,
@@ -127,7 +128,8 @@ def interrupted(result, done):
 
 
 def test_page_1_says_the_numbers_of_the_line_table(result):
-    """Numbers have no more digits than their intervals support."""
+    """The numbers of page 1 are those of the line statistics, with no more digits than their
+    intervals support."""
     rows = rows_of(result)
     road, cliff = ([str(cell).split("\n") for cell in row] for row in headline(rows).rows)
     table = rockfall.line_statistics(result).set_index(["line", "quantity"]).loc["road <b>"]
@@ -154,8 +156,8 @@ def test_page_1_says_the_numbers_of_the_line_table(result):
 
 
 def test_what_too_few_boulders_know_is_marked_and_not_a_number(result):
-    """12 boulders pass: a dash in brackets if a mean or standard deviation has no interval, with an
-    explanation on page 1 and below the tables, in all languages."""
+    """12 boulders pass: the mean or standard deviation has a dash in brackets in place of an
+    interval, and the table explains the dash."""
     few = result.isel(crossing=slice(12)).assign(row_size=("line", [12, 0]))
     rows = rows_of(few)
     assert "std, q90" in rows["road <b>"]["speed"]["withheld"]
@@ -242,7 +244,7 @@ def test_each_caution_has_its_number_in_the_order_of_a_decision(result):
 
 
 def test_what_lies_outside_the_model_is_a_box_at_the_top(tmp_path, monkeypatch):
-    """The box is above everything else on the page, and absent if there is nothing to report."""
+    """The box comes before the answers of page 1, and is absent if there is nothing to report."""
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     leave_pictures_blank(monkeypatch)
     result = run(tmp_path, line=[], output={})
@@ -281,7 +283,8 @@ def test_an_interrupted_run_says_so_first(tmp_path):
 
 
 def test_the_first_boulders_are_a_sample_of_all_sources():
-    """Sources alternate in random order, in proportion to their boulders."""
+    """Any number of first boulders has sources in random order, each in proportion to its
+    boulders."""
     source = Sources.of(np.repeat(np.arange(50), 4))
     turns = source.number[mixed(source)].reshape(4, 50)
     assert (turns == turns[0]).all() and (np.sort(turns[0]) == np.arange(50)).all()
@@ -295,8 +298,8 @@ def test_the_first_boulders_are_a_sample_of_all_sources():
 
 
 def test_the_band_holds_the_final_number_along_its_way():
-    """Coverage of 95 % intervals over 300 repetitions with 400 sources: after 100 boulders, after 1
-    and 3 turns of all sources, and after all 4,000 boulders."""
+    """Intervals include the final fraction in 95 % of 300 repetitions, after one and three turns of
+    400 sources and after all 4,000 boulders; after the first 100 boulders in more than 90 %."""
     random, held = np.random.default_rng(1), []
     passes = np.sin(np.arange(400) / 60) > 0.3  # a gully: neighbours behave alike
     source = Sources.of(np.repeat(np.arange(400), 10))
@@ -340,7 +343,8 @@ def test_boulders_needed_follow_the_square_root_law():
 
 
 def maps_of(result):
-    """Each map by name, with the numbers that the script reads for it."""
+    """Each map by name: its description for the script of the page, and its values as the script
+    decodes them."""
     window = window_of(result)
     names = [name for name in result.data_vars if result[name].dims == ("y", "x")]
     return {
@@ -398,8 +402,8 @@ def test_a_map_says_why_it_is_blank(tmp_path):
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory, result):
-    """The page in each language with terrain, as files; the first two have some figures, drawn in
-    English."""
+    """Folder with the page in each language, with terrain. English and German pages have some
+    figures, blank in German."""
     folder = tmp_path_factory.mktemp("page")
     kinds = ("trajectories", "line_speed", "restitution")
     people = Parties("P 17", "Gemeinde", "A. B.", "2024")
@@ -517,7 +521,7 @@ OBSERVED = {
 
 
 def kinds_of_result(folder):
-    """Results with fewer or more parts than others."""
+    """Yield results with fewer or more parts than usual."""
     some = run(folder, boulders=60, output={"maps": ["passages", "energy_q95"], "rebounds": True})
     bare = {"output": {}, "boulders": 1, "line": []}
     release = {"x": 150.0, "y": 380.0, "drop_height": 0.0}
@@ -785,7 +789,7 @@ def test_the_pointer_tells_place_and_value(browser, page, result):
 
 
 def test_a_page_carries_the_view_that_it_is_given(result, monkeypatch):
-    """The view is compressed, and the page has the hash that allows its script to run."""
+    """The page contains the view, compressed, and the hash that permits the script of the view."""
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])
     leave_pictures_blank(monkeypatch)
     view = "<!doctype html><div id='app'></div><script>const a = '<\\/script>';</script>"
@@ -866,7 +870,8 @@ def test_a_figure_opens_large_and_closes_by_key(browser, page):
 
 
 def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result, monkeypatch):
-    """Such figures are apart from others, and absent for runs by other rebound models."""
+    """Figures of restitution and incidence are in the appendix, and absent from runs by other
+    rebound models."""
     monkeypatch.setattr("rockfall.html_report.page.picture", only_said)
     monkeypatch.setattr("rockfall.html_report.page.figures", undrawn)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
@@ -879,7 +884,8 @@ def test_figures_of_the_laboratory_are_an_appendix_of_runs_by_impact_sets(result
 
 
 def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, monkeypatch):
-    """30 boulders determine a quantile poorly: its band may reach 1,000 m/s."""
+    """The band of the first 30 boulders may be very wide; the axes end below 6 times the final
+    quantile."""
 
     def wide(*given):
         found = history(*given)
@@ -898,7 +904,8 @@ def test_the_bands_of_few_boulders_do_not_set_the_axes_of_convergence(result, mo
 
 
 def test_only_obstacles_of_the_case_are_listed(result, tmp_path):
-    """Barriers are listed if there are any; systems without CF parameters have their names."""
+    """Barriers, dams and trees are listed only if there are any; a CRS without CF parameters is
+    listed by name."""
     listed = {row[0]: row[1] for row in input_table(result, Parties()).rows}
     assert not {"barriers", "dams", "trees"} & listed.keys()
     lv95 = result.assign(crs=result["crs"].assign_attrs(
@@ -923,7 +930,7 @@ def test_everything_has_a_name_for_those_who_cannot_see(browser, page):
 
 
 def test_what_is_left_out_depends_on_the_case(result):
-    """A case with trees, a net and no dam is only reported to have no dams."""
+    """Only dams are reported as missing from a case with trees and a net."""
     stand = {"stems": "stems.tif", "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0,
              "uniform_conifers": 60.0}  # fmt: skip
     net = {"name": "net", "x": [0.0, 9.0], "y": [5.0, 5.0], "height": 3.0, "class": 2}

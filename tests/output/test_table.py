@@ -49,7 +49,8 @@ def table():
 
 
 def of_terminal(table, _):
-    """Cells separated by at least two blanks; further lines of a row continue its cells."""
+    """Cells as printed: separated by at least two blanks, with further lines of a row joined to its
+    last cell."""
     head, *lines = as_text(table).splitlines()
     rows = []
     for line in lines:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A result with a thousand lines read by CDO, NCO, GDAL, QGIS and R: each finds the values of
-`rockfall.crossings` and of the maps. Tests of programs that are not installed are skipped."""
+`rockfall.crossings` and of the maps. Tests of missing programs are skipped."""
 
 import json
 import os
@@ -73,7 +73,7 @@ def has_r(package):
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
-    """Result with bent lines one below the other, most of which a boulder crosses."""
+    """File of a result with bent lines one below the other, most of which a boulder crosses."""
     folder = tmp_path_factory.mktemp("lines")
     y = np.linspace(398.0, 5.0, LINES)
     line = [{"name": f"Straße {k}", "x": [0.0, 140.0, 295.0], "y": [at, at - 4.0, at]}
@@ -107,7 +107,8 @@ def run(file, tmp_path, monkeypatch):
 
 
 def has_crossings(path, result):
-    """Return whether a file has the crossings of a result, bit for bit, and those of each line."""
+    """Check that a file has the crossings of a result, and their number at each line, bit for
+    bit."""
     with netCDF4.Dataset(path) as file:
         for name in (*STORED, "line", "boulder"):
             values = result[f"crossing_{name}"].values

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages only contain statements that apply to their run: types of boulders, rebound models."""
+"""Pages have only statements that apply to their run: on kinds of boulders and on rebound
+models."""
 
 import pytest
 
@@ -96,7 +97,7 @@ def test_shapes_of_sources_are_not_called_spheres(results):
 @pytest.mark.all
 @pytest.mark.parametrize("name", RUNS)
 def test_only_runs_by_sets_have_the_appendix_of_sets(results, name, monkeypatch):
-    """Only rebounds by impact sets are compared with the paper."""
+    """Only runs by impact sets are compared with the paper."""
     leave_pictures_blank(monkeypatch)
     monkeypatch.setattr("rockfall.html_report.page._convergence", lambda *_: iter(()))
     by_sets = name in ("matrix", "broken at impact", "broken at release", "broken at both")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page of variants: a column for each variant, the values of the comparison, maps, and no English
-in other languages."""
+"""Page of variants: a column for each variant with the values of the comparison, maps, and no
+English in other languages."""
 
 import re
 

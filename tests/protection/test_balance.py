@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energy balance of each boulder, whatever obstacles it meets: the energy released equals the
-energy absorbed by ground, trees and barriers plus the energy left at the end."""
+"""Energy balance of each boulder, whatever obstacles it meets: the energy released is that absorbed
+by ground, trees and barriers, and that left at the end."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,8 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*lies entirely outside the terr
 
 
 def everything(folder, ground=""):
-    """Case with zones, trees, and two nets one below the other, on one of the grounds."""
+    """Case with zones, trees, and two nets one below the other; `ground` is the ground of a
+    zone."""
     case = make_full_case(
         folder, forest=STAND, output={"energy_balance": True}, impact={"ratio": "nearest"}
     )
@@ -38,7 +39,7 @@ def everything(folder, ground=""):
 
 
 def relative_errors(result):
-    """Errors of the balance of each boulder, relative to its energy."""
+    """Error of each boulder's balance, relative to its released energy."""
     released = result.energy_released.values
     found = sum(result[f"energy_{name}"].values for name in PARTS)
     return np.abs(found - released) / released

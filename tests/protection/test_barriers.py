@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Barriers: boulders that are stopped, energy of those that continue, no effect on others."""
+"""Barriers: which boulders they stop, the energy of those that continue, and no effect on
+others."""
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def run(case, **how):
 
 @pytest.fixture(scope="module")
 def free(case):
-    """Run with the same lines but without barriers."""
+    """Run with lines in place of the barriers."""
     lines = [{key: one[key] for key in ("name", "x", "y")} for one in (NET, WALL)]
     return run(case.replace(line=[ROAD, *lines]))
 
@@ -73,7 +74,7 @@ def energy(result, line):
 
 def test_a_net_stops_what_is_below_its_edge_and_within_its_capacity(free, caught):
     """The outcome follows from height and energy at the line. Boulders reach the upper barrier with
-    the same speed and height as without it."""
+    the speed and height of a run without barriers."""
     for line, height, capacity in (("wall", 2.0, CLASS_2), ("net", 3.0, 150e3)):
         high = at(caught, line, "passing_height") > height
         came = ~np.isnan(at(caught, line, "time"))
@@ -109,7 +110,8 @@ def test_the_energy_of_each_boulder_is_accounted_for(free, caught):
 
 
 def test_barriers_take_what_they_can(caught):
-    """Barriers absorb all energy of boulders they stop, and their capacity if broken through."""
+    """Barriers absorb all energy of boulders that they stop, and their capacity of boulders that
+    break through."""
     taken = np.zeros(caught.sizes["boulder"])
     for line, capacity in (("net", 150e3), ("wall", CLASS_2)):
         outcome = at_lines(caught)["barrier_outcome"].sel(line=line).values
@@ -118,7 +120,7 @@ def test_barriers_take_what_they_can(caught):
 
 
 def test_second_barrier_behind_the_first(caught):
-    """Boulders that break through or pass over the net reach the wall with the rest."""
+    """Boulders that break through the net, or pass over it, reach the wall."""
     outcome = at_lines(caught)["barrier_outcome"]
     net, wall = outcome.sel(line="net").values, outcome.sel(line="wall").values
     assert ((net == 2) & (wall > 0)).any() and ((net == 3) & (wall == 1)).any()
@@ -134,7 +136,7 @@ def test_no_boulder_passes_an_endless_strong_barrier(case):
 
 
 def test_barrier_without_strength_or_height_changes_nothing(case, free):
-    """A net of one millimetre stops no boulder, because centres pass over it."""
+    """A net of one millimetre stops no boulder and changes none."""
     low = run(case.replace(barrier=[NET | {"height": 1e-3}]))
     assert np.array_equal(low.stop_x, free.stop_x) and np.array_equal(low.status, free.status)
     assert (at_lines(low)["barrier_outcome"].sel(line="net").values % 3 == 0).all()
@@ -144,7 +146,7 @@ HAIRPIN = {"name": "u", "x": [30.0, 30.0, 48.0, 48.0], "y": [5.0, 35.0, 35.0, 5.
 
 
 def shot_over(folder, *barriers, **groups):
-    """Single boulder shot eastward from x = 20 over level ground."""
+    """Run one boulder that is shot eastward from x = 20 over level ground."""
     z = np.zeros((40, 40)) + np.linspace(0, 1e-3, 40)[:, None]
     shot = {"x": [20.0], "y": [20.0], "velocity": [12.0, 0.0, 12.0], "drop_height": 0.0}
     case = make_case(
@@ -162,8 +164,7 @@ def shot_over(folder, *barriers, **groups):
 )
 def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcome):
     """A boulder passes over the first arm of a hairpin, and hits the second in the same flight or
-    later, or passes over both. The outcome is that of the hit, and so is the crossing of the
-    line."""
+    later, or passes over both. The crossing is at the arm that it hits, else at the first."""
     bent = HAIRPIN | {"x": [30.0, 30.0, second_arm, second_arm], "capacity": capacity}
     result = shot_over(tmp_path, bent)
     assert float(at_lines(result)["line_x"][0, 0]) == pytest.approx(
@@ -182,7 +183,8 @@ def test_bent_barrier_over_and_then_under(tmp_path, capacity, second_arm, outcom
 
 @pytest.mark.parametrize(("left", "outcome"), [(0.49, 1), (0.51, 2)])
 def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, outcome):
-    """The energy exceeds the capacity by that of `left` m/s; the stop speed is 0.5 m/s."""
+    """The energy exceeds the capacity by the kinetic energy at `left` m/s; the stop speed is 0.5
+    m/s. A boulder that would be slower counts as stopped."""
     net = NET | {"x": [40.0, 40.0], "y": [0.0, 100.0], "height": 90.0, "capacity": 1e5}
     whole = shot_over(tmp_path, net)
     energy, speed = float(whole.energy_barriers[0]), float(at_lines(whole)["line_speed"][0, 0])
@@ -196,8 +198,8 @@ def test_who_is_left_with_less_than_the_stop_speed_was_stopped(tmp_path, left, o
 
 @pytest.mark.parametrize("angle", [0.0, 7.3, -13.1])
 def test_barrier_and_line_along_a_barrier_are_met_behind_it(case, angle):
-    """A line, or a strong net, is along the straight line of a weak net, with other ends. Boulders
-    that break through the weak net reach them."""
+    """Boulders that break through a weak net meet a line, or a strong net, along the same straight
+    line with other ends."""
     side = np.tan(np.radians(angle))
 
     def along(west, east):
@@ -224,7 +226,8 @@ def test_bits_do_not_depend_on_threads_chunks_or_shards(case, caught, tmp_path):
 
 @pytest.mark.all
 def test_either_program_goes_on_to_the_same_bits(tmp_path, monkeypatch):
-    """Python is killed, and the program resumes its checkpoint; merged parts equal one run."""
+    """A run of Python is killed, and rockfall-batch resumes its checkpoint: merged with another
+    part, it is bit-identical to one run."""
     make_full_case(tmp_path)
     case = rockfall.read_case(tmp_path / "case.nml")
     nets = [
@@ -276,7 +279,8 @@ def test_statistics_of_barriers(caught):
 
 
 def test_dam_is_as_high_as_said_and_no_wider(tmp_path):
-    """A dam on a plane has its crest height and slopes; the terrain beyond is unchanged."""
+    """A dam on a plane has the given crest height and slopes; the terrain farther away is
+    unchanged."""
     plane = np.repeat(0.5 * CELL * np.arange(ROWS - 1, -1, -1.0)[:, None], 60, axis=1)
     make_raster(tmp_path / "dem.tif", plane, TRANSFORM, crs="EPSG:32632")
     dam = {

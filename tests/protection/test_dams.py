@@ -69,7 +69,7 @@ def test_on_coarse_cells_it_is_lower_and_flatter(tmp_path):
 
 
 def test_more_boulders_pass_on_coarse_cells(tmp_path):
-    """The plane is the same with all cell sizes: only the dam differs."""
+    """The plane is the same for all cell sizes, and only the dam differs."""
     passed = {}
     for cell in (5.0, 0.5):
         case = plane(tmp_path, cell)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Design sheet: arithmetic checked by hand, and a barrier that performs as stated."""
+"""Design sheet: values calculated by hand, and a barrier that performs as designed."""
 
 import math
 import re
@@ -35,7 +35,7 @@ BOULDERS = 600
 
 
 def known(*standard, **conditions):
-    """Factors of the table for tests."""
+    """Factors of a standard, from the table for tests."""
     return read_factors(Conditions(*standard, **conditions), FACTORS)
 
 
@@ -64,7 +64,7 @@ def file(result, tmp_path):
 
 
 def equal(n=100, **values):
-    """Identical boulders of 2600 kg/m3."""
+    """Identical boulders of 2600 kg/m3 at a line, or with other `values`."""
     usual = {"volume": 1.0, "position": 5.0, "speed": 20.0, "energy_total": 5e5,
              "energy_translational": 5.2e5, "passing_height": 3.0, "upper_edge": 3.6,
              "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip
@@ -73,7 +73,7 @@ def equal(n=100, **values):
 
 
 def drawn(n, seed=3):
-    """Boulders with heavy-tailed, correlated energies and heights."""
+    """Boulders at a line with correlated, skewed energies and heights."""
     random = np.random.default_rng(seed)
     common = random.normal(size=n)
     energy = 4e5 * np.exp(0.8 * common + 0.3 * random.normal(size=n))
@@ -82,7 +82,8 @@ def drawn(n, seed=3):
 
 
 def test_uni_by_hand():
-    """Boulders of 1 m3 (2600 kg/m3) have 20 m/s and 3 m height, on a well-known site."""
+    """Boulders of 1 m3 (2600 kg/m3) have 20 m/s and a passing height of 3 m; conditions are well
+    known."""
     row = demand(equal(), known(**WELL_KNOWN), 2600.0)
     assert row["v_d"] == pytest.approx(20.808)  # 20 x 1.02 x 1.02
     assert row["m_d"] == pytest.approx(2652.0)  # 2600 x 1.02 x 1.00
@@ -102,7 +103,8 @@ def test_what_is_not_known_costs_more():
 
 
 def test_the_mass_is_that_of_the_densest_boulder_that_came():
-    """Mass and energy follow the densest boulder, 3900 kg/m3, whatever the density of the case."""
+    """Mass and energy are those of the densest boulder, 3900 kg/m3, whatever the density of the
+    case. Boulders at rest have the density of the case."""
     factors = known(**WELL_KNOWN)
     energy = np.where(np.arange(100) == 7, 1.5, 1.0) * 5.2e5  # one boulder has 3900 kg/m3
     for density in 2600.0, 1000.0, 5000.0:
@@ -147,7 +149,7 @@ def test_classes_are_those_of_the_kernel():
 
 
 def test_without_factors_the_sheet_lists_what_to_fill_in(file, tmp_path, capsys):
-    """Loads and choices equal those of a sheet with factors; no check of a barrier passes."""
+    """Loads and choices are those of a sheet with factors; the check of a barrier is undecided."""
     net = run(tmp_path, line=[], barrier=[LINE | {"height": 90.0, "class": 7}])
     sheet, full = rockfall.design(net), design(net)
     assert sheet.loads.equals(full.loads) and sheet.choices.equals(full.choices)
@@ -204,7 +206,8 @@ def test_normal_heights_are_those_above_a_plane(tmp_path):
 
 @pytest.mark.parametrize("residual", [0.0, 0.02, 0.2])
 def test_heights_in_steps_are_the_exact_ones_rounded_up(residual):
-    """The stepwise search of hazards and sitings agrees with the exact search of a design."""
+    """Heights searched in steps, as for hazards and sitings, are those of the exact search rounded
+    up."""
     came, heights = drawn(400), [0.5 * k for k in range(1, 60)]
 
     def is_enough(ead_class, k):
@@ -283,7 +286,8 @@ def test_checks_say_what_fails(result, tmp_path):
 
 
 def test_a_check_that_the_interval_straddles_is_undecided(result, tmp_path):
-    """A height between the limits of the needed height is undecided; energy is separate."""
+    """A height between the limits of the needed height is undecided; energy is checked
+    separately."""
     asked = design(result).demand.iloc[0]
     low, value, high = (asked[f"height_needed{end}"] for end in ("_low", "", "_high"))
     assert low < value < high
@@ -469,8 +473,8 @@ def test_the_command_prints_and_writes(file, tmp_path, capsys):
 
 
 def test_what_rests_on_unconfirmed_rebounds_is_never_said_to_hold(tmp_path):
-    """Grounds and forests that are not confirmed give no "yes"; failed checks stay failed. Users
-    confirm their own grounds by declaring the rebound back-analysed."""
+    """A check that rests on grounds or forests without confirmation is never "yes", only "no" or
+    undecided. Users confirm a ground of their own with `calibration` "back-analysed"."""
     head = "name,model,r_n,r_t,roughness_angle,min_hop,source\n"
     (tmp_path / "mine.csv").write_text(f"{head}mine,constant,0.5,0.95,4,1,fitted in 2024\n")
     size, stand = {"uniform_mean_radius": 0.02}, {

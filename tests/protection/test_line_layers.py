@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams from vector layers: equal to typed ones, or refused in one line."""
+"""Lines, barriers and dams from vector layers: bit-identical to typed ones, or refused in one
+line."""
 
 import os
 import sys
@@ -42,14 +43,14 @@ def line(*xy):
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """Case whose files are in the folder of the test."""
+    """Case without lines, with its files in the current folder."""
     monkeypatch.chdir(tmp_path)
     made = make_full_case(tmp_path, case={"boulders": 20})
     return made.replace(line=[])
 
 
 def lines(case, **groups):
-    """Case with changed groups, as in its scene: layers are read."""
+    """Case with changed groups, after its layers are read."""
     return read_scene(case.replace(**groups)).case
 
 
@@ -69,7 +70,7 @@ def calls(function):
 
 
 def test_lines_of_a_layer_cost_linear_time(case):
-    """Reading and writing 400 lines costs at most 4.4 times as many calls as 100 lines."""
+    """Reading and writing 400 lines needs at most 4.4 times as many function calls as 100 lines."""
     cost = {}
     for n in (100, 400):
         y = N - 5 - 0.2 * np.arange(n)

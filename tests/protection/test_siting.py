@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Siting: each alignment has the values of a run with only that line, and a barrier there reduces
-passing boulders as stated in the table."""
+"""Siting: each alignment has the values of a run with only that line, and a barrier there stops as
+many boulders as the table gives."""
 
 import csv
 import gc
@@ -85,7 +85,8 @@ def test_numbers_are_those_of_a_run_with_that_line_alone(case, found):
 
 
 def test_a_barrier_there_leaves_what_is_said(case, found):
-    """Boulders that break through are slower, so fewer of them reach the road."""
+    """The remaining boulders of the table are at least those that reach the road behind the
+    barrier: boulders that break through are slower."""
     row = at(found, "road +160 m")
     net = {"name": "net", "x": ROAD["x"], "y": [340.0] * 2, "height": row["height_needed"],
            "class": int(row["ead_class"])}  # fmt: skip
@@ -97,7 +98,7 @@ def test_a_barrier_there_leaves_what_is_said(case, found):
 
 
 def test_what_passes_around_a_short_alignment_counts(case):
-    """The bypass is the fraction of boulders at the road that did not cross the short line."""
+    """Boulders that reach the road without crossing a short line are its bypass."""
     short = [{"name": "short", "x": [140.0, 160.0], "y": [300.0, 300.0]}]
     result = rockfall.run(case.replace(line=[ROAD, *short]), **TERRAIN)
     comes, met = np.isfinite(at_lines(result)["line_time"].values)
@@ -177,7 +178,8 @@ def test_cost_is_that_of_the_cheapest_that_suffices(case, found, tmp_path):
 
 
 def test_runs_in_turn_find_the_same(case, found):
-    """Memory holds 900 boulders at 3 lines, 44 bytes each: the road, and two alignments."""
+    """The memory is enough for 900 boulders at 3 lines, 44 bytes each: the road and two alignments
+    per run."""
     memory = 2 * 44 * 900 * 3
     turns = site(
         case, "road", every=40.0, to=220.0, max_height=8.0, memory=memory, **TERRAIN
@@ -194,8 +196,8 @@ def test_runs_in_turn_find_the_same(case, found):
 
 
 def test_lines_are_let_go_between_runs(case, monkeypatch):
-    """Only one result exists at a time, except the small result of the advised barrier, which has
-    only the lines of the case."""
+    """Only one result is in memory at a time, with the small result of the advised barrier, which
+    has only the lines of the case."""
     alive = []
 
     def counted(scene, **how):
@@ -213,7 +215,8 @@ def test_lines_are_let_go_between_runs(case, monkeypatch):
 
 
 def test_the_table_says_what_is_printed(case):
-    """Alignments with unconfirmed rebounds are never certain to fit; one is still the choice."""
+    """With unconfirmed rebounds no alignment is certain to fit, in the table and in print; one is
+    still the best."""
     ground = case.replace(surface={"uniform_mean_radius": 0.25, "ground": "soil_6"})
     about = {"every": 100.0, "to": 200.0, "max_height": 40.0}
     found = site(ground, "road", max_bypass=1.0, **about, **TERRAIN)
@@ -243,7 +246,7 @@ def test_a_doubt_never_turns_a_refusal():
 
 
 def passing(result, name="road"):
-    """Fraction of boulders that pass a line, without boulders stopped by a barrier on it."""
+    """Fraction of boulders that pass a line and are not stopped by a barrier on it."""
     speeds = variant_line(result, name)["speed"]
     return np.mean(~np.isnan(speeds))
 
@@ -300,7 +303,8 @@ def test_frequencies_are_sums_over_scenarios_and_a_barrier_grows_until_they_are_
 
 
 def test_loads_and_frequencies_are_of_the_same_boulders(case):
-    """Boulders of scenarios are weighted by frequency: rare large boulders have little weight."""
+    """Loads and frequencies weight boulders by the frequency of their scenario: rare large boulders
+    have little weight."""
     case, how = scenarios(case), {"every": 40.0, "to": 40.0, **TERRAIN}
     found = site(case, "road", **how)
     row = at(found, "road")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees: boulders that they stop, energy absorbed, and no effect on boulders that hit none."""
+"""Trees: which boulders they stop, the energy absorbed, and no effect on boulders that hit none."""
 
 import netCDF4
 import numpy as np
@@ -42,7 +42,7 @@ def run(case, **how):
 
 
 def listed(case, rows):
-    """Case with a list of trees: x, y, dbh, species."""
+    """Case with trees from `rows` of x, y, dbh, species."""
     text = "".join(",".join(map(str, row)) + "\n" for row in rows)
     (case.folder / "trees.csv").write_text("x,y,dbh,species\n" + text)
     return case.replace(forest={"trees": "trees.csv"})
@@ -59,7 +59,7 @@ def wooded(case):
 
 
 def test_a_forest_that_nobody_meets_changes_no_bit(case, bare):
-    """Trees use separate random numbers, and flights past them are unchanged."""
+    """Trees that no boulder hits change no bit, because they have random numbers of their own."""
     x, y = np.meshgrid(np.arange(200.0, 300.0, 3.0), np.arange(388.0, 398.0, 3.0))
     far = run(listed(case, [(*at, 60, "oak") for at in zip(x.flat, y.flat, strict=True)]))
     assert not far.trees_hit.any()
@@ -172,7 +172,7 @@ def test_trees_that_take_nothing_turn_boulders_and_never_stop_them(case):
 
 
 def test_a_turn_of_nothing_but_its_smallest_class(case, wooded):
-    """With user weights of the smallest class only, turns by trees are at most 22.5 degrees."""
+    """With weights for the smallest class only, turns at trees are at most 22.5 degrees."""
     ahead = dict.fromkeys(("turn_frontal", "turn_lateral", "turn_scratch"), [1.0, 0.0, 0.0])
     straight = run(case.replace(forest=STAND | ahead))
     track = straight.trajectory_boulder.values
@@ -186,7 +186,7 @@ def test_a_turn_of_nothing_but_its_smallest_class(case, wooded):
 
 
 def test_a_net_in_the_forest(case):
-    """Both obstacles are on the path of the same boulders; each absorbs its share."""
+    """Trees and a net stop boulders of one run, whose energy balance is closed."""
     both = run(case.replace(forest=STAND | {"uniform_stems": 150.0}, barrier=[NET]))
     names = set(status(both))
     assert {"stopped_by_tree", "stopped_by_barrier"} <= names

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run `rockfall` in forks of a process with all imports, because starting Python for each command
-takes longer than the commands. Back-analyses are short, and hazards have no figures. Usage:
-forks.py SOCKET; prints a line when it is ready."""
+"""Run `rockfall` in forks of a process that has imported everything, because starting Python takes
+longer than most commands. Back-analyses are short, and hazards have no figures. Prints a line when
+ready. Usage: forks.py SOCKET"""
 
 import json
 import os
@@ -21,7 +21,7 @@ from rockfall.studies.back import study
 
 
 def run(words, folder, env, streams):
-    """Run a command like a separate process."""
+    """Run a command as in a process of its own; return its exit status."""
     for k, stream in enumerate(streams):
         os.dup2(stream, k)
     os.chdir(folder)

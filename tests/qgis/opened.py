@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run by the distribution's Python with PyQGIS: opens a project, and draws its map and layouts.
-Prints one JSON object. Usage: opened.py PROJECT.qgz PICTURE; picture names are suffixed."""
+"""Open a project with PyQGIS, in the Python of the distribution, and draw its map and layouts.
+Prints one JSON object. Usage: opened.py PROJECT.qgz PICTURE, which begins the names of pictures."""
 
 import json
 import os
@@ -25,7 +25,7 @@ bad = []
 
 
 class Handler(QgsProjectBadLayerHandler):
-    """Records the layers that QGIS cannot find."""
+    """Records layers that QGIS cannot find, in `bad`."""
 
     def handleBadLayers(self, layers):
         bad.extend(layers)

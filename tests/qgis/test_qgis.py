@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Processing provider: results in QGIS equal those of the program, with the same messages. Tests
-that need QGIS are skipped without it: `./run qgis` installs it."""
+"""Processing provider: results in QGIS are those of the program, with the same messages. Tests that
+need QGIS are skipped without it: `./run qgis` installs it."""
 
 import importlib.util
 import json
@@ -43,7 +43,7 @@ needs_qgis = pytest.mark.skipif(PROCESS is None, reason="no QGIS: see ./run qgis
 
 
 def load(path):
-    """Module from a file, because the plugin is not part of the package."""
+    """Module from a file; the plugin is not part of the package."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = sys.modules[path.stem] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -55,7 +55,7 @@ def test_grounds_are_those_of_the_program():
 
 
 def test_the_program_inherits_no_python_of_qgis(tmp_path, monkeypatch):
-    """Environment variables that would start the Python of QGIS are removed."""
+    """Environment variables of the Python in QGIS are not passed on to the program."""
 
     class Feedback:
         def isCanceled(self):
@@ -95,7 +95,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def qgis(site):
-    """Run a QGIS program with a separate profile; return its output."""
+    """Function that runs a command with a QGIS profile of its own, and returns its output."""
     plugins = site / "profile/profiles/default/python/plugins"
     plugins.mkdir(parents=True)
     (plugins / PLUGIN.name).symlink_to(PLUGIN)
@@ -121,7 +121,7 @@ def qgis(site):
 
 @pytest.fixture(scope="module")
 def forked(site):
-    """Program like `bin/rockfall` that starts at once."""
+    """Program that is used like `bin/rockfall`, but starts at once."""
     module, path, program = Path(__file__).with_name("forks.py"), site / "socket", site / "forked"
     env = {**os.environ, "PYTHONPATH": str(Path(rockfall.__file__).parents[1])}
     command = [sys.executable, module, path]
@@ -135,7 +135,7 @@ def forked(site):
 
 @pytest.fixture(scope="module")
 def within(site, qgis, forked):
-    """Output of tests/qgis/within.py."""
+    """Output of tests/qgis/within.py, decoded."""
     folder = site / "within"
     folder.mkdir()
     words = [Path(__file__).with_name("within.py"), PLUGIN.parent, site / "dem.tif", forked]
@@ -192,7 +192,7 @@ def test_layers_in_memory_run_and_results_load_with_their_styles(within):
 
 @pytest.fixture(scope="module")
 def opened(site, qgis):
-    """Output of tests/qgis/opened.py for a project that was moved."""
+    """Output of tests/qgis/opened.py for a project that was moved, and the folder above it."""
     folder, before = site / "opened", Path.cwd()
     folder.mkdir()
     os.chdir(folder)
@@ -315,7 +315,8 @@ def test_the_program_is_a_setting(within):
 
 
 class Feedback:
-    """Feedback like that of QGIS, which cancels as soon as there is progress."""
+    """Feedback as in QGIS that records messages and progress, and cancels as soon as there is
+    progress."""
 
     def __init__(self):
         self.progress, self.said = [], []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run by the distribution's Python with PyQGIS: runs the provider on layers of a project. Prints
+"""Run the provider with PyQGIS, in the Python of the distribution, on layers of a project. Prints
 one JSON object. Usage: within.py FOLDER_OF_PLUGIN DEM PROGRAM, in an empty folder."""
 
 import json
@@ -40,7 +40,8 @@ project = QgsProject.instance()
 
 
 def memory_layer(name, shapes, fields="", *values, kind="Polygon"):
-    """Project layer of geometries given as texts or boxes (x, y, x, y), not in a file."""
+    """Add a layer in memory to the project, with shapes given as WKT or boxes (west, south, east,
+    north); return its name."""
     layer = QgsVectorLayer(f"{kind}?crs=EPSG:32632&field=fid:integer{fields}", name, "memory")
     for shape in shapes:
         feature = QgsFeature(layer.fields())
@@ -54,7 +55,7 @@ def memory_layer(name, shapes, fields="", *values, kind="Polygon"):
 
 
 def run(name, **parameters):
-    """Outputs and loaded layers of an algorithm, or the line with which it refuses."""
+    """Outputs and loaded layers of an algorithm, or its refusal and the files that it left."""
     context, feedback = QgsProcessingContext(), QgsProcessingFeedback(False)
     context.setProject(project)
     try:
@@ -66,7 +67,8 @@ def run(name, **parameters):
 
 
 def looks(layer):
-    """Style of a layer: labels of its classes, and the number of shapes."""
+    """Style of a layer as shown: labels of its classes and, for vectors, number of shapes and
+    times."""
     if not isinstance(layer, QgsRasterLayer):
         renderer = layer.renderer()
         labels = [item.label() for item in renderer.legendSymbolItems()]

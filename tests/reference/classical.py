@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Classical rebounds in slow arithmetic, only from the papers; velocities are V_t, V_n, W [m/s].
+"""Classical rebounds in slow arithmetic, written from the papers alone; velocities are V_t, V_n, W
+[m/s].
 
-The module shares no code with the program; only the use of random words follows the kernel
-(rockfall_classical_rebound).
-"""
+The module shares no code with the program. It only takes random words in the same order as the
+kernel (rockfall_classical_rebound)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Triple = tuple[Decimal, Decimal, Decimal]
 
 
 class Scatter(NamedTuple):
-    """Normal number between two limits, drawn at each rebound."""
+    """Normal random number between two limits, drawn at each rebound."""
 
     mean: float
     std: float = 0.0
@@ -27,7 +27,7 @@ class Scatter(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """Rebound model and its parameters; those that the model does not use keep their defaults."""
+    """Rebound model and its parameters; parameters of other models keep their defaults."""
 
     model: str
     normal: Scatter = Scatter(0.0)  # R_n, or half speed [m/s]
@@ -40,7 +40,7 @@ class Ground(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """Conversion of random words to numbers."""
+    """Functions that convert random words to numbers."""
 
     normal: Callable[[int], Decimal]
     uniform: Callable[[int], Decimal]
@@ -53,7 +53,7 @@ def exact(number: float) -> Decimal:
 
 @functools.cache
 def words_within(scatter: Scatter, normal: Callable[[int], Decimal]) -> tuple[int, int]:
-    """First random word whose normal number is within the limits, and first word beyond."""
+    """First random word whose normal number is within the limits, and the first word above them."""
     mean, std = exact(scatter.mean), exact(scatter.std)
 
     def first(rule: Callable[[Decimal], bool]) -> int:
@@ -68,7 +68,8 @@ def words_within(scatter: Scatter, normal: Callable[[int], Decimal]) -> tuple[in
 
 
 def drawn(scatter: Scatter, word: int, numbers: Numbers) -> Decimal:
-    """Number for a word: the words of all draws are spread over the words within the limits."""
+    """Number between the limits for a word; all words are spread over those whose numbers are
+    within."""
     mean = exact(scatter.mean)
     if not scatter.std:
         return mean
@@ -83,7 +84,8 @@ def outgoing(
     ground: Ground, words: list[int], tilt: Decimal, radius: Decimal, mass: Decimal,
     rocks: Decimal, v: Triple, numbers: Numbers,
 ) -> Triple:  # fmt: skip
-    """Rebound on ground tilted against the motion: into its axes t', n', and back."""
+    """Velocity after a rebound on ground that is tilted against the motion: computed along the axes
+    of the tilted ground."""
     degrees = exact(ground.roughness_angle) * tilt
     c, s = numbers.cosine_sine(degrees * PI / 180)
     t, n = (c, s), (-s, c)  # along V_t and V_n
@@ -121,8 +123,9 @@ def on_even_ground(
 
 
 def thrown(ground: Ground, radius: Decimal, pull: Decimal, v: Triple) -> Triple:
-    """Velocity with which a boulder hops from obstacle to obstacle, with unchanged energy: V_t V_n
-    = pull length/2 with V_t >= V_n. Unchanged if this is impossible or not needed."""
+    """Velocity of a boulder that hops from obstacle to obstacle with unchanged energy: V_t V_n =
+    pull length/2, with V_t >= V_n. The velocity is unchanged if this is impossible, or if V_n is
+    larger already."""
     product = pull * exact(ground.min_hop) * radius / 2
     square = v[0] ** 2 + v[1] ** 2
     if not product or square <= 2 * product:

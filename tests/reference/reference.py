@@ -42,7 +42,8 @@ Triple = tuple[Decimal, Decimal, Decimal]
 
 @dataclass(eq=False)  # usable as a key for results computed once
 class World:
-    """Scene of a boulder. Lengths in m; x east, y north from the south-western cell centre."""
+    """Scene of boulders. Lengths are in m; x is east and y north of the south-western cell
+    centre."""
 
     z: np.ndarray  # (ny, nx) elevations, row 0 the northernmost, NaN = no data
     cell: float
@@ -84,7 +85,8 @@ class World:
 
 
 class Doubt:
-    """Smallest relative margin of all decisions so far; a small one might be rounding error."""
+    """Smallest relative margin of all decisions so far; rounding errors may reverse a decision with
+    a small margin."""
 
     def __init__(self) -> None:
         self.least = math.inf
@@ -118,7 +120,7 @@ class Patch(NamedTuple):
 
 
 class State(NamedTuple):
-    """State of a boulder that leaves its release or a contact."""
+    """State of a boulder as it leaves its release or a contact."""
 
     x: Decimal
     y: Decimal
@@ -130,7 +132,7 @@ class State(NamedTuple):
 
 
 class Landing(NamedTuple):
-    """End of a flight: the first contact, or the exit from the known terrain."""
+    """End of a flight: the first contact, or the place where it leaves the known terrain."""
 
     contact: bool
     time: Decimal  # flight time
@@ -145,7 +147,7 @@ class Landing(NamedTuple):
 
 
 class Rebound(NamedTuple):
-    """Result of a contact: incoming and outgoing are (V_t, V_n, W)."""
+    """Result of a contact; `incoming` and `outgoing` are (V_t, V_n, W)."""
 
     incoming: Triple
     outgoing: Triple
@@ -157,7 +159,7 @@ class Rebound(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Flight and its end; `status` is empty while the boulder continues."""
+    """Flight and its end; `status` is empty if the boulder continues."""
 
     landing: Landing
     rebound: Rebound | None
@@ -195,7 +197,7 @@ def length(v) -> Decimal:
 
 
 def cosine_sine(angle: Decimal) -> Pair:
-    """Cosine and sine by their series."""
+    """Cosine and sine, by their series."""
     total, term, n = [ONE, ZERO], ONE, 0
     while abs(term) > SMALLEST or n < 2:
         n += 1
@@ -220,7 +222,8 @@ def quantile(tail: Decimal) -> Decimal:
 
 @functools.cache
 def piece(octave: int, eighth: int) -> tuple[list[Decimal], list[Decimal]]:
-    """Chebyshev points in an eighth of an octave, and divided differences of the quantile there."""
+    """Chebyshev points in an eighth of an octave, and divided differences of the quantile at these
+    points."""
     middle = 1 + (eighth + HALF) / 8
     nodes = [middle + cosine_sine((2 * k + 1) * PI / 12)[0] / 16 for k in range(6)]
     found = [quantile(node * Decimal(2) ** (octave - 33)) for node in nodes]
@@ -231,7 +234,7 @@ def piece(octave: int, eighth: int) -> tuple[list[Decimal], list[Decimal]]:
 
 
 def normal(word: int) -> Decimal:
-    """Standard normal number of a word: quintic through the quantile at six points."""
+    """Standard normal number of a word, by a quintic through the quantile at six points."""
     side = 2 * word + 1 - 2**32
     tail = 2**32 - abs(side)  # tail times 2**33
     octave = tail.bit_length() - 1
@@ -293,14 +296,14 @@ def node(world: World, i: int, j: int) -> float:
 
 
 def on_raster(world: World, i: int, j: int) -> bool:
-    """Return whether a patch lies between the outer cell centres."""
+    """Return True if a patch lies between the outermost cell centres."""
     ny, nx = world.z.shape
     return 0 <= i < nx - 1 and 0 <= j < ny - 1
 
 
 @functools.cache
 def patch(world: World, i: int, j: int) -> Patch | None:
-    """Patch (i, j); None next to nodata and beyond the edge."""
+    """Patch (i, j); None next to nodata and beyond the edge of the raster."""
     corners = [node(world, i + k % 2, j + k // 2) for k in range(4)]
     if any(map(math.isnan, corners)):
         return None
@@ -309,7 +312,7 @@ def patch(world: World, i: int, j: int) -> Patch | None:
 
 
 def place(world: World, x: Decimal, y: Decimal) -> tuple[Patch, Decimal, Decimal]:
-    """Known patch at a point (the north-eastern of several), and the position in the patch."""
+    """Known patch at a point, and the position in it; of several patches, the north-eastern."""
     u, w = x / exact(world.cell), y / exact(world.cell)
     i, j = math.floor(u), math.floor(w)
     for near in ((i, j), (i - (u == i), j), (i, j - (w == j)), (i - (u == i), j - (w == j))):
@@ -319,7 +322,7 @@ def place(world: World, x: Decimal, y: Decimal) -> tuple[Patch, Decimal, Decimal
 
 
 def meeting(world: World, x: Decimal, y: Decimal, near: Decimal) -> list[Patch]:
-    """Known patches at a point: several if it is this near to their sides [cells]."""
+    """Known patches at a point: more than one if it is within `near` [cells] of a side."""
     u, w = x / exact(world.cell), y / exact(world.cell)
     columns, rows = ({math.floor(p - near), math.floor(p + near)} for p in (u, w))
     found = [patch(world, i, j) for i in sorted(columns) for j in sorted(rows)]
@@ -333,8 +336,8 @@ def surface(world: World, x: Decimal, y: Decimal) -> Decimal:
 
 @functools.cache
 def horn(world: World, column: int, row: int) -> tuple[Pair, bool] | None:
-    """Downhill vector of a raster cell (Horn 1981), and whether the cell is a pit; row from the
-    north. None if the window is incomplete."""
+    """Downhill vector of a raster cell (Horn 1981), and whether the cell is a pit; None if one of
+    its neighbours is missing. Rows count from the north."""
     ny, nx = world.z.shape
     if not (0 < column < nx - 1 and 0 < row < ny - 1):
         return None
@@ -348,7 +351,8 @@ def horn(world: World, column: int, row: int) -> tuple[Pair, bool] | None:
 
 
 def nearest_cell(world: World, at: Patch, u: Decimal, w: Decimal, doubt: Doubt) -> tuple[int, int]:
-    """Column and row, from the north, of the cell nearest to a position in a patch."""
+    """Column and row, counted from the north, of the cell whose centre is nearest to a position in
+    a patch."""
     column = at.i + (doubt.above(u - HALF, ONE) or u == HALF)
     return column, world.z.shape[0] - 1 - at.j - (doubt.above(w - HALF, ONE) or w == HALF)
 
@@ -412,7 +416,7 @@ def release(world: World, number: int) -> State:
 
 
 def sides(start: Decimal, speed: Decimal) -> Iterator[Decimal]:
-    """Times at which a coordinate, in cells, reaches the sides of patches, one by one."""
+    """Times at which a coordinate [cells] reaches the sides of patches, in order."""
     if not speed:
         return
     step = 1 if speed > 0 else -1
@@ -422,7 +426,7 @@ def sides(start: Decimal, speed: Decimal) -> Iterator[Decimal]:
 
 
 def fly(world: World, state: State, doubt: Doubt) -> Landing:
-    """First contact of a flight, or its exit from the known terrain."""
+    """First contact of a flight, or the place where it leaves the known terrain."""
     cell, gravity = exact(world.cell), exact(world.gravity)
     u, w = state.x / cell, state.y / cell
     p, q, rise = state.v[0] / cell, state.v[1] / cell, state.v[2]
@@ -493,8 +497,8 @@ def first_root(
 
 
 def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
-    """First root from `begin` at which the quadratic decreases; `begin` if it is not
-    positive and decreases there; None without a root."""
+    """First time from `begin` on at which the quadratic falls through zero; `begin` if it is not
+    positive and falls there; None if there is no such time."""
     base, rate, bend = above
     if value(above, begin) <= 0 and rate + 2 * bend * begin < 0:
         return begin
@@ -508,7 +512,7 @@ def _falling_root(above: Triple, begin: Decimal) -> Decimal | None:
 
 
 def top(above: Triple, begin: Decimal, end: Decimal) -> Decimal:
-    """Maximum value in a span."""
+    """Maximum of a quadratic between two times."""
     found = max(value(above, begin), value(above, end))
     if above[2] < 0 and begin < (vertex := -above[1] / (2 * above[2])) < end:
         found = max(found, value(above, vertex))
@@ -534,7 +538,7 @@ def _area_sinh(s: Decimal) -> Decimal:
 
 
 def rock_radius(world: World, column: int, row: int, word: int) -> Decimal:
-    """R_m at a contact; Infinity means absorbing."""
+    """R_m [m] at a contact; Infinity for ground that absorbs."""
     if len(world.sizes) == 1:
         return exact(world.sizes[0, row, column])
     share = uniform(word)
@@ -543,13 +547,13 @@ def rock_radius(world: World, column: int, row: int, word: int) -> Decimal:
 
 
 def energy(v: Triple) -> Decimal:
-    """Twice the kinetic energy per mass of (V_t, V_n, W)."""
+    """Twice the kinetic energy per mass [m2/s2] for (V_t, V_n, W)."""
     return v[0] ** 2 + v[1] ** 2 + INERTIA * v[2] ** 2
 
 
 @functools.lru_cache(maxsize=1)  # cache for the draws of an impact and their sensitivity
 def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], list[list[Decimal]]]:
-    """Mean of A V for a normal A, and the root of its covariance."""
+    """Mean of A V for a normal A, and the Cholesky root of its covariance."""
     c = world.covariances[k]
     mean = [dot(world.means[k][i : i + 3], v) for i in (0, 3, 6)]
     return mean, cholesky(
@@ -561,13 +565,13 @@ def law_of_outgoing(world: World, k: int, v: Triple) -> tuple[list[Decimal], lis
 
 
 def draw_outgoing(world: World, k: int, v: Triple, z: list[Decimal]) -> Triple:
-    """A V from three normal numbers."""
+    """A V, from three standard normal numbers."""
     mean, root = law_of_outgoing(world, k, v)
     return tuple(m + dot(row, z) for m, row in zip(mean, root, strict=True))
 
 
 def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
-    """Maximum sensitivity of A V to V, and the size of A V."""
+    """Maximum relative size of A V, and of its change with a small change of V."""
     mean, root = law_of_outgoing(world, k, v)
     scale = max(map(abs, v)) or ONE
     small = scale * Decimal("1e-20")
@@ -583,7 +587,7 @@ def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
 
 
 def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) -> int:
-    """Impact set for a ratio R_b/R_m, from 0."""
+    """Index, from 0, of the impact set for a ratio R_b/R_m."""
     if world.between:
         word = words(world, GROUND, number, hit, 0)[1]
         lower = min(Decimal(5), max(ONE, ratio)) // 1
@@ -596,7 +600,8 @@ def set_of(world: World, number: int, hit: int, ratio: Decimal, doubt: Doubt) ->
 def impact(
     world: World, number: int, hit: int, k: int, v_in: Triple, doubt: Doubt
 ) -> tuple[Triple, float]:
-    """(V_t, V_n, W) after the impact by set k, and its sensitivity to the incoming velocity."""
+    """Velocities (V_t, V_n, W) after the impact by set k, and their sensitivity to the incoming
+    ones."""
     before = energy(v_in)
     for draw in range(DRAWS):
         z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:3]]
@@ -609,7 +614,7 @@ def impact(
 
 
 def limited(v_in: Triple, v: Triple) -> Triple:
-    """Limited rebound: leaves the ground, with no more energy than before."""
+    """Last draw changed so that it leaves the ground without a gain of energy."""
     if v[1] <= 0:
         v = v[0], length(v_in[:2]) / 100, v[2]
     if energy(v) > energy(v_in):
@@ -618,7 +623,7 @@ def limited(v_in: Triple, v: Triple) -> Triple:
 
 
 def turn(u: Decimal) -> Decimal:
-    """Angle of a turn [degrees]: the printed classes, each uniform."""
+    """Angle of a turn [degree] in the printed classes, uniform in each class."""
     for below, above, low, high in (("0.96", 1, 45, 50), ("0.72", "0.96", "22.5", 45)):
         if u >= Decimal(below):
             within = (u - Decimal(below)) / (Decimal(above) - Decimal(below))
@@ -627,7 +632,7 @@ def turn(u: Decimal) -> Decimal:
 
 
 def lateral_deviation(world: World, k: int, v_in: Triple, u: Decimal, doubt: Doubt) -> Decimal:
-    """Angle of a turn [degrees] in the laboratory, for an incidence angle."""
+    """Angle of a turn [degree] as in the laboratory, for the class of incidence of `v_in`."""
     class_ = 0
     for degrees in world.incidence[k]:
         c, s = cosine_sine(exact(degrees) * PI / 180)
@@ -655,7 +660,8 @@ def rotated(heading: Pair, degrees: Decimal) -> Pair:
 
 
 def wandered(heading: Pair, downhill: Pair, within: Decimal, doubt: Doubt) -> Pair:
-    """Heading upslope: within 22.5 degrees of the old one; angles count towards the descent."""
+    """New heading upslope, within 22.5 degrees of the old one; positive angles are towards the
+    descent."""
     across = heading[0] * downhill[1] - heading[1] * downhill[0]
     right = not doubt.above(across, length(downhill)) and across < 0
     degrees = Decimal("22.5") * (2 * within - 1)
@@ -665,7 +671,8 @@ def wandered(heading: Pair, downhill: Pair, within: Decimal, doubt: Doubt) -> Pa
 def turned(
     heading: Pair, downhill: Pair, degrees: Decimal, past: bool, odd: int, doubt: Doubt
 ) -> Pair:
-    """Heading turned towards the aspect, past it or at most to it; to either side if along it."""
+    """Heading turned towards the aspect: past it, or at most to it. A heading along the aspect
+    turns to either side."""
     if not past:
         aspect = tuple(d / length(downhill) for d in downhill)
         cosine = cosine_sine(degrees * PI / 180)[0]
@@ -678,7 +685,7 @@ def turned(
 def deviated(
     heading: Pair, downhill: Pair, up: Triple, degrees: Decimal, odd: int, doubt: Doubt
 ) -> Pair:
-    """Heading turned to either side about the normal of the patch, by the formula of Rodrigues."""
+    """Heading turned to either side about the normal of the patch, by Rodrigues' formula."""
     side = (1 if odd else -1) * (left_of(heading, downhill, doubt) or 1)
     c, s = cosine_sine(side * degrees * PI / 180)
     ahead = (*heading, -(up[0] * heading[0] + up[1] * heading[1]) / up[2])
@@ -688,7 +695,8 @@ def deviated(
 
 
 def any_heading(within: Decimal) -> Pair:
-    """Heading on the circle, for a vertical impact without descent, starting in the south-east."""
+    """Any heading, for a vertical impact on ground without descent; `within` = 0 is the
+    south-east."""
     quarter = math.floor(4 * within)
     c, s = cosine_sine((4 * within - quarter - HALF) * PI / 2)
     for _ in range(quarter):
@@ -699,7 +707,7 @@ def any_heading(within: Decimal) -> Pair:
 def bounce(
     world: World, number: int, hit: int, state: State, landing: Landing, doubt: Doubt
 ) -> Rebound | None:
-    """Result of a contact; None if absorbed."""
+    """Result of a contact; None if the boulder is absorbed."""
     cell, at = exact(world.cell), landing.patch
     u, w = landing.x / cell - at.i, landing.y / cell - at.j
     column, row = nearest_cell(world, at, u, w, doubt)
@@ -768,7 +776,7 @@ def bounce(
 
 
 def step(world: World, number: int, hit: int, state: State) -> Contact:
-    """Flight from a state to contact number `hit`, and the result of the contact."""
+    """Flight from a state to contact number `hit`, and result of that contact."""
     doubt = Doubt()
     landing = fly(world, state, doubt)
     if not landing.contact:
@@ -789,7 +797,7 @@ def leave(contact: Contact) -> State:
 
 
 def follow(world: World, number: int) -> Iterator[Contact]:
-    """Contacts of a boulder, one by one, to its end."""
+    """Yield the contacts of a boulder, up to its end."""
     state = release(world, number)
     for hit in count(1):
         contact = step(world, number, hit, state)
@@ -809,7 +817,8 @@ def _cross(o, a, b) -> Decimal:
 def crossing(
     world: World, number: int, state: State, landing: Landing, line: int, doubt: Doubt
 ) -> Crossing | None:
-    """First crossing of an evaluation line by a flight; zero counts as the left side."""
+    """First crossing of an evaluation line by a flight; a point on the line counts as left of
+    it."""
     a, b = (state.x, state.y), (landing.x, landing.y)
     vertices = [tuple(map(exact, vertex)) for vertex in world.lines[line]]
     shares = []

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The kernel's trajectories compared with the reference: contact by contact, and from the release.
+"""The kernel's trajectories compared with the reference: each contact by itself, and from the
+release.
 
 Each contact is repeated from the kernel's state after the previous contact, so that the error is
 that of one flight and one rebound. Its bound is from a first-order rounding analysis (Higham 2002,
 Accuracy and Stability of Numerical Algorithms, chapters 1, 3 and 10): backward errors in units of U
 times the condition numbers of subsequent steps. Decisions with a margin below `UNDECIDED` in the
-reference may differ; such contacts are counted but not judged.
-"""
+reference may differ; such contacts are counted but not judged."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Error(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """Bounds of the errors of a landing, and their components."""
+    """Error bounds of a landing, and the quantities that enter them."""
 
     place: float  # position [m]
     height: float  # height of the recorded position over the surface [m]
@@ -76,7 +76,7 @@ class Flight(NamedTuple):
 
 @dataclass
 class Replay:
-    """Contacts of a boulder, each from the kernel's previous state."""
+    """Errors of a boulder's contacts, each computed from the kernel's previous state."""
 
     contacts: list[list[Error]] = field(default_factory=list)  # errors in the order of QUANTITIES
     crossings: list[list[Error]] = field(default_factory=list)  # in the order of CROSSED
@@ -97,7 +97,8 @@ class Sums:
     d_length: float = 0.0
 
     def add(self, world: World, state: State, contact: Contact, flight: Flight) -> None:
-        """Add a flight. Its length is a difference of squared speeds over gravity."""
+        """Add a flight. The error of its length is that of a difference of squared speeds over
+        gravity."""
         gravity, landing = world.gravity, contact.landing
         after = contact.rebound.velocity if contact.rebound else landing.v
         speeds = [float(reference.length(v)) for v in (state.v, landing.v, after)]
@@ -114,14 +115,14 @@ class Sums:
         self.d_highest = max(self.d_highest, flight.height + steep + rise)
 
     def bounded(self, time: float) -> list[tuple[float, float]]:
-        """Values and bounds in the order of TOTALS; `time` is from the kernel's contacts."""
+        """Values and bounds in the order of TOTALS; `time` is the kernel's time at the end."""
         return [(self.length, self.d_length), (time, U * time),
                 (self.fastest, self.d_fastest), (self.highest, self.d_highest)]  # fmt: skip
 
 
 def volume(world: World, number: int) -> tuple[float, float]:
-    """Volume of a boulder and its error bound: roundings of the terms of its distribution, which
-    are up to seven deviations, for a lognormal volume in an exponent."""
+    """Volume of a boulder and its error bound: roundings of the terms of its distribution, up to
+    seven standard deviations from the mean; for a lognormal volume they are in an exponent."""
     value, scale = reference.volume(world, number), max(world.volume)
     if world.law == "normal":
         scale = world.volume[0] + 7 * world.volume[1]
@@ -135,7 +136,7 @@ def volume(world: World, number: int) -> tuple[float, float]:
 
 
 class Retrace(NamedTuple):
-    """Path of a boulder from its release, by the reference alone."""
+    """Path of a boulder followed from its release by the reference."""
 
     apart: list[float]  # plan distance from the kernel's contact with the same number [m]
     status: str
@@ -145,7 +146,8 @@ class Retrace(NamedTuple):
 
 
 def at_origin(scene: Scene) -> Scene:
-    """Scene with its south-western cell centre at 0, 0: map coordinates cost no digits."""
+    """Scene with its south-western cell centre at 0, 0, so that no digits are lost to map
+    coordinates."""
     grid, case = scene.grid, scene.case
     west, south = grid.west + grid.cell / 2, grid.south + grid.cell / 2
     lines = [
@@ -160,7 +162,7 @@ def at_origin(scene: Scene) -> Scene:
 
 
 def world_of(scene: Scene) -> World:
-    """World of a scene that was read, in its own coordinates."""
+    """World of a scene. Raises a ValueError if the south-western cell centre is not at 0, 0."""
     case, boulder, cell = scene.case, scene.case.boulder, scene.grid.cell
     if (scene.grid.west, scene.grid.north) != (-cell / 2, (scene.grid.ny - 0.5) * cell):
         raise ValueError("the south-western cell centre must be at 0, 0")
@@ -199,7 +201,7 @@ def world_of(scene: Scene) -> World:
 
 
 def _ground(given: GroundRule) -> classical.Ground | None:
-    """Ground from the numbers of its text; None: the case's impact sets."""
+    """Ground from the text of its rule; None for impact sets of the case."""
     if not given.text:
         return None
     values = read_groups(given.text.decode(), given.name)["ground"]
@@ -218,7 +220,7 @@ def _ground(given: GroundRule) -> classical.Ground | None:
 
 
 def _ground_of_cells(scene: Scene) -> np.ndarray | None:
-    """(ny, nx) index of each cell's ground, from 0."""
+    """Index (ny, nx) of the ground of each cell, from 0; None without grounds."""
     if not scene.grounds:
         return None
     cells = scene.rasters
@@ -231,7 +233,7 @@ def _ground_of_cells(scene: Scene) -> np.ndarray | None:
 
 
 def _sizes(scene: Scene) -> np.ndarray:
-    """(1 or 3, ny, nx) rock sizes of each cell."""
+    """Rock sizes (1 or 3, ny, nx) of each cell."""
     cells = scene.rasters
     if cells.values is not None:
         return cells.values
@@ -240,7 +242,7 @@ def _sizes(scene: Scene) -> np.ndarray:
 
 
 def tracks(result: xr.Dataset) -> list[np.ndarray]:
-    """Rows of FIELDS of each recorded boulder: release, contacts, end."""
+    """Rows of FIELDS for each recorded boulder: release, contacts and end."""
     rows = np.stack([result[f"trajectory_{name}"].values for name in FIELDS], axis=1)
     starts = np.flatnonzero(np.diff(result["trajectory_boulder"].values)) + 1
     return np.split(rows, starts)
@@ -256,7 +258,7 @@ def status_of(result: xr.Dataset, number: int) -> str:
 
 @functools.cache
 def condition(world: World) -> float:
-    """Maximum condition number of the correlations of the impact sets: amplification of errors in a
+    """Maximum condition number of the correlations in the impact sets, by which errors grow in a
     Cholesky root (Higham 2002, theorem 10.8, scaled as in Demmel 1989)."""
     found = [1.0]
     for covariance in world.folded:
@@ -267,7 +269,7 @@ def condition(world: World) -> float:
 
 
 def replay(world: World, number: int, rows: np.ndarray, result: xr.Dataset) -> Replay:
-    """Judge each contact of a boulder."""
+    """Compare each contact of a boulder with the reference."""
     found, state, crossed = Replay(), reference.release(world, number), set()
     sums, own = Sums(float(reference.length(state.v))), volume(world, number)
     d_ratio = own[1] / (3 * float(own[0])) + 12 * U  # relative error
@@ -303,8 +305,8 @@ def replay(world: World, number: int, rows: np.ndarray, result: xr.Dataset) -> R
 
 
 def _kernel_state(contact: Contact, row: np.ndarray) -> State:
-    """State of the kernel after a contact. The heading is not recorded; that of the reference only
-    determines forward or backward."""
+    """State of the kernel after a contact. Its heading is not recorded; that of the reference only
+    determines the sign of the rotation."""
     spin = math.copysign(1.0, row[OUT][0]) * row[OUT][2]
     velocity = tuple(map(exact, row[SPEED]))
     heading = contact.rebound.heading
@@ -330,8 +332,8 @@ def _ends(world: World, number: int, rows, result, impacts: int, crossed: set[in
 
 
 def _alternatives(world: World, state: State) -> list[State]:
-    """Patches that meet at a node, where source cells release boulders: a contact is correct on any
-    of them."""
+    """The state on each patch that meets at its place, because a contact is right on any of them.
+    Several patches meet at the centres of source cells, from where boulders fall."""
     if any(state.v[:2]):
         return [state]
     near = reference.meeting(world, state.x, state.y, Decimal(UNDECIDED))
@@ -339,7 +341,8 @@ def _alternatives(world: World, state: State) -> list[State]:
 
 
 def _differs(contact: Contact, row: np.ndarray, status: str) -> str:
-    """Describe a difference between kernel and reference; `status` is the kernel's."""
+    """Difference between kernel and reference in a status or a rebound, as text; empty without one.
+    `status` is the kernel's."""
     if contact.status != status:
         return f"kernel {status or 'goes on'}, reference {contact.status or 'goes on'}"
     if (contact.rebound is None) != (row[RATIO] == 0):
@@ -389,9 +392,9 @@ def _apart(kernel: np.ndarray, wanted) -> Any:
 
 
 def _flight(world: World, state: State, landing: Landing, at: Patch) -> Flight:
-    """Bounds for a flight. Heights above a patch are differences of elevations, with rounding
-    errors of the elevations, of position times slope, and of the rise. Divided by the descent rate
-    they give a time error, times speed a position error."""
+    """Error bounds of a flight. Heights above a patch are differences of elevations, with rounding
+    errors of the elevations, of position times slope, and of the rise. Over the descent rate they
+    are an error of time, and times the speed an error of position."""
     cell = world.cell
     slope, twist = at.steepest(cell), abs(float(at.c)) / cell**2
     time = float(landing.time)
@@ -414,7 +417,7 @@ def _flight(world: World, state: State, landing: Landing, at: Patch) -> Flight:
 
 
 def _lines(world, number, before, state, contact, result, crossed) -> list[list[Error]]:
-    """Judge the lines first crossed by a flight; add them to `crossed`."""
+    """Compare the lines that a flight is the first to cross; add them to `crossed`."""
     found = []
     for line in set(range(len(world.lines))) - crossed:
         doubt = Doubt()
@@ -439,8 +442,8 @@ def _lines(world, number, before, state, contact, result, crossed) -> list[list[
 
 
 def _line_bounds(world, state, contact, line, met, time) -> list[float]:
-    """Bounds in the order of CROSSED. The fraction of the path is a quotient of distances from the
-    line, with errors from rounded positions and from the landing."""
+    """Error bounds in the order of CROSSED. The crossing divides the path by a quotient of
+    distances from the line, which have errors of rounded positions and of the landing."""
     at = reference.place(world, met.x, met.y)[0]
     flight = _flight(world, state, contact.landing, at)
     end = _flight(world, state, contact.landing, contact.landing.patch)
@@ -466,7 +469,7 @@ def _line_bounds(world, state, contact, line, met, time) -> list[float]:
 
 
 def retrace(world: World, number: int, rows: np.ndarray) -> Retrace:
-    """Follow a boulder from its release, and compare it with the kernel's rows."""
+    """Follow a boulder from its release by the reference, and compare it with the kernel's rows."""
     state, apart = reference.release(world, number), []
     speeds = [math.nan] * len(world.lines)
     for hit, contact in enumerate(reference.follow(world, number), 1):

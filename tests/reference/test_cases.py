@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cases: files are reproduced by their scripts, and agree with the statements in their READMEs."""
+"""Cases: their scripts reproduce their files, and results agree with their READMEs."""
 
 import csv
 import importlib.util
@@ -41,7 +41,8 @@ def script(path: Path):
 
 @pytest.fixture(scope="module")
 def slope():
-    """Profile of the Vaujany slope: plan distance from its top, mean elevation across [m]."""
+    """Profile of the Vaujany slope: plan distances from its top, and elevations averaged across it
+    [m]."""
     with rasterio.open(VAUJANY / "dem.tif") as file:
         elevation = file.read(1).mean(axis=1, dtype="f8")
     return 2.5 * (np.arange(240) + 0.5), elevation
@@ -144,7 +145,7 @@ def protected(tmp_path_factory):
 
 @pytest.mark.all
 def test_the_road_is_reached_as_often_as_its_readme_says(protected):
-    """Percentages are within four standard deviations of a single run, from the README."""
+    """Percentages are within four standard deviations, for a single run, of those in the README."""
     for name, percent, error in (("road", 57.6, 0.2), ("net", 2.77, 0.06), ("dam", 7.6, 0.2)):
         reached = 100 * np.isfinite(at_lines(protected[name])["line_speed"].values[0]).mean()
         assert reached == pytest.approx(percent, abs=4 * error * np.sqrt(6))
@@ -162,7 +163,8 @@ def test_the_net_changes_nothing_above_it(protected):
 
 @pytest.mark.all
 def test_settlement_is_what_its_readme_says(tmp_path):
-    """Two faces as sources, a gully, a flat fan, ten objects; the case is a hazard assessment."""
+    """The settlement has two faces as sources, a gully, a flat fan and ten objects; its case is a
+    hazard."""
     folder = CASES / "settlement"
     made = script(folder / "make_terrain.py")
     z, zones = made.elevation(), made.zones()
@@ -193,7 +195,7 @@ def test_settlement_is_what_its_readme_says(tmp_path):
 
 @pytest.mark.all
 def test_the_forested_slope_is_as_its_readme_says(tmp_path):
-    """Percentages are within four standard deviations of a single run, from the README."""
+    """Percentages are within four standard deviations, for a single run, of those in the README."""
     place = CASES / "forested-slope"
     script(place / "make_terrain.py").write(tmp_path)
     known = {"bare": (98.7, 0.048), "forest": (69.6, 1.1), "forest-and-net": (13.8, 0.28)}
@@ -205,8 +207,8 @@ def test_the_forested_slope_is_as_its_readme_says(tmp_path):
 
 
 def test_the_forest_experiment_is_as_the_table_of_evidence_says(tmp_path):
-    """A run is within five standard deviations of the 40 stored runs; `expected.py --write` repeats
-    them."""
+    """One run is within five standard deviations of the mean of 40 stored runs, which `expected.py
+    --write` repeats."""
     place = CASES / "vaujany-forest"
     script(place / "make_terrain.py").write(tmp_path)
     expected = script(place / "expected.py")

@@ -34,7 +34,8 @@ BOULDERS = 12
 
 
 def judged(folder, z, rocks=None, **groups):
-    """Run boulders down an array of elevations, and judge each of their contacts."""
+    """Run boulders down an array of elevations and compare every contact with the reference; return
+    the result and the number of contacts."""
     (folder / "grounds.csv").write_text(TABLE)
     sources = np.size(groups.get("release", {}).get("x", 0.0))
     groups["case"] = {"boulders": -(-BOULDERS // sources), "seed": 2**40 + 77}
@@ -74,8 +75,8 @@ def test_each_model_contact_by_contact(tmp_path, ground):
 
 @pytest.mark.parametrize("turning", ["to_aspect", "lab"])
 def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
-    """Impact sets between classical rebounds; obstacles by method A, some without height, some
-    walls of 100 m."""
+    """Cells alternate between impact sets, classical rebounds and a lake. Obstacles are by method
+    A, some without height and some 100 m high."""
     z = scenes.rough(gradient=1.5)
     random = np.random.default_rng(8)
     ids = random.choice([-5, 3, 4, 5, 6, 7, 8, 9], z.shape)  # -5 is masked below

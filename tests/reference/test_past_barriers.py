@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every recorded flight near barriers is checked again in plain NumPy: no boulder passed through a
-barrier in its path, and each lost the correct energy."""
+"""Recorded flights near barriers are checked again in plain NumPy: no boulder passed through a
+barrier that could stop it, and each lost the right energy."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def ground(x, y):
 
 
 def slope_at(x, y):
-    """sqrt(1 + |grad z|^2) of the bilinear patch, from differences of adjacent elevations."""
+    """Factor sqrt(1 + |grad z|^2) of the bilinear patch, from differences of elevations."""
     u, v = x / CELL - 0.5, y / CELL - 0.5
     i, j = np.floor(u), np.floor(v)
     (sw, se), (nw, ne) = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""cases/plane through Python: all results compared with the closed form in its folder."""
+"""cases/plane run from Python: all results compared with the closed form in its folder."""
 
 import importlib.util
 from pathlib import Path
@@ -39,12 +39,12 @@ def expected():
 
 
 def contacts(result, name):
-    """Column of the contacts; the first vertex is the release."""
+    """Values of a trajectory column at the contacts; the first vertex is the release."""
     return result[f"trajectory_{name}"].values[1:]
 
 
 def close(got, wanted):
-    """Return whether no value is off by more than 1e-10 of the largest expected value."""
+    """Return True if no value differs by more than 1e-10 of the largest expected value."""
     return np.abs(got - wanted).max() <= 1e-10 * np.abs(wanted).max()
 
 

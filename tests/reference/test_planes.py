@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Page of benchmarks/accuracy/planes.py: exact planes, every shipped set but ensembles."""
+"""Measurements of benchmarks/accuracy/planes.py on exact planes, for every shipped set that is not
+an ensemble."""
 
 import re
 import sys
@@ -22,8 +23,8 @@ def test_a_plane_is_one_to_the_last_bit(slope):
 
 
 def test_without_scatter_boulders_stop_or_run_away(tmp_path):
-    """V_t_out = 0.6 V_t_in, V_n_out = 0.3 V_t_in: neutral at 33.7 degrees, so that all boulders
-    stop at 30 degrees and none at 46."""
+    """With V_t_out = 0.6 V_t_in and V_n_out = 0.3 V_t_in the neutral slope is 33.7 degrees: all
+    boulders stop at 30 degrees, and none at 46."""
     mean = np.zeros((5, 9))
     mean[:, 0], mean[:, 3] = 0.6, 0.3
     path = scenes.write_sets(tmp_path / "sets.nml", mean, np.zeros((5, 9, 9)))

@@ -27,8 +27,8 @@ NORMAL = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.15}
 
 
 def judged(scene, **known):
-    """Run a scene and replay its boulders in a world with further `known` values: its result, and
-    the findings for each boulder."""
+    """Run a scene and compare its boulders with the reference, whose world has the values `known`.
+    Returns the result and the findings for each boulder."""
     scene = replay.at_origin(scene)
     scene = replace(scene, case=scene.case.replace(output={"trajectories": scene.boulders}))
     result, world = run_scene(scene), replace(replay.world_of(scene), **known)
@@ -52,7 +52,8 @@ def judged(scene, **known):
 
 
 def both(folder, z, start, *, cell=5.0, scatter=1.0, sets=None, arrays=None, **groups):
-    """Judge boulders on an array of elevations; `start` from the south-western cell centre."""
+    """Compare boulders on an array of elevations with the reference; `start` (x, y) is relative to
+    the south-western cell centre."""
     groups["case"] = {"boulders": BOULDERS, "seed": 2**40 + 77} | groups.get("case", {})
     groups["boulder"] = groups.get("boulder", NORMAL)
     if start is not None:
@@ -81,7 +82,8 @@ def valley():
 
 
 def test_the_numbers_of_the_reference():
-    """Random123's vector for zeros; sine, cosine and normal quantile by other implementations."""
+    """Random words are those of Random123 for zeros; sine, cosine and normal quantile agree with
+    other implementations."""
     assert reference.philox([0] * 4, 0) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
     for angle in (Decimal("-0.8"), Decimal(0), Decimal("0.3"), reference.PI / 3):
         c, s = reference.cosine_sine(angle)
@@ -139,7 +141,7 @@ def test_across_a_valley_where_boulders_turn_back(tmp_path, turning):
 
 @pytest.mark.parametrize("climb", [3.0, 18.0])
 def test_released_uphill_into_the_slope_and_falling_back(tmp_path, climb):
-    """Flights that land against their initial direction: the boulder rolls backwards."""
+    """Flights land against their initial direction, so that boulders roll backwards."""
     release = {"velocity": [1.0, 6.0, climb], "drop_height": 0.0}
     both(tmp_path, scenes.rough(gradient=1.5), (149.8, 150.3), release=release)
 
@@ -172,7 +174,7 @@ def test_ratios_between_two_sets(tmp_path):
 @pytest.mark.all
 @pytest.mark.parametrize("scatter", [0.0, 8.0])
 def test_noise_within_an_impact(tmp_path, scatter):
-    """The noise is alone, or with so much scatter that draws are rejected and redrawn."""
+    """Noise acts alone, or with scatter so large that draws are rejected and repeated."""
     rocks = np.random.default_rng(4).uniform(0.1, 0.6, (80, 60)).astype("f4")
     result, _ = both(tmp_path, scenes.rough(), (149.8, 382.6), scatter=scatter, more=scenes.noise,
                      surface={"mean_radius": "given"}, arrays={"mean_radius": rocks})  # fmt: skip
@@ -207,7 +209,7 @@ def test_laws_of_volume(tmp_path, boulder):
 
 
 def test_steep_cells_that_release_by_their_area(tmp_path):
-    """Vertical falls onto nodes, where four patches meet; some are next to nodata."""
+    """Boulders fall vertically onto nodes, where four patches meet, some of them next to nodata."""
     z = scenes.rough(gradient=1.2, relief=8.0)
     z[10:12, 30:33] = np.nan
     cells = np.zeros(z.shape, np.int32)
@@ -230,7 +232,7 @@ def test_sets_without_an_admissible_draw(tmp_path):
 
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
-    """Rounding of the heading must not turn all boulders to the same side."""
+    """Rounding errors of the heading must not turn all boulders to the same side."""
     y, x = np.mgrid[79:-1:-1, :60] * 5.0
     z = 1000.0 + 0.3 * x + 0.8 * y
     _, found = both(tmp_path, z, (241.7, 352.6), impact={"turning": turning, "impact_limit": 6})
@@ -238,7 +240,8 @@ def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
 
 
 def test_flats_pits_and_releases_at_rest_on_the_ground(tmp_path):
-    """Vertical falls where nothing descends, with any heading; and a boulder that never moves."""
+    """Boulders that fall where nothing descends take any heading; a boulder at rest on the ground
+    never moves."""
     z = np.full((9, 9), 100.0)
     z[4, 4] = 98.0
     both(tmp_path, z, (12.3, 27.1), release={"drop_height": 4.0})
@@ -255,8 +258,8 @@ def test_on_the_slope_of_the_paper(name):
 
 
 def test_whole_ways_part_no_faster_than_roundings_grow(tmp_path):
-    """From the release on, reference and kernel agree for fifteen contacts, and at least 80 % of
-    the boulders have the same status after the same number of contacts."""
+    """From the release on, kernel and reference agree for fifteen contacts up to growing rounding
+    errors, and at least 80 % of the boulders end with the same status after as many contacts."""
     case = scenes.make_case(
         tmp_path, *scenes.sets(), case={"boulders": BOULDERS}, boulder=NORMAL, impact=NO_ROLLS,
         release={"x": [149.8], "y": [382.6]}, output={"trajectories": BOULDERS},

@@ -21,7 +21,8 @@ def broken(rows):
 
 @pytest.mark.parametrize("name", every_third(SCENES))
 def test_scenes_hold(name, tmp_path):
-    """Allowed status, no NaN, no gain of energy; flights follow their parabolas."""
+    """Every status is allowed, no value is NaN, no boulder gains energy, and flights follow their
+    parabolas."""
     scene = SCENES[name]
     case, result = stability.run(scene, tmp_path, boulders=120)
     rows = stability.check(scene, case, result)
@@ -34,8 +35,8 @@ def test_scenes_hold(name, tmp_path):
 
 
 def first_flight_off(scene, result, number):
-    """Depth of a boulder's first flight below the ground, or distance of its contact from the
-    parabola, in exact fractions [m]."""
+    """Maximum depth of a boulder's first flight below the ground, or distance of its end from the
+    parabola [m], in exact fractions."""
     start, end = np.flatnonzero(result.trajectory_boulder.values == number)[:2]
     columns = {name: result[f"trajectory_{name}"].values for name in ("x", "y", "z", "time")}
     x0, y0 = scene.grid.west + scene.grid.cell / 2, scene.grid.south + scene.grid.cell / 2
@@ -72,7 +73,7 @@ def first_flight_off(scene, result, number):
 
 
 def sides(start, speed, cell, time):
-    """Times within a flight at which a coordinate reaches a side of patches."""
+    """Times of a flight at which a coordinate reaches a side of a patch."""
     if not speed:
         return []
     low, high = sorted((start / cell, (start + speed * time) / cell))
@@ -80,7 +81,7 @@ def sides(start, speed, cell, time):
 
 
 def height(scene, u, w, column, row):
-    """Bilinear surface of a patch, in fractions."""
+    """Elevation on the bilinear surface of a patch, as a fraction."""
     r = scene.z.shape[0] - 1 - row
     corners = scene.z[r - 1 : r + 1, column : column + 2][::-1]
     (sw, se), (nw, ne) = (map(Fraction, map(float, line)) for line in corners)
@@ -111,7 +112,7 @@ def test_ever_shorter_hops_end_in_bounded_work(name, tmp_path):
 
 
 def test_a_single_known_cell_is_refused(tmp_path):
-    """A single elevation is no surface: nothing can be hit."""
+    """A single known elevation makes no surface that a boulder could hit."""
     z = np.full((60, 40), np.nan)
     z[30, 20] = 5.0
     release = {"x": [40.0], "y": [58.0]}

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees compared with 50-digit arithmetic: hits and contacts from the kernel's last state."""
+"""Trees compared with 50-digit arithmetic: hits and contacts, each from the kernel's previous
+state."""
 
 from decimal import Decimal
 
@@ -35,7 +36,7 @@ def forest_of(scene):
 
 
 class Boulder:
-    """Boulder repeated hit by hit."""
+    """Boulder whose hits and contacts are repeated by the reference."""
 
     def __init__(self, world, forest, number):
         self.world, self.forest, self.number = world, forest, number
@@ -44,7 +45,8 @@ class Boulder:
         self.taken, self.broken, self.status = Decimal(0), set(), ""
 
     def follow(self, rows, end):
-        """Judge the kernel's rows after the release; `end` is its status."""
+        """Compare the kernel's rows after the release with the reference; `end` is the kernel's
+        status."""
         for k, row in enumerate(rows[1:], 1):
             doubt = Doubt()
             landing = reference.fly(self.world, self.state, doubt)
@@ -75,9 +77,9 @@ class Boulder:
         return all(error.share <= 1 for error in errors)
 
     def _tree(self, hit, before, row, doubt):
-        """Bounds for a hit. Positions have rounding errors of coordinates. The position of the hit
-        along the path has more if the path enters the disc obliquely. The absorbed energy depends
-        on the hit position (by a factor of at most five) and on a power of the diameter."""
+        """Compare a hit with the reference. Its position has rounding errors of coordinates, and
+        more along the path if the path enters the disc obliquely. The absorbed energy depends on
+        the position (by a factor of at most five) and on a power of the diameter."""
         self.trees += 1
         out = tree_hits.collide(
             self.world, self.forest, self.number, self.trees, hit, self.state, doubt
@@ -116,7 +118,7 @@ class Boulder:
 
 
 def flown(folder, forest, impact=None):
-    """Boulders through a forest: the result, its world, and the trees."""
+    """Result of boulders that fly through a forest, its world, and its trees."""
     z = scenes.rough()
     impact = {"rest_angle": 90.0} | (impact or {})  # only flights
     case = scenes.make_case(
@@ -161,7 +163,7 @@ def test_down_a_slope_through_trees(tmp_path, forest, impact):
 
 @pytest.mark.parametrize(("column", "off"), [(0, 1e-10), (3, 1e-11), (4, 1e-8), (6, 1e-8)])
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, column, off):
-    """Errors of 1e-11 to 1e-8 in position, time or velocity of the first hit are found."""
+    """An error of 1e-11 to 1e-8 in position, time or velocity of the first hit is noticed."""
     result, world, trees = flown(tmp_path, STAND)
     tracks = replay.tracks(result)
     number = 1 + next(k for k, rows in enumerate(tracks) if (rows[1:-1, RATIO] == 0).any())

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Turns on a plane of 38 degrees: lateral spread of boulders compared with an independent bounce
-map, and frequency of each class of angles.
+"""Turns on a plane of 38 degrees: the lateral spread of boulders compared with an independent
+bounce map, and the frequency of each class of angles.
 
-The map uses no raster, patches or kernel, because a flight over a plane has a closed form.
-"""
+The map needs no raster, patches or kernel, because a flight over a plane has a closed form."""
 
 import functools
 from pathlib import Path
@@ -37,7 +36,7 @@ def coefficients():
 
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory):
-    """Function that runs boulders down the plane by a turning rule, with R_b/R_m = 2.3."""
+    """Function that runs boulders down the plane with a turning rule and R_b/R_m = 2.3."""
 
     @functools.cache
     def run(rule, boulders=BOULDERS, trajectories=0):
@@ -111,7 +110,8 @@ def bounce_map(rule, n, seed=5):
 
 
 def rebounds(incoming, mean, root, random):
-    """V_out, redrawn until the boulder leaves the ground without gain of energy, then forced."""
+    """Outgoing velocities, redrawn until a boulder leaves the ground without a gain of energy;
+    after 32 draws they are limited."""
 
     def energy(v):
         return v[0] ** 2 + v[1] ** 2 + 0.4 * v[2] ** 2
@@ -173,7 +173,7 @@ def moments(v):
 @pytest.mark.all
 @pytest.mark.parametrize("rule", ["past_aspect", "lab"])
 def test_lateral_spread_is_that_of_the_bounce_map(plane, rule):
-    """Standard deviations differ by less than three standard errors, themselves below 3 %."""
+    """Standard deviations differ by less than three standard errors, which are below 3 %."""
     found, expected = offsets_of(plane(rule)), bounce_map(rule, 2 * BOULDERS)
     for line in range(DISTANCES.size):
         (mean, std, d_mean, d_std), (_, right, e_mean, e_std) = (
@@ -194,8 +194,8 @@ def test_turns_that_end_at_the_aspect_spread_nothing(plane):
 
 
 def turns(result):
-    """At each recorded contact on the plane, the angle from the heading before to the heading
-    after, and from there to the aspect [degrees, anticlockwise], except upslope."""
+    """Angles [degree, anticlockwise] at each recorded contact that is not upslope: from the heading
+    before to that after, and from the heading before to the aspect."""
     normal = np.array([*(np.sin(SLOPE) * DOWN), np.cos(SLOPE)])
 
     def headings(v):
@@ -215,7 +215,8 @@ def turns(result):
 
 
 def test_the_printed_classes_occur(plane):
-    """72, 24 and 4 % of the turns, within three standard errors, all to the side of the aspect."""
+    """Turns in the classes are 72, 24 and 4 %, within three standard errors, all to the side of the
+    aspect."""
     turn, apart = turns(plane("past_aspect", 400, 400))
     share = np.histogram(np.abs(turn), [0, 22.5, 45, 50 + 1e-6])[0] / turn.size
     print(f"classes of {turn.size:,} turns: {np.round(100 * share, 2)} %")

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees in 50-digit arithmetic: which is hit first, the energy it absorbs, and the boulder's new
-direction.
+"""Trees in 50-digit arithmetic: which stem is hit first, the energy that it absorbs, and the new
+direction of the boulder.
 
-The code follows only docs/forest.md and is simple: every stem near a flight is tested, one by one.
-"""
+The code is written from docs/forest.md alone and is simple: every stem near a flight is tested."""
 
 from __future__ import annotations
 
@@ -25,8 +24,8 @@ CLASSES = [Decimal(degrees) for degrees in ("0", "22.5", "67.5", "76")]
 
 @dataclass
 class Forest:
-    """Stems in local coordinates [m], diameters [cm], factors; tree model of the case, and density
-    of the boulders [kg/m3]."""
+    """Stems (local coordinates [m], diameters [cm], species factors), parameters of the case's tree
+    model, and density of the boulders [kg/m3]."""
 
     x: np.ndarray
     y: np.ndarray
@@ -65,7 +64,7 @@ class Outcome(NamedTuple):
 def first_hit(
     world: World, forest: Forest, number: int, state: State, landing: Landing, broken, doubt: Doubt
 ) -> Hit | None:
-    """First stem on the path to the landing."""
+    """First stem that a flight hits before its landing; None if there is none."""
     speed = reference.length(state.v[:2])
     if not speed:
         return None
@@ -102,7 +101,7 @@ def first_hit(
 
 
 def _near(forest: Forest, state: State, landing: Landing, own: float) -> list[int]:
-    """Stems whose disc may be hit; all others are metres away."""
+    """Indices of the stems near enough to be hit; all others are metres away."""
     reach = own + forest.dbh.max() / 200 + 1
     ends = [(float(p.x), float(p.y)) for p in (state, landing)]
     keep = np.ones(forest.x.size, bool)
@@ -121,7 +120,7 @@ def energy_share(x: Decimal) -> Decimal:
 def collide(
     world: World, forest: Forest, number: int, count: int, hit: Hit, state: State, doubt: Doubt
 ) -> Outcome:
-    """Effect of hit number `count` on a boulder."""
+    """Effect of a boulder's hit number `count`."""
     mass = exact(forest.density) * reference.volume(world, number)
     speed2 = sum(v * v for v in hit.v)
     energy = mass / 2 * (speed2 + reference.INERTIA * state.spin**2)
