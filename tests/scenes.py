@@ -52,7 +52,8 @@ CALM_SETS = "".join(
 
 
 def sets(scatter=1.0):
-    """Mean (5, 9) and covariance (5, 9, 9) of scattered sets, slightly harder for each ratio."""
+    """Means (5, 9) and covariances (5, 9, 9) of sets with scatter, slightly harder for each larger
+    ratio."""
     harder = 1 + 0.02 * np.arange(5)
     return np.outer(harder, LIVELY_MEAN), np.repeat(scatter * LIVELY_COVARIANCE[None], 5, axis=0)
 
@@ -62,7 +63,8 @@ SPREAD = np.array([0, 0.13, 0.25, 0.39, 0.52, 0.67, 0.84, 1.04, 1.28, 1.64, 1.96
 
 
 def lateral(ratio):
-    """Lateral deviations of a set: larger for steeper impacts and smaller boulders."""
+    """Keys with the lateral deviations of a set, which are larger for steeper impacts and smaller
+    ratios."""
     bounds = 15.0 + ratio, 40.0 + ratio
     classes = [spread / (1 + 0.2 * ratio) * SPREAD for spread in (7.0, 14.0, 25.0)]
     values = ", ".join(repr(float(one)) for one in np.concatenate(classes))
@@ -75,7 +77,7 @@ NOISE = NOISE / np.arange(1, 6)[:, None, None]
 
 
 def fitted(ratio):
-    """Fit ranges of a set; in most scenes, some rebounds lie outside them."""
+    """Keys with the fit ranges of a set; in most scenes some rebounds are outside."""
     return f" speed_range = {0.5 * ratio}, {10 + ratio}\n angle_range = {3 + ratio}, {50 + ratio}\n"
 
 
@@ -84,13 +86,13 @@ def usual(ratio):
 
 
 def noise(ratio):
-    """Noise as an optional key of a set."""
+    """Keys of `usual` with the noise of a set."""
     lower = ", ".join(repr(float(one)) for one in NOISE[ratio - 1][np.tril_indices(3)])
     return f"{usual(ratio)} noise = {lower}\n"
 
 
 def sets_text(mean, covariance, more=lambda ratio: ""):
-    """File of impact sets with all digits, and `more` in each set."""
+    """Text of five impact sets with all digits; `more(ratio)` adds keys to each set."""
     groups = []
     for k in range(5):
         lower = ", ".join(repr(float(c)) for i in range(9) for c in covariance[k, i, : i + 1])
@@ -106,7 +108,7 @@ def write_sets(path, *sets):
 
 
 def make_case(folder, mean, covariance, line=(), more=usual, **groups):
-    """Case for an array of elevations; its impact sets are written to `folder`."""
+    """Case for an array of elevations, whose impact sets are written to `folder`."""
     write_sets(folder / "sets.nml", mean, covariance, more)
     case = {
         "case": {"boulders": 50, "seed": 20090601, "threads": 1},
@@ -125,7 +127,7 @@ def grid(z, cell=5.0, west=0.0, south=0.0):
 
 
 def cut_below(z, y, cell=5.0):
-    """Part of a slope above a northing, and its grid: boulders end soon after a line there."""
+    """Part of a slope north of `y`, and its grid, for boulders that end soon after a line there."""
     z = z[: z.shape[0] - round(y / cell)]
     return z, grid(z, cell, south=y)
 
@@ -149,5 +151,5 @@ def case_in(folder, **groups):
 
 
 def place(x=150.0, y=380.0):
-    """Release of `case_in` at one point."""
+    """Group &release with one point, for `case_in`."""
     return {"release": {"x": [x], "y": [y], "drop_height": 5.0}}

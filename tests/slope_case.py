@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Small slope as files of a user: rasters, a table, sets and a case with a line."""
+"""Small slope with the files of a user: rasters, a table, impact sets, and a case with a line."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 
 
 def slope():
-    """Elevations: steep, then flat."""
+    """Elevations of a slope that becomes flat."""
     south = np.arange(NY)[:, None] * 5.0
     return (1100 - 0.7 * np.minimum(south, 100) + 0 * np.arange(NX)).astype("f4")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes of runs by an impact table."""
+"""Runs by an impact table on a plane."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def terrain():
 
 
 def on_plane(folder, slope, boulders=200, **groups):
-    """Run down a plane to the south, with all trajectories."""
+    """Result of boulders down a plane to the south, with all trajectories."""
     y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
     z = 500 + np.tan(np.radians(slope)) * y
     case = {

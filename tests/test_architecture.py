@@ -88,7 +88,8 @@ def import_statements(node, within=False):
 
 
 def imports(path):
-    """Imports of own modules: (line, module, name or "", within a function)."""
+    """Yield the imports of rockfall modules in a file: line, module, name or "", and whether it is
+    within a function."""
     for node, within in import_statements(parse(path)):
         if isinstance(node, ast.Import):
             found = [(alias.name, "") for alias in node.names]
@@ -106,12 +107,13 @@ def imports(path):
 
 @functools.cache
 def all_imports():
-    """Imports of each module of the package, by name; not while tests are collected."""
+    """Rows of `imports` for all modules of the package, with the name of the importing module
+    first. Slow, so not called while tests are collected."""
     return [(module, *found) for module, path in MODULES.items() for found in imports(path)]
 
 
 def report(broken):
-    """Fail with all violations, one per line."""
+    """Fail with a list of all violations, if there are any."""
     broken = list(dict.fromkeys(broken))
     assert not broken, f"{len(broken)} broken:\n" + "\n".join(broken)
 
@@ -171,8 +173,8 @@ def test_the_kernel_is_called_by_few():
 
 
 def test_studies_have_one_engine():
-    """All studies draw a progress bar in one place; single runs draw theirs in chunks, in cluster
-    parts, and in runs until a precision."""
+    """All studies have their progress bar in one module. Single runs have it in chunks, in parts on
+    a cluster, and in runs until a precision."""
     drawing = {module for module, _, _, name, _ in all_imports() if name == "progress_bar"}
     assert {module for module in drawing if room(module) != "rockfall_lab"} == {
         "simulation.simulate", "simulation.dask", "studies.run_until", "studies.study"
@@ -202,7 +204,8 @@ def test_no_test_imports_another():
 
 
 def statements(path):
-    """Number and text of each line of a Fortran file: lower case, without strings and comments."""
+    """Yield number and text of each line of a Fortran file, in lower case and without strings and
+    comments."""
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         yield number, re.sub(r"'[^']*'|\"[^\"]*\"|!.*", "", line).lower()
 
@@ -215,7 +218,7 @@ def fortran_files():
 
 @functools.cache
 def fortran_modules():
-    """Level of each module of the kernel."""
+    """Level of each module of the kernel, by its name."""
     return {
         found[1]: level
         for level, path in fortran_files()
@@ -245,7 +248,7 @@ def test_fortran_uses_only_what_lies_below():
 
 
 def test_the_laboratory_uses_of_the_kernel_what_its_tests_watch():
-    """.ci/run tests the laboratory when these folders change."""
+    """The laboratory uses only folders of the kernel whose changes make .ci/run test it."""
     watched = "base", "boulder", "rebound", "case"
     report(
         f"{path.relative_to(ROOT)}:{number} uses {found[1]}"
@@ -268,7 +271,8 @@ def test_physics_sees_no_file_and_never_stops():
 
 
 def test_no_code_in_init():
-    """Init files have at most a docstring and re-exports; those of `rockfall` are lazy."""
+    """Init files have at most a docstring and imports; that of `rockfall` itself may import
+    lazily."""
     allowed = ast.Import, ast.ImportFrom
     report(
         f"{path.relative_to(ROOT)}:{node.lineno} holds code"

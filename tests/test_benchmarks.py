@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rarely used scripts still find their imports."""
+"""Imports from the package in rarely used scripts exist."""
 
 import ast
 import importlib
@@ -17,7 +17,8 @@ SCRIPTS = sorted(
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=str)
 def test_what_a_script_imports_of_the_package_is_there(script):
-    """Scripts are not imported: they may need packages that are not installed, or run at import."""
+    """Scripts are read and not imported, because they may need missing packages or run at
+    import."""
     for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
         package = (node.module or "").split(".")[0] if isinstance(node, ast.ImportFrom) else ""
         if package in ("rockfall", "rockfall_lab"):
@@ -29,7 +30,7 @@ def test_what_a_script_imports_of_the_package_is_there(script):
 
 
 def test_tables_of_sites_are_made_once(tmp_path, monkeypatch, capsys):
-    """Existing tables from the same command are not made again; failures leave nothing."""
+    """A table that exists is not made again by the same command; a failure leaves no file."""
     sites = importlib.import_module("benchmarks.physics.sites")
     runaway = importlib.import_module("benchmarks.physics.runaway")
     calls = []

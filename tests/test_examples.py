@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Examples in `help()` of the Python interface run unchanged."""
+"""Examples in `help()` of the Python interface run as printed."""
 
 import doctest
 import inspect
@@ -33,7 +33,7 @@ def test_all_that_is_public_is_promised():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Folder with every file read by an example."""
+    """Folder with every file that an example reads."""
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     folder = tmp_path_factory.mktemp("site")
     with pytest.MonkeyPatch.context() as here:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface promised in docs/stability_policy.md only changes deliberately."""
+"""The interface promised in docs/stability_policy.md changes only deliberately."""
 
 import difflib
 from importlib.util import find_spec

@@ -17,7 +17,7 @@ RECIPE = (ROOT / "packaging/conda/recipe.yaml").read_text("utf-8")
 
 
 def required(name):
-    """Requirements of an extra; "" for none."""
+    """Yield the requirements of an extra, or of the package itself for ""."""
     extras = PROJECT["optional-dependencies"]
     for one in map(Requirement, extras[name] if name else PROJECT["dependencies"]):
         if one.name != PROJECT["name"]:
@@ -27,7 +27,7 @@ def required(name):
 
 
 def locked(name):
-    """Versions of each package in a lock file, one per range of Python versions."""
+    """Versions of each package in a lock file; several if they depend on the version of Python."""
     text = (ROOT / "requirements" / f"{name}.txt").read_text()
     entries = re.findall(r"^([\w.-]+)==(\S+)(.*(?:\n +--hash=.*)+)", text, re.MULTILINE)
     assert len(entries) == len(re.findall(r"^[^ #]", text, re.MULTILINE)), (

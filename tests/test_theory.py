@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Theory manual: equations are numbered, have a source, and refer to existing code."""
+"""Theory manual: equations have numbers and sources, and refer to code that exists."""
 
 import ast
 import re
@@ -26,13 +26,13 @@ def text_of(path):
 
 
 def equations(path):
-    """Anchor, formula, and the following paragraph."""
+    """Anchor and formula of each equation on a page, and the paragraph after it."""
     return EQUATION.findall(text_of(path))
 
 
 @cache
 def defined(path):
-    """Names of the procedures in a file; for Python also classes and Class.method."""
+    """Names of procedures defined in a file; for Python also of classes, and Class.method."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".f90":
         return {*re.findall(r"^[^!'\"\n]*\b(?:function|subroutine)\s+(\w+)", text, re.MULTILINE)}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""No computing code uses vector mathematics of the C library, which has errors of up to 2.5 units
-in the last place and differs for equal numbers in an array. gfortran -O3 links it by default."""
+"""No computing code uses the vector mathematics of the C library, which gfortran -O3 links by
+default. It has errors of up to 2.5 units in the last place, and results that depend on the position
+in an array."""
 
 import re
 import shutil

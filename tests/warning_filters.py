@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Warnings are errors, in the tests and in those of the laboratory."""
+"""Warnings are errors in all tests, including those of the laboratory."""
 
 #: Warnings that do not fail tests: UserWarning, which some tests expect, and those of libraries.
 HARMLESS = (

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Keys, groups and variants that no program would use are refused, by both programs if the case
-alone shows it; unused attributes are listed."""
+"""Keys, groups and variants without an effect are refused, by both programs if the case alone shows
+it. Attributes that are not used are listed."""
 
 import geopandas
 import pytest
@@ -101,7 +101,8 @@ def test_a_key_without_effect_is_refused(group, key, value, others, needs, valid
 
 
 def test_maps_and_scenarios_that_go_take_their_keys_along():
-    """Studies run without maps and thus accept any case; keys that are still used remain."""
+    """Without maps or scenarios, keys that only they use return to their defaults, so that studies
+    can leave maps out; keys that are still used remain."""
     hazard = {"thresholds": [5.0, 50.0], "object_width": 7.0}
     maps = {"output": {"maps": ["hits", "energy_exceeded"], "min_passages": 3}, "hazard": hazard}
     case = case_of(maps)
@@ -125,7 +126,7 @@ def test_maps_and_scenarios_that_go_take_their_keys_along():
 
 
 def test_a_default_that_is_written_out_is_no_mistake():
-    """Programs write out defaults, in any spelling."""
+    """Defaults that a program has written out are accepted, in any spelling."""
     forest = {"seed": 1, "turn_frontal": [22.5, 45, 8.5], "density_factor": 1}
     case = case_of({"forest": forest, "breakage": {"cone": 5e1}, "hazard": {"object_width": 10}})
     assert not case.has_forest and case.breakage["at"] == "none"
@@ -149,7 +150,7 @@ def test_the_standalone_program_refuses_the_same(tmp_path, usual, given, needs):
 
 
 def read(case, **layers):
-    """Warnings about a scene with layers."""
+    """Warnings about a scene with the given layers."""
     return implausible(read_scene(case, scenes.rough(), PLACE, **layers))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Trees of a case: from lists, from layers, and generated from stands."""
+"""Trees of a case, from lists, from layers, and generated from stands."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ LIST = "x,y,dbh,species,who\n100,200,30,spruce,a\n 120.5, 210.25, 41.5, Fagus sy
 
 
 def scene_of(folder, trees, nx=NX, ny=NY, cell=CELL, **arrays):
-    """Scene on a slope whose outer corner is at 0, 0."""
+    """Scene on a slope with trees; the south-western corner of the raster is at 0, 0."""
     case = scenes.make_case(
         folder, *scenes.sets(), release={"x": [150.0], "y": [380.0]}, forest=trees
     )
@@ -166,7 +166,8 @@ def test_stems_a_hectare_diameters_and_conifers_are_as_they_should(tmp_path):
 @pytest.mark.all
 @pytest.mark.parametrize("spread", ["random", "even"])
 def test_the_mean_distance_from_tree_to_tree_along_a_line(tmp_path, spread):
-    """Distances are 10000/(stems per ha (2 R_b + DBH)), for random trees also to the first."""
+    """The mean distance between trees hit along a line is 10000/(stems per ha (2 R_b + DBH)); for
+    random trees so is the distance to the first."""
     wide = MADE | {"uniform_dbh_std": 0.0, "spread": spread}
     trees = trees_of(tmp_path, wide, nx=200, ny=200)
     rng = np.random.default_rng(2)
@@ -200,7 +201,8 @@ def test_even_cells_hold_what_their_raster_says(tmp_path):
 
 
 def test_a_tree_is_a_function_of_the_seed_and_its_cell(tmp_path, monkeypatch):
-    """A tree depends neither on the seed of the boulders, nor on other cells or blocks of rows."""
+    """A tree depends on the seed of the forest and on its cell, but not on the number of cells or
+    blocks of rows."""
     stems = np.full((NY, NX), 500.0)
     given = MADE | {"uniform_stems": None, "stems": "given"}
     one = np.array(trees_of(tmp_path, given, stems=stems))
@@ -303,6 +305,6 @@ def test_diameters_in_another_unit_are_doubted(tmp_path, dbh, unit):
 
 
 def test_memory_of_a_large_forest(tmp_path):
-    """Stems take 64 bytes each in Python and in the kernel, without the kernel's grid."""
+    """Stems take 64 bytes each, in Python and in the kernel together, without the kernel's grid."""
     trees = forest.trees.Trees(*np.zeros((4, 1000)))
     assert trees.bytes == 64_000

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Grounds named in a case: by zones, by a raster, everywhere; refusals, in one line."""
+"""Grounds of zones, of a raster, and of a complete case; bad tables and names are refused in one
+line."""
 
 import csv
 
@@ -80,7 +81,8 @@ def test_soil_types_have_their_numbers_as_ids():
 
 
 def test_the_kernels_table_is_that_of_the_file():
-    """Numeric columns are the kernel's parameters; each is used by some model."""
+    """Numeric columns of the shipped file are the parameters of the kernel, each used by at least
+    one model."""
     with open(shipped_grounds(), newline="") as file:
         columns = next(csv.reader(file))
     names = [one.name for one in parameters()]
@@ -90,7 +92,8 @@ def test_the_kernels_table_is_that_of_the_file():
 
 
 def test_ranges_of_2023_are_a_table_of_their_own(tmp_path):
-    """The table is chosen by name, has the same grounds, and is no user's table."""
+    """The table with the ranges of 2023 is chosen by name, has the same grounds, and does not count
+    as a user's table."""
     (path,) = other_tables().values()
     table = GroundTable(path)
     assert table.names == SHIPPED.names
@@ -189,7 +192,7 @@ def test_ground_that_needs_no_rocks_needs_no_sizes(tmp_path):
 
 
 def test_a_ground_of_impact_sets_is_the_case_with_these_sets(tmp_path):
-    """Results are bit-identical, including counts of rebounds beyond the fit."""
+    """Results are bit-identical, and so are counts of rebounds beyond the fit ranges."""
     z = rough()
     case = case_with(tmp_path, uniform_mean_radius=0.2, ground="laboratory-spheres")
     one = rockfall.run(case, dem=z, transform=grid(z))
@@ -288,7 +291,8 @@ def test_sizes_that_a_ground_needs(tmp_path):
 
 
 def test_a_size_that_no_ground_needs_may_be_empty(tmp_path):
-    """Zones may lack a size in a case with an impact table; impact sets need it."""
+    """A zone with an impact table may have no size; impact sets and zones without a ground require
+    one."""
     arrays, surface = zones(tmp_path, "1,0.2,\n2,,\n3,,rock\n")
     case = case_with(tmp_path, **surface)
     scene = read(case.replace(impact={"form": "table", "table": "meadow"}), **arrays)
@@ -337,7 +341,8 @@ def test_a_name_of_a_ground_comes_before_a_file(tmp_path):
 
 
 def test_a_zone_without_a_ground_is_reported_unless_the_case_chooses_one(tmp_path):
-    """The default is not named as if it had been requested."""
+    """A remark gives the zones without a ground, but only if the case does not choose impact sets
+    or a ground itself."""
     rows = "1,0.2,talus\n2,0.2,\n3,inf,\n"
     arrays, surface = zones(tmp_path, rows)
     case = case_with(tmp_path, **surface)

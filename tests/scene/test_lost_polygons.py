@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of polygons and rasters where nothing can start are counted, with advice."""
+"""Parts of polygons and rasters where no boulder can start are counted, with advice."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ UNKNOWN = (
 
 
 def terrain(*holes):
-    """Slope without elevations in given cells (slices of rows and columns)."""
+    """Slope without elevations in the cells `holes`, given as slices of rows and columns."""
     z = scenes.rough()
     for hole in holes:
         z[hole] = np.nan

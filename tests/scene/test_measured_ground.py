@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ground from evidence: strength from laboratory scars, relief from patches."""
+"""Ground from evidence: strength from scars by the laboratory's scars, relief from surveyed
+patches."""
 
 import csv
 import math
@@ -27,7 +28,7 @@ def place(tmp_path, monkeypatch):
 
 
 def patch_file(hurst=0.8, longest=16, slope=12.0):
-    """Elevations for blocks of R_b = 0.5 m: a patch of 32 m with cells of 0.125 m."""
+    """Write elevations for blocks of R_b = 0.5 m: a patch of 32 m with cells of 0.125 m."""
     heights, width = patches(Spectrum(slope, 2, longest, hurst), 1, seed=3)
     cell = 2 * 0.5 * width / CELLS
     affine = Affine(cell, 0, 600000, 0, -cell, 5000000)
@@ -45,8 +46,9 @@ def test_on_hard_ground_the_energy_is_strength_times_displaced_volume():
 @pytest.mark.all
 @pytest.mark.parametrize("shape", ["compact", "elongated", "platy"])
 def test_scars_of_blocks_of_any_attitude_give_one_strength_back(shape):
-    """Corners dig deeper: each attitude leaves another scar on the same ground, and strengths
-    scatter by the effect of the attitude."""
+    """Corners penetrate deeper, so that each attitude of a block leaves another scar in the same
+    ground. The mean strength from all scars is the given strength; the scatter of single strengths
+    is that of the attitudes."""
     radius, head = 0.5, 10.0
     depths = np.geomspace(0.1, 1.8, 15)
     scaled = np.array([scaled_strength(z, head, 2700.0, "ploughed", shape) for z in depths])
@@ -195,7 +197,8 @@ def test_a_table_of_scars(place):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_scars_on_the_page_of_grounds_are_those_of_their_strengths(name):
-    """Scars are of a block of R_b = 0.4 m that falls by 1 m, in integer centimetres."""
+    """The scar on the page, in whole centimetres, is that of a block of R_b = 0.4 m after a fall of
+    1 m."""
     page = (ROOT / "docs" / "impact_tables.md").read_text(encoding="utf-8")
     (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` |"))
     depth, radius = float(row.split("|")[-2]) / 100, 0.4

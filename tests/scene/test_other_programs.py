@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Projects of PlatRock and AvaFrame as cases: runs use the values in their files and the defaults
-of these programs, and every input is listed."""
+of those programs, and every input is listed."""
 
 import csv
 import math
@@ -113,7 +113,7 @@ def test_checkpoints_and_stems_of_platrock(simulation):
 
 
 def test_coordinates_are_taken_as_they_are(tmp_path):
-    """PlatRock ignores coordinate systems, even if given in a GeoJSON."""
+    """Coordinates are not transformed, because PlatRock ignores the CRS of a GeoJSON."""
     text = collection((ROCKS[0], box(*BOX["west"])))
     named = text[:-1] + ', "crs": {"type": "name", "properties": {"name": "EPSG:4326"}}}'
     folder = platrock(tmp_path / "simulation", **{"rocks.geojson": named})
@@ -135,7 +135,8 @@ def test_stands_of_platrock(tmp_path):
 
 
 def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
-    """Names are case-sensitive in PlatRock, which uses its default for missing names."""
+    """Unknown names are listed: names are case-sensitive in PlatRock, which uses the default of a
+    missing attribute."""
     soil = collection(({"r_n": 0.9, "R_t": 0.5, "bounce_mod": 0}, box(1000, 2000, 1250, 2300)))
     folder = platrock(tmp_path / "simulation", **{"soil.geojson": soil})
     lists = rockfall.import_platrock(folder, tmp_path / "out")
@@ -237,7 +238,7 @@ def test_an_avaframe_folder(tmp_path, release, capsys):
 
 
 def test_objects_of_avaframe_are_hit(tmp_path):
-    """The polygons can be used in `hazard --objects`: boulders released above hit them."""
+    """`hazard --objects` reads the polygons, and boulders from above hit them."""
     folder = avaframe(tmp_path / "avaHill")
     rockfall.import_avaframe(folder, tmp_path / "out", ground="rock", no_forest=True)
     scenario = {"name": "once", "frequency": 1.0}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likely mistakes each give one line, correct scenes give none."""
+"""Each likely mistake gives one line; correct scenes give none."""
 
 import math
 import re
@@ -36,7 +36,7 @@ OWN_MEADOW = "name,model,r_n,r_t,roughness_angle,source\nmeadow,constant,0.3,0.8
 
 
 class Site:
-    """Folder with correct inputs and their case; a mistake changes something."""
+    """Folder with correct inputs and their case; each mistake changes part of it."""
 
     def __init__(self, folder):
         self.folder, self.z = folder, scenes.rough(NX, NY, CELL, dtype="f4")
@@ -68,7 +68,7 @@ class Site:
         self.groups[group] = self.groups.get(group, {}) | keys
 
     def meadow(self, table=None, **impact):
-        """Meadow everywhere, from the shipped ground table or a user's table."""
+        """Meadow everywhere, from the shipped table of grounds or from `table`."""
         self.set("surface", ground="meadow")
         self.set("impact", **impact)
         if table:
@@ -85,7 +85,7 @@ class Site:
         return rockfall.Case(folder=self.folder, **self.groups)
 
     def polygons(self, *boxes, crs=UTM, name="zones.gpkg"):
-        """Layer of zones 1, 2, ... between pairs of x."""
+        """Use a layer of polygons as zones 1, 2, ..., each between a pair of x."""
         import pyogrio
         import shapely
 
@@ -123,7 +123,7 @@ def undeclared(value, nodata=None):
 
 
 def road(west, hole=0):
-    """A road from `west` [m] for 300 m, across a hole of this number of cells."""
+    """Mistake: a road of 300 m from `west` [m], across a hole of `hole` columns."""
 
     def change(site):
         z = site.z.copy()
@@ -136,7 +136,7 @@ def road(west, hole=0):
 
 
 def in_degrees(site):
-    """Ground of the site with cells in degrees, undeclared."""
+    """Mistake: cells in degrees, undeclared."""
     site.dem(site.z, crs=None, transform=Affine(6e-5, 0, 7.1, 0, -4.5e-5 * 6 / 4.5, 45.1))
     site.uniform()
     site.set("release", x=[7.1 + 30 * 6e-5], y=[45.1 - 10 * 6e-5])
@@ -150,7 +150,7 @@ def web_mercator(site):
 
 
 def in_feet(site):
-    """Slope of 38 degrees with elevations in feet, undeclared."""
+    """Mistake: elevations in feet, undeclared, on a slope of 38 degrees."""
     site.dem(site.z / 0.3048)
 
 
@@ -174,7 +174,7 @@ def put(group, **keys):
 
 
 def of_sources(density):
-    """Boulders described by their sources."""
+    """Mistake: boulders whose sources give their sides and this density [kg/m3]."""
 
     def change(site):
         sides = dict.fromkeys(("d1", "d2", "d3"), "side.tif")
@@ -187,25 +187,27 @@ def of_sources(density):
 
 
 def spike(site):
-    """Spike in one cell, as from a bird or a cloud."""
+    """Mistake: one cell 400 m too high, as from a bird or a cloud."""
     site.z[40, 20] += 400.0
     site.dem(site.z)
 
 
 def void(site):
-    """Hole resampled with its nodata value as an elevation."""
+    """Mistake: a hole that was resampled with its nodata value as elevation."""
     site.z[40:44, 20:25] = np.nan
     site.z[39, 20:25] = [-500.0, -7000.0, -3100.0, -6200.0, -900.0]
     site.dem(site.z, nodata=np.nan)
 
 
 def half_steep_in_feet(site):
-    """Slope of 22 degrees with steeper parts: less than half is steeper than 60 degrees."""
+    """Mistake: elevations in feet on a slope of 22 degrees, of which less than half appears steeper
+    than 60 degrees."""
     site.dem(scenes.rough(NX, NY, CELL, gradient=0.35, relief=6.0, dtype="f4") / 0.3048)
 
 
 def packed(site):
-    """Scale and offset in a file next to the raster, not in the raster itself."""
+    """Mistake: elevations packed with a scale and an offset that are only in a file next to the
+    raster."""
     site.dem((site.z - 1000.0) * 2)
     (site.folder / "dem.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Offset>1000</Offset><Scale>0.5</Scale>'
@@ -214,7 +216,7 @@ def packed(site):
 
 
 def points(*rows):
-    """Table of sources, several of them at the same place."""
+    """Mistake: sources in a table of `rows` (x, y, volume), several at the same place."""
 
     def change(site):
         text = "x,y,volume\n" + "".join(f"{EAST + x},{NORTH - y},{v}\n" for x, y, v in rows)
@@ -443,7 +445,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_gives_its_line_and_no_other(site, what):
-    """Each mistake gives one line, which reports have in each language."""
+    """The scene of a mistake gives one line, which is translated in each language."""
     change, words = MISTAKES[what]
     change(site)
     scene = read_scene(site.case())
@@ -610,7 +612,7 @@ def test_projections_of_the_alps(site, crs):
 
 
 def elevations(name):
-    """Unusual terrain, or terrain with round numbers."""
+    """Elevations that may look wrong but are correct: extreme, flat, or round numbers."""
     y, x = np.mgrid[NY - 1 : -1 : -1, 0:NX] * CELL
     sea = np.maximum(scenes.rough(NX, NY, CELL) - 1150.0, 0.0)
     cliff = np.where(y > 200, 250.0, 0.0)
@@ -667,7 +669,7 @@ def test_a_saddle_of_integers_has_no_steps(site):
 
 
 def test_a_model_in_a_laboratory(site):
-    """Cells of 5 cm, at coordinates that might be degrees, give no warning."""
+    """A slope with cells of 5 cm, at coordinates that might be degrees, gives no warning."""
     site.dem(site.z / 100, crs=None, transform=Affine(0.05, 0, 0.0, 0, -0.05, 4.0))
     site.uniform(0.005)
     site.set("boulder", volume_mean=1e-6)
@@ -690,7 +692,8 @@ def tutorial_layers(folder):
 @pytest.mark.all
 @pytest.mark.parametrize("case", sorted(CASES), ids=lambda case: str(case.relative_to(ROOT)))
 def test_cases(case, gallery, tmp_path):
-    """Cases without stored terrain make it; cases with downloaded data are skipped."""
+    """Shipped cases give no warning. Terrain that is not stored is made first, by the case or by
+    the tutorial."""
     folder = shutil.copytree(case.parent, tmp_path / "case")
     if not list(folder.glob("dem.*")):
         maker = folder / "make_terrain.py"

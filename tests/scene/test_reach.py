@@ -20,7 +20,7 @@ def case_in(folder, boulders=100, maps=MAPS, **release):
 
 
 def flooded(z, row, column, head):
-    """Cells not above `head` connected to those around a cell, by simple code."""
+    """Cells not above `head` that are connected with those around a cell, by a simple search."""
     near = [(row + dr, column + dc) for dr in (-1, 0, 1) for dc in (-1, 0, 1)]
     found = np.zeros(z.shape, bool)
     while near:
@@ -33,7 +33,8 @@ def flooded(z, row, column, head):
 
 
 def edges(cells, margin, shape):
-    """First row and column of the marked cells with a margin, then one past the last of each."""
+    """First row and column of the marked cells with a margin, and one past the last row and
+    column."""
     rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
     first = max(0, rows[0] - margin), max(0, columns[0] - margin)
     return *first, min(shape[0], rows[-1] + margin + 1), min(shape[1], columns[-1] + margin + 1)

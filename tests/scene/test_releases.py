@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sources from layers and tables: positions, attributes of their releases, distribution of
-boulders, and their identity in results."""
+"""Sources from layers and tables: positions, attributes, distribution of boulders, and
+identification in results."""
 
 from dataclasses import replace
 
@@ -61,7 +61,7 @@ def total(case, n):
 
 
 def only(result):
-    """Result without the attributes that identify its sources."""
+    """Result without variables and attributes that identify its sources."""
     names = [
         name
         for name in ("source_feature", "feature", "feature_name", "mass")
@@ -111,7 +111,8 @@ def test_a_reprojected_layer_is_its_own_within_a_millimetre_and_the_result_says_
 
 @pytest.mark.parametrize("has_frequency", [True, False])
 def test_polygons_that_release_nothing_are_named(case, has_frequency):
-    """The first polygon is between cell centres, the second off the terrain, the third covered."""
+    """The first polygon lies between cell centres, the second off the terrain, and the third in
+    another polygon."""
     narrow = shapely.box(W + 10.1, N - 40, W + 10.2, N - 20)
     away, covered = shapely.box(W - 50, N - 40, W - 20, N - 20), CLIFFS[0].buffer(-8.0)
     about = {"name": ["narrow", "away", None, "cliff", "tower"]}
@@ -154,7 +155,7 @@ def test_attributes_are_those_of_the_feature_or_else_of_the_case(case):
 
 
 def test_one_law_for_all_features_is_that_of_the_case(case):
-    """Equal attributes of all points give the boulders of a case with these values."""
+    """Equal attributes of all points give the boulders of a case with these values, bit for bit."""
     said = {"volume": ["normal"] * 4, "volume_mean": [1.5] * 4, "volume_std": [0.3] * 4}
     make_layer("p.gpkg", POINTS, density=[2500.0] * 4, drop_height=[3.0] * 4, **said)
     law = {"volume": "normal", "volume_mean": 1.5, "volume_std": 0.3, "density": 2500.0}
@@ -263,7 +264,7 @@ def test_a_hundred_thousand_points(case):
 
 
 def test_many_names_are_kept(case):
-    """Names of 8,000 features exceed a compact netCDF-4 attribute (64 KiB)."""
+    """Names of 8,000 features are more than an attribute of netCDF-4 can have (64 KiB)."""
     n = 8000
     make_layer("p.gpkg", POINTS[:1] * n, name=[f"block number {k}" for k in range(n)])
     case = at(case).replace(case={"boulders": 1}, output={"maps": None}, impact={"impact_limit": 1})
@@ -393,8 +394,8 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
 
 
 def test_scenarios_give_what_the_layer_does_not(case):
-    """A layer of drop heights leaves volumes to scenarios. Attributes of all sources have priority;
-    attributes of some are reported."""
+    """Scenarios give volumes if the layer has only drop heights. Volumes of all sources have
+    priority over a scenario and are refused with it; volumes of some are reported."""
     both = case.replace(line=[], scenario=[
         {"name": "small", "frequency": 1.0, "volume": "fixed", "volume_mean": 0.1},
         {"name": "large", "frequency": 0.1, "volume": "fixed", "volume_mean": 4.0},
@@ -416,8 +417,8 @@ def test_scenarios_give_what_the_layer_does_not(case):
 
 
 def test_observed_boulders_are_set_beside_those_of_their_polygon(case, tmp_path):
-    """Observed boulders are compared with all boulders of their polygon or, in results without
-    features, of their cliff."""
+    """Observed boulders are compared with all boulders of their polygon; in results without
+    features, with those of their cliff."""
     make_layer("cliffs.gpkg", CLIFFS, name=["left", "right"])
     result = rockfall.run(at(case, "cliffs.gpkg"))
     mine = result["source_feature"].values == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rockyfor3D folders run without changes: each file has its effect."""
+"""Rockyfor3D folders run without changes, and each of their files has its effect."""
 
 import re
 from pathlib import Path
@@ -32,7 +32,8 @@ BOULDERS = 60  # boulders from each source
 
 
 def layers():
-    """Rasters of a folder: a slope of 40 degrees above a flat, soil 4 above soil 3."""
+    """Rasters of a folder by name: a slope of 40 degrees above a flat, soil 4 above soil 3, and
+    some sources."""
     y = (np.arange(NY)[::-1] + 0.5) * CELL
     z = np.repeat(np.interp(y, [0, 60, 250], [95, 100, 260])[:, None], NX, 1)
     found = {"dem": z, **{name: np.zeros(z.shape) for name in ("rockdensity", "blshape")}}
@@ -51,7 +52,7 @@ def layers():
 
 
 def forest():
-    """Two stems in each cell of ten rows."""
+    """Rasters of a forest with two stems in each cell of ten rows."""
     stems = np.zeros((NY, NX))
     stems[15:25] = 2
     return {
@@ -76,7 +77,7 @@ def make_folder(path, **rasters):
 
 
 def imported(folder, **rasters):
-    """Case from a folder with these rasters and some boulders."""
+    """Case imported from a folder with these rasters, with few boulders."""
     rockfall.import_rockyfor3d(make_folder(folder / "rocky", **rasters), folder / "case")
     case = rockfall.read_case(folder / "case/case.nml")
     return case.replace(case={"boulders": BOULDERS, "threads": 1})
@@ -248,7 +249,7 @@ def test_the_line_of_a_net_has_no_stairs():
 
 
 def test_the_coordinate_system_of_a_folder_is_given(tmp_path):
-    """Results have the system of --crs; for an invalid system nothing is written."""
+    """Results have the CRS given by --crs; with an invalid CRS nothing is written."""
     folder, out = make_folder(tmp_path / "rocky"), tmp_path / "case"
     assert main(["import-rockyfor3d", str(folder), "-o", str(out), "--crs", "EPSG:2056"]) == 0
     case = rockfall.read_case(out / "case.nml")
@@ -285,7 +286,8 @@ def test_branches_of_a_net_are_told(tmp_path):
 
 
 def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
-    """Limits are printed and in the case; folders without soil types or trees have none."""
+    """Limits of the rebound and forest models are printed and written to the case; a folder without
+    soil types and trees has none."""
     folder = make_folder(tmp_path / "rocky", **forest())
     text = " ".join(rockfall.import_rockyfor3d(folder, tmp_path / "case"))
     for said in (
@@ -300,7 +302,7 @@ def test_what_the_model_is_worth_is_said_of_the_case_that_is_made(tmp_path):
 
 
 def test_models_vary_the_soils_that_cover_all_of_an_import(tmp_path):
-    """Impact sets apply where rocks have a size; smooth ground and absorbing obstacles keep their
+    """Impact sets apply where rocks have a size; smooth ground and obstacles that absorb keep their
     soil."""
     rg = np.full((NY, NX), 0.2)
     rg[:, :8], rg[-3:] = 0.0, 100.0
@@ -407,7 +409,7 @@ def test_a_case_of_someone_else_is_not_overwritten(tmp_path):
 
 @pytest.mark.parametrize("row", ["1 2", "1,5;2,5;30", "1,5 2,5 30,5", "1 2 nan"])
 def test_rows_that_are_no_trees(tmp_path, row):
-    """Decimal commas would split a number in two."""
+    """Rows that are not three numbers are refused; decimal commas would split a number in two."""
     folder = make_folder(tmp_path / "rocky")
     (folder / "trees.txt").write_text(f"x y dbh\n{row}\n")
     words = "line 2: must be x, y and DBH [cm], with decimal points"
@@ -437,7 +439,7 @@ def test_values_that_no_boulder_has(tmp_path, rasters, words):
 
 @pytest.mark.parametrize("name", ["rockdensity", "d1", "blshape"])
 def test_sizes_of_boulders_are_not_interpolated(tmp_path, name):
-    """The command in the refusal keeps values on the cells of the DEM (--resampling nearest)."""
+    """A raster on other cells is refused with a command that resamples without interpolation."""
     raster = layers()[name][1:]
     with pytest.raises(RockfallError, match=r"are not on the cells .* --resampling nearest$"):
         read_scene(imported(tmp_path, **{name: raster}))

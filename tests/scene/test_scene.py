@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reading by blocks of rows gives the contents of the rasters, whichever way up they are."""
+"""Scenes read by blocks of rows have the contents of the rasters, whichever row comes first."""
 
 import numpy as np
 import pytest

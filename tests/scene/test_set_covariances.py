@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Covariances of impact sets: one rule for kernel, laboratory and planes. Invalid covariances are
-refused with file, line and entry; singular covariances are used unchanged."""
+"""Covariances of impact sets: kernel, laboratory and planes have one rule. Invalid covariances are
+refused with file, line and entry, singular ones are used unchanged."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,8 @@ LOSES = np.array([0.2, 0, 0, 0, -0.3, 0, 0, 0, 0.2])  # mean far from the limits
 
 
 def of_rank(rank, seed, decades=0.0):
-    """Covariance of a given rank, with standard deviations from 0.01 down to 10**-decades of it."""
+    """Covariance (9, 9) of a given rank; standard deviations fall from 0.01 by `decades` powers of
+    ten."""
     root = np.random.default_rng(seed).normal(size=(9, rank))
     deviation = 0.01 * 10 ** -np.linspace(0, decades, 9)
     root *= (deviation / np.linalg.norm(root, axis=1))[:, None]
@@ -34,13 +35,13 @@ def correlations(c):
 
 
 def nearest(c):
-    """Correlations of c with negative eigenvalues set to zero."""
+    """Correlations of a covariance, with negative eigenvalues set to zero."""
     values, vectors = np.linalg.eigh(correlations(c))
     return (vectors * np.maximum(values, 0)) @ vectors.T
 
 
 def with_entries(**entries):
-    """Zeros except for entries such as c87=9e-9."""
+    """Matrix (9, 9) of zeros except the given entries, such as c87=9e-9 and its mirror image."""
     c = np.zeros((9, 9))
     for name, value in entries.items():
         i, j = int(name[1]) - 1, int(name[2]) - 1
@@ -103,7 +104,8 @@ def test_the_product_of_a_root_is_the_nearest_covariance(name):
 
 @pytest.mark.parametrize("name", every_third(SINGULAR))
 def test_kernel_and_planes_draw_with_the_covariance(name, tmp_path):
-    """Covariances of V_out from 4,000 first rebounds each are within 4.5 standard errors."""
+    """Covariances of V_out in 4,000 rebounds of the kernel, and of the planes, are within 4.5
+    standard errors."""
     c, n, v_in = SINGULAR[name], 4000, np.array([6.0, -4.0, 0.0])
     rebound = set_rebound(LOSES, c)
     planes = rebound(np.tile(v_in, (n, 1)), np.random.default_rng(7)).T
@@ -124,7 +126,7 @@ def check_scatter(out, c, v_in):
 
 
 def first_rebounds(folder, n):
-    """V_out (3, n) of the first rebounds on a plane for one V_in."""
+    """V_out (3, n) of the first rebounds on a plane, and their common V_in."""
     z = 100 + np.tan(np.radians(30.0)) * 2.5 * np.mgrid[59:-1:-1, 0:20][0]
     case = rockfall.Case(
         folder=folder,
@@ -165,7 +167,7 @@ def test_what_is_no_covariance_is_refused_everywhere(name, tmp_path):
 @pytest.mark.parametrize("unit", [1e-6, 1e-3, 1e3])
 @pytest.mark.parametrize("name", REFUSED)
 def test_units_change_no_decision(name, unit):
-    """W in other units only scales the covariances."""
+    """Another unit of W scales covariances, but does not change which are refused."""
     other = np.repeat([1.0, 1.0, unit], 3)
     with pytest.raises(RockfallError):
         covariance_root(REFUSED[name][0] * other * other[:, None])

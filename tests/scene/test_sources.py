@@ -30,13 +30,13 @@ def steep(folder, line=LINE, **groups):
 
 
 def plane(tangent, nx=9, ny=7, cell=2.5, towards=(0.6, 0.8), dtype="f8"):
-    """Plane that falls with a slope of given tangent."""
+    """Elevations of a plane that falls in a direction by a slope of given tangent."""
     y, x = np.mgrid[ny - 1 : -1 : -1, 0:nx] * cell
     return (1000.0 - tangent * (towards[0] * x + towards[1] * y)).astype(dtype)
 
 
 def cells_of(scene):
-    """Mask of source cells."""
+    """Mask of the source cells of a scene."""
     g, found = scene.grid, np.zeros(scene.grid.shape, bool)
     row, column = (g.north - scene.y) / g.cell, (scene.x - g.west) / g.cell
     found[row.astype(int), column.astype(int)] = True
@@ -141,7 +141,7 @@ def test_what_cannot_be_is_refused_in_one_line(
 
 
 def numbers_of(result):
-    """Numbers of boulders from each start, in the order of the result."""
+    """Number of boulders from each start, in the order of the result."""
     start = result["start_x"].values + 1j * result["start_y"].values
     edges = np.flatnonzero(np.r_[True, start[1:] != start[:-1], True])
     return np.diff(edges)
@@ -150,7 +150,8 @@ def numbers_of(result):
 @pytest.mark.parametrize("n", [1, 7])
 @pytest.mark.parametrize("tangent", [0.0, 0.75, 2.0])
 def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
-    """Cells have the area of the plane, also at its edge, without a 3x3 window."""
+    """Each cell releases boulders by the area of the plane, also at the edge, where no 3x3 window
+    is complete."""
     z = plane(tangent, nx=20, ny=15)
     release = {"steep_cells": None, "cells": "cells", "by_area": True}
     case = steep(tmp_path, case={"boulders": n}, release=release)
@@ -165,7 +166,7 @@ def test_a_plane_releases_by_its_true_area(tmp_path, n, tangent):
 
 
 def weighted(folder, **groups):
-    """Steep cells of a rough slope that release by area, with two hundred trajectories."""
+    """Case on steep cells that release by their area, with 200 trajectories."""
     output = {"maps": ["passages", "sources", "reach_probability_by_source"], "trajectories": 200}
     release = {"by_area": True, "slope_threshold": 44.0, "cells": "cells", "drop_height": 2.0}
     groups = {"case": {"boulders": 3}, "output": output, **groups}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stands of trees from polygons, remaining trees after thinning, and lying logs."""
+"""Stands of trees from polygons, trees left by clearings, and lying logs."""
 
 import numpy as np
 import pytest
@@ -87,8 +87,8 @@ def test_a_stand_in_another_unit_than_the_others_is_told(tmp_path, columns, told
 
 @pytest.mark.parametrize("spread", ["random", pytest.param("even", marks=pytest.mark.all)])
 def test_stems_are_as_many_as_the_area_says_in_cells_cut_by_an_edge_too(tmp_path, spread):
-    """Three adjacent stands with oblique edges, over many seeds: expected numbers of stems in each
-    complete stand and in the part of its cells cut by the edge, within 4 standard errors."""
+    """Three adjacent stands with oblique edges have the expected number of stems over many seeds,
+    each in full and in its part of the cells cut by the edge, within four standard errors."""
     shapes = [
         shapely.Polygon([(31, 47), (148, 52), (163, 341), (42, 333)]),
         shapely.Polygon([(148, 52), (271, 66), (252, 352), (163, 341)]),
@@ -132,7 +132,8 @@ def test_names_of_attributes_in_four_languages(tmp_path):
 
 
 def test_species_of_a_stand(tmp_path):
-    """Stands have species with percentages, in any language, or else conifers and broadleaves."""
+    """Species may be a list with percentages in any language; without a list the stand has conifers
+    and broadleaves."""
     halves = [shapely.box(0, 0, 150, 400), shapely.box(150, 0, 300, 400)]
     scene = stands_of(tmp_path, halves, **columns_of(2), Baumart=["Fichte 60, Buche 40 %", None])
     west = scene.trees.factor[scene.trees.x < 150]
@@ -248,7 +249,8 @@ def test_a_thinned_stand_is_a_part_of_the_full_one(tmp_path):
 
 
 def test_clearings_take_stems_out_of_lists_and_stands(tmp_path):
-    """Clearings leave no stems or a fraction; where they overlap, the smaller fraction."""
+    """A clearing leaves none or a fraction of the stems; where two overlap, the smaller
+    fraction."""
     shapes = [shapely.box(0, 200, 150, 400), shapely.box(0, 100, 300, 300)]
     make_layer(tmp_path / "storm.gpkg", shapes, crs=None, Restanteil=[0.0, 0.4])
     storm = {"clearings": "storm.gpkg"}
@@ -305,8 +307,9 @@ def test_today_and_after_a_storm_are_compared_boulder_by_boulder(tmp_path):
 
 
 def test_logs_of_a_layer_are_low_barriers(tmp_path):
-    """Height is the thickness or an attribute; strength is that of a standing stem of equal
-    diameter (38.7 DBH^2.31, spruce 0.9), a quarter less per decay class above 1."""
+    """A log is as high as it is thick, unless the layer has a height. It has the strength of a
+    standing stem of the same diameter (38.7 DBH^2.31, spruce 0.9), less a quarter of it for each
+    decay class above 1."""
     logs = [shapely.LineString([(100, y), (200, y)]) for y in (300.0, 250.0, 200.0)]
     make_layer(
         tmp_path / "logs.gpkg", logs, crs=None, diameter=[40.0, 40.0, 30.0],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Terrain that does not fit in memory is read by windows; results are bit-identical."""
+"""Terrain that does not fit in memory is read in windows, with bit-identical results."""
 
 from dataclasses import replace
 
@@ -109,7 +109,7 @@ def test_windows_of_other_files(tmp_path, kind):
 
 
 def test_windows_of_boulders_that_break(tmp_path):
-    """A boulder is counted if and only if all its fragments stayed in the window."""
+    """A boulder is counted only if all its fragments stay in the window; others are run again."""
     breakage = {"at": "both", "release_fall": 8.0, "max_fragments": 20}
     case = case_in(tmp_path, case={"boulders": 2}, breakage=breakage)
     scene = read_scene(case, memory=3_000)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Polygons with ground attributes, from files and from GeoDataFrames: the scene equals that with a
-table."""
+"""Polygons with attributes of their ground, from files and GeoDataFrames, give the scene of
+polygons with a table."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def case(tmp_path, monkeypatch):
 
 
 def polygons(case, shapes=SHAPES, **columns):
-    """Case with given polygons as zones, without a table."""
+    """Case with polygons and attributes as zones, without a table."""
     make_layer("ground.gpkg", shapes, **columns)
     return case.replace(surface={"zones": "ground.gpkg", "table": None})
 

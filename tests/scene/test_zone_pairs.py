@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones and complete cases whose ground has its own strength and relief: runs equal those with the
-same values in a ground table."""
+"""Zones and complete cases with a strength and relief of their own: runs equal those with the same
+values in a ground table."""
 
 import csv
 import re
@@ -40,7 +40,7 @@ def write_pairs(case, rows=ROWS, head=HEAD):
 
 
 def by_table(case, pairs=PAIRS):
-    """Case with rows of its own ground table that have the same values."""
+    """Case with the same values in a ground table of its own."""
     columns = [*next(iter(SHIPPED.rows.values())).cells]
     with open(case.folder / "grounds.csv", "w", newline="") as file:
         table = csv.DictWriter(file, columns)
@@ -58,7 +58,8 @@ def same_runs(one, other):
 
 
 def test_a_zone_is_the_ground_of_a_table_with_its_numbers(case):
-    """Runs are bit-identical; talus keeps the spread of its strength, and its rest angle."""
+    """Runs with values in zones and in a ground table are bit-identical; talus keeps the spread of
+    its strength and its rest angle."""
     one, other = rockfall.run(write_pairs(case)), rockfall.run(by_table(case))
     assert one["ground"].values.tolist() == NAMES
     same_runs(one, other)
@@ -136,7 +137,8 @@ def test_what_a_zone_cannot_give_is_refused(case, row):
 
 
 def test_numbers_beyond_the_tables_are_remarked(case):
-    """The nearest tables are used; shipped grounds are within range."""
+    """A remark reports values outside the impact tables, where the nearest table is used; shipped
+    grounds are inside."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,25\n-2,0.3,meadow,3000,5\n"))
     said = [remark for remark in scene.remarks if "impact tables" in remark]
     assert [remark.partition(": ground ")[2] for remark in said] == [
@@ -153,7 +155,7 @@ def test_numbers_beyond_the_tables_are_remarked(case):
 
 
 def test_models_keep_the_ground_of_a_zone_with_numbers_of_its_own(case):
-    """The ground of the case is only varied outside the zone."""
+    """Models vary the ground of the case outside of the zone only."""
     own = "talus (300000 Pa)"
     for ground, kept in (("", {own}), ("talus", {own})):
         zoned = write_pairs(case, f"4,0.3,{ground},3e5,\n-2,0.3,,,\n")
@@ -184,7 +186,8 @@ def test_a_case_has_the_numbers_of_a_row_everywhere(case, groups):
 
 
 def test_zones_that_name_no_ground_have_them(case):
-    """A zone's own value replaces that of the case; zones with a named ground keep its values."""
+    """Without a ground of its own, a zone has that of the case with its values, and its own relief
+    replaces that of the case; a named ground has none of these values."""
     write_pairs(case, "4,0.3,,,14\n-2,0.3,talus,,\n")
     scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
     assert [rule.name for rule in scene.grounds] == ["talus (300000 Pa, 14 degrees)", "talus"]
@@ -229,7 +232,7 @@ def test_a_ground_without_strength_is_refused(case, ground):
 
 
 def test_models_vary_it_whole(case):
-    """Other models have other grounds, without these values."""
+    """Other models replace the ground of the case and have none of its values."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus", "uniform_mean_radius": 0.3} | OWN)
     scenes = dict(variants(whole, ["road"], []))
     grounds = {name: [rule.name for rule in scene.grounds] for name, scene in scenes.items()}
@@ -241,7 +244,7 @@ def test_models_vary_it_whole(case):
 
 @pytest.mark.parametrize("boulder", [{"ground_strength_sigma": 0.4}, {"mean_radius_sigma": 0.4}])
 def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
-    """Models run without the keys that they do not use, instead of being omitted themselves."""
+    """Models run without the keys that they do not use."""
     ground = {} if "mean_radius_sigma" in boulder else {"ground": "talus"}
     whole = case.replace(surface=NO_ZONES | {"uniform_mean_radius": 0.3} | ground, boulder=boulder)
     scenes = dict(variants(whole, ["road"], []))
@@ -253,7 +256,7 @@ def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
 
 
 def test_draws_of_a_shipped_ground_do_not_stand_in_for_it(case):
-    """Draws of talus are refused for a ground whose own strength and relief are known."""
+    """Drawn tables of talus are refused for a ground with its own strength and relief."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)
     with pytest.raises(RockfallError, match="talus-ensemble'"):
         rockfall.ensemble(whole.replace(ensemble={"runs": 8, "sets": ["talus-ensemble"]}))
@@ -267,14 +270,14 @@ def between_parts(blocks):
 
 
 def smoother(scene):
-    """Relief [degree] that a remark advises to run too, by name of the ground."""
+    """Relief [degree] of the additional run that a remark advises, by name of the ground."""
     found = (re.search(r"ground '(.*)': near .* relief of (\S+) degrees", r) for r in scene.remarks)
     return {one[1]: float(one[2]) for one in found if one}
 
 
 def test_own_grounds_are_said_to_stop_boulders_too_early(case):
-    """The remark advises a relief up to 2 degrees smaller, if tables have it. Shipped grounds are
-    calibrated and have none."""
+    """The advised relief is up to 2 degrees smaller, if there are tables. Shipped grounds are
+    calibrated and have no such remark."""
     scene = read_scene(write_pairs(case, "4,0.3,talus,,12.5\n-2,0.3,rock,1e7,11.5\n"))
     assert smoother(scene) == {"talus (12.5 degrees)": 10.5, "rock (10000000 Pa, 11.5 degrees)": 10}
     parts = re.findall(r"ground '(talus|rock) .* up to (\d+) %", "\n".join(scene.remarks))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An open session is bit-identical to fresh runs, whatever changed, and can be cancelled."""
+"""Open session: after any change, results are bit-identical to those of a new run; runs can be
+cancelled."""
 
 import os
 import subprocess
@@ -41,7 +42,7 @@ MAPS = ("passages", "energy_mean", "energy_max", "speed_q95", "jump_height_max_m
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """Case as files, on a rough slope."""
+    """Case on a rough slope, with its files in the current folder."""
     monkeypatch.chdir(tmp_path)
     for k, seed in ("", 1), ("2", 2):
         make_raster(f"dem{k}.tif", scenes.rough(seed=seed, dtype="f4"))
@@ -66,7 +67,7 @@ def case(tmp_path, monkeypatch):
 
 
 def changes(rng):
-    """One change of each kind, as drawn."""
+    """Yield one change of each kind, with random values."""
     x, y = W + rng.uniform(60, 240), N - rng.uniform(30, 100)
     across = {"x": [W + 20.0, W + 280.0], "y": [N - rng.uniform(150, 300)] * 2}
     stems = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 8.0}
@@ -99,7 +100,7 @@ def changes(rng):
 
 
 def last_of(session, *how, **more):
-    """Last batch of a run with short batches."""
+    """Last batch of a run in short batches."""
     *_, batch = session.run(*how, batch_seconds=0.002, **more)
     return batch
 
@@ -139,7 +140,8 @@ def test_boulders_of_a_run_are_those_of_a_total(case, threads):
     "maps", [pytest.param([*MAPS], marks=pytest.mark.all), ["sources", "passages"]]
 )
 def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
-    """Rows and crossings have the bits of the complete run, and maps count the rows."""
+    """Rows and crossings of a batch are bit-identical to those of the complete run, and its maps
+    count its rows."""
     monkeypatch.setattr(batches.Batches, "_size", lambda _: 100)  # however fast the machine
     many = case.replace(case={"boulders_total": 600}, output={"maps": maps})
     complete = rockfall.run(many)
@@ -159,7 +161,8 @@ def test_results_so_far_are_those_of_the_boulders_done(case, maps, monkeypatch):
 
 
 def test_boulders_so_far_come_from_all_sources(case):
-    """The first boulders are evenly spread over all 20,000, and so over all sources."""
+    """The first boulders are evenly spread over all 20,000 numbers, and therefore over all
+    sources."""
     steep = case.replace(
         case={"boulders_total": 20_000}, release=NO_PLACE | {"steep_cells": True},
         output={"maps": None, "rebounds": False, "trajectories": 0},
@@ -321,7 +324,7 @@ def test_arrays_and_frames_may_be_given_and_changed(case):
 
 
 class Frame(pd.DataFrame):
-    """Minimal GeoDataFrame for rockfall."""
+    """The part of a GeoDataFrame that rockfall uses."""
 
     crs = CRS.from_user_input("EPSG:32632")
 
@@ -391,8 +394,8 @@ def test_a_cancel_ends_a_run_and_the_session_goes_on(case):
 @pytest.mark.parametrize("tick", [1e-9, 1 / 64])  # [s] clock ticks; 1/64: Windows
 @pytest.mark.parametrize("maps", [[], ["sources"]])
 def test_pieces_of_a_run_are_short_where_boulders_are_slow(case, monkeypatch, maps, tick):
-    """Cancelling works between pieces. Each piece has as many boulders as take 12 ms at the slowest
-    recent rate. Here a boulder takes 0.5 ms, in the second half 2 ms."""
+    """A run can be cancelled between pieces, which last 12 ms at the slowest recent rate. Boulders
+    here take 0.5 ms, in the second half 2 ms: after the first piece none lasts more than 50 ms."""
     clock, times = [0.0], []
 
     def advance(run, scene, first, size, step=1):

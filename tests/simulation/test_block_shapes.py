@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders of several block shapes in a run: each behaves as in a run with only its shape, however
-the run is cut and in both programs; fractions are met; invalid input is refused."""
+"""Boulders with several block shapes in one run: each is bit-identical to a run with its shape
+alone, in both programs and however the run is divided. Fractions are met; invalid input is
+refused."""
 
 import re
 
@@ -47,7 +48,7 @@ ROWS = ("volume", "stop_x", "stop_y", "stop_z", "path_length", "travel_time", "s
 
 
 def row_of(result, name):
-    """Values of each boulder, including those at lines."""
+    """Values of each boulder, in the result or at its lines."""
     return (at_lines(result) if name.startswith("line_") else result)[name].values
 
 
@@ -57,13 +58,13 @@ def terrain():
 
 
 def striped():
-    """Terrain with zones in stripes from west to east: boulders cross several."""
+    """Terrain with zones in stripes from west to east, of which boulders cross several."""
     zones = np.repeat(np.arange(80)[:, None] // 7 % 4 + 1, 60, axis=1).astype("i4")
     return terrain() | {"zones": zones}
 
 
 def same_by_the_program(case, result, folder):
-    """Output of the standalone program for a case; its result must be bit-identical."""
+    """Output of rockfall-batch for a case; its result must be bit-identical to `result`."""
     prepare(case, folder)
     done = run_program("case.nml", "-o", "out.nc", cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -72,7 +73,7 @@ def same_by_the_program(case, result, folder):
 
 
 def mixed_case(folder, boulder=MIX, **groups):
-    """Case with tables for single shapes, for all shapes, from a file, and with impact sets."""
+    """Case with tables for one shape, for all shapes, and from a file, and with impact sets."""
     (folder / "zones.csv").write_text(ZONES)
     rows = [*plane_files("hard", "platy").values()]
     (folder / "own.nc").write_bytes(rows[0].read_bytes())
@@ -135,7 +136,8 @@ def test_the_order_of_the_shapes_and_the_unit_share_do_not_matter(mixed):
 
 
 def test_shares_are_met():
-    """Fractions of shapes are met within four standard errors, and do not depend on volumes."""
+    """Fractions of shapes are met within four standard errors, and shapes are independent of
+    volumes."""
     case = rockfall.Case(
         case={"boulders": 4000, "seed": 5}, impact={"table": "talus", "impact_limit": 1},
         boulder={**MIX, "block_shape_share": None},
@@ -179,7 +181,7 @@ def test_threads_chunks_and_parts_change_nothing(mixed):
 
 
 def full_case(folder, **boulder):
-    """Case as files for both programs, with tables on zones."""
+    """Case in files for both programs, with tables for its zones."""
     case = make_full_case(
         folder, impact={"table": "talus", "sets": None}, boulder={**MIX, **boulder},
         case={"boulders": 15},
@@ -239,7 +241,7 @@ def by_sources(folder, rows=NAMES + ROWS_OF_SOURCES, **groups):
 
 
 def test_sources_say_the_shape_of_their_boulders(tmp_path):
-    """Sources give names or measured axes; other boulders have the shape of the case."""
+    """Sources have a shape by name or by measured axes; others have that of the case."""
     shapes = [3, 1, 2, 1]
     case = by_sources(tmp_path)
     result = rockfall.run(case, **terrain())
@@ -295,7 +297,8 @@ def test_shapes_of_polygons_hold_for_their_cells_in_both_programs(tmp_path):
      ((1, 0.77, 0.7), 1), ((1, 0.75, 0.68), 2)],
 )  # fmt: skip
 def test_axes_have_the_nearest_shape(axes, shape):
-    """Nearest in (b/a, c/b): compact (0.9, 0.89), elongated (0.62, 0.90), platy (0.8, 0.525)."""
+    """Axes have the shape that is nearest in (b/a, c/b): compact (0.9, 0.89), elongated (0.62,
+    0.90), platy (0.8, 0.525)."""
     assert _core.shapes_of_axes(np.array([axes], float).T).tolist() == [shape]
 
 
@@ -377,7 +380,8 @@ def test_a_mix_on_grounds_without_a_table_is_refused(tmp_path):
 
 
 def test_only_tables_that_boulders_need_are_loaded(tmp_path):
-    """Tables of two shapes take less memory than of three; shapes of sources have priority."""
+    """Tables of two shapes take less memory than those of three. If every source has a shape, only
+    its tables are loaded."""
 
     def bytes_of(case):
         return read_scene(case, **terrain()).kernel.arrays()["table_record"].nbytes
@@ -403,7 +407,7 @@ LISTED_SHAPES = np.array([1, 2, 3, 2])
 
 @pytest.mark.all
 def test_listed_volumes_have_the_shape_of_their_axes(tmp_path):
-    """Two volumes are equal but have different shapes."""
+    """Listed volumes have shapes by their axes, also two equal volumes with different axes."""
     case = full_case(tmp_path, **dict.fromkeys([*MIX, "volume_std"]) | LISTED, block_axes=AXES)
     result = rockfall.run(case)
     shape, volume = result["block_shape"].values, result["volume"].values
@@ -454,7 +458,7 @@ def test_axes_of_lists_that_cannot_be_are_refused(tmp_path, keys, message):
 
 
 def by_sides(folder, **boulder):
-    """Case with four sources whose boulders have their sides in rasters, in any order."""
+    """Case with four sources whose rasters give the sides of boulders, in any order."""
     sides = {"d1": [1.0, 0.5, 0.9, 1.0], "d2": [1.0, 1.0, 1.6, 0.4], "d3": [0.9, 0.55, 1.5, 1.0]}
     for name, values in sides.items():
         raster = np.ones((80, 60))
@@ -652,7 +656,7 @@ def test_a_scene_file_with_other_numbers_is_refused(gallery, tmp_path, name, val
 
 
 def moved_record(file):
-    """Move one record from a table to the next: the numbers disagree with the bins."""
+    """Move a record from one table to the next, so that their numbers disagree with the bins."""
     shape = file["table_shape"][:]
     shape[:2, -1] += [-1, 1]
     file["table_shape"][:] = shape
@@ -700,7 +704,7 @@ def prepare_three(folder):
 
 
 def run_changed(gallery, tmp_path, change):
-    """Run the other program on a scene of three shapes whose file was changed."""
+    """Run rockfall-batch on a scene with three shapes, after `change` of its file."""
     gallery.copy("three shapes", prepare_three, tmp_path)
     with netCDF4.Dataset(tmp_path / "ready" / "scene.nc", "a") as file:
         file.set_auto_maskandscale(False)

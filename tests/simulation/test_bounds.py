@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that would overflow maps are refused before they start, and no other runs are."""
+"""Runs whose maps would overflow are refused before they start; no others are."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def check(scene):
 
 
 def fall(scene):
-    """Height from the maximum energy head to the lowest cell [m]."""
+    """Height [m] of the maximum energy head above the lowest cell."""
     return scene.survey().head[0] - Z.min()
 
 
@@ -37,7 +37,8 @@ def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):
 
 
 def test_the_bound_is_that_of_63_bits(tmp_path):
-    """The sum for boulders of one volume is the energy of the fall times their number."""
+    """Boulders of one volume may add up to the energy of the fall times their number; the limit is
+    2**63 J."""
     scene = scene_of(tmp_path, boulders=1000)
     volume = 9.0e18 / (1000 * 2800 * G * fall(scene))
     for factor in 0.999, 1.001:
@@ -51,7 +52,7 @@ def test_the_bound_is_that_of_63_bits(tmp_path):
 
 
 def test_squares_have_126_bits(tmp_path):
-    """Sums for a billion boulders of 10 m3 fit; those for 1000 m3 are refused."""
+    """Squares of energies have 126 bits: a billion boulders of 10 m3 fit, but not of 1000 m3."""
     maps = {"maps": [f"{name}_std" for name in ("energy", "speed", "passing_height")]}
     check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 10.0}, **maps))
     with pytest.raises(rockfall.RockfallError, match="energy_std: the sum of 1000000000 .* J2 "):
@@ -69,7 +70,8 @@ def test_sums_of_other_quantities(tmp_path, name):
 
 
 def test_sums_over_hits_of_trees(tmp_path):
-    """A boulder may hit trees in a cell up to its number of contacts; the hits themselves fit."""
+    """A boulder may hit trees in a cell as often as it has contacts: their number fits, but not the
+    sum of heights."""
     stand = {"uniform_stems": 9.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.0}
     stand["uniform_conifers"] = 50.0
     wood = {"forest": stand, "boulders": 2 * 10**9}
@@ -91,7 +93,7 @@ def test_maxima_are_of_single_precision(tmp_path):
 
 
 def test_no_boulder_passes_the_bound(tmp_path):
-    """Neither speeds nor energies exceed the bound; the largest energy is more than 5 % of it."""
+    """No speed or energy exceeds the bound, and the largest energy is above 5 % of it."""
     scene = scene_of(tmp_path, boulders=300)
     result = run_scene(scene)
     assert result["energy_max"].max() <= 2800 * 0.8 * G * fall(scene) * (1 + 1e-6)

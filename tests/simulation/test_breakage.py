@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders that break: bit-identical results however they are run, conservation of energy and
-volume, and no change if nothing breaks."""
+"""Boulders that break: bit-identical results however they are run, energy and volume are conserved,
+and runs without a break are unchanged."""
 
 import re
 
@@ -33,7 +33,7 @@ NET = {"name": "net", "x": [5.0, 295.0], "y": [120.0, 120.0], "height": 3.0, "ca
 
 
 def case(folder, boulders=30, scatter=2.0, obstacles=True, **groups):
-    """Case with two sources on a rough slope, by default with trees and a net."""
+    """Case with two sources on a rough slope and, unless `obstacles` is False, trees and a net."""
     usual = {
         "case": {"boulders": boulders},
         "surface": {"uniform_mean_radius": 0.3},
@@ -79,7 +79,8 @@ def test_threads_chunks_and_shards_change_nothing(folder, broken, tmp_path):
 
 
 def test_both_programs_have_the_same_bits(batch, tmp_path):
-    """The case has every output, obstacles, and a part that begins within a source."""
+    """A run in two parts by rockfall-batch, the second beginning within a source, is bit-identical
+    to one in Python, with every output and obstacle."""
     prepared = make_prepared(
         tmp_path, breakage=BOTH, case={"boulders": 8}, forest=FOREST,
         output={"energy_balance": True},
@@ -107,7 +108,8 @@ def test_either_program_goes_on_from_a_checkpoint(batch, tmp_path, monkeypatch):
 
 
 def test_energy_adds_up(broken):
-    """Energy released = absorbed by ground, trees, nets and breaking, plus the remainder."""
+    """The energy released is that absorbed by ground, trees, barriers and breakage, and that
+    left."""
     taken = ["ground", "trees", "barriers", "left", "breakage"]
     total = sum(broken[f"energy_{name}"] for name in taken)
     assert np.abs(broken["energy_released"] - total).max() < 1e-9 * broken["energy_released"].max()
@@ -115,8 +117,7 @@ def test_energy_adds_up(broken):
 
 
 def test_breaking_takes_a_hundredth(folder):
-    """All fragments start with the release velocity, without fines: kinetic energy is 0.5 m v2, of
-    which 0.99 remains."""
+    """Fragments without fines start with the release velocity and 0.99 of its kinetic energy."""
     result = run(
         case(
             folder, obstacles=False,
@@ -133,7 +134,7 @@ def test_breaking_takes_a_hundredth(folder):
 
 
 def test_a_boulder_that_does_not_break_is_as_without_breakage(folder):
-    """Common variables are equal: the fall at release is too small, and impacts break nothing."""
+    """Results are equal without breakage and with limits that no boulder reaches."""
     for at, fall in (("release", 0.01), ("impact", None)):
         breakage = {"at": at, "min_area_ratio": 0.99, "min_volume": 10.0, "release_fall": fall}
         result = run(case(folder, breakage=breakage))
@@ -157,7 +158,8 @@ def test_maps_count_a_release_once_and_deposits_each_fragment(bare):
 
 
 def test_the_row_of_a_boulder_is_its_recorded_path(bare):
-    """The recorded trajectory is that of the farthest fragment, from the release on."""
+    """The recorded trajectory is that of the fragment that travels farthest, from the release
+    on."""
     for number in np.unique(bare["trajectory_boulder"]):
         mine = bare["trajectory_boulder"].values == number
         path = np.stack([bare[f"trajectory_{axis}"].values[mine] for axis in "xyz"])
@@ -214,7 +216,8 @@ def test_limits_are_refused(tmp_path, monkeypatch, capsys):
 
 
 def test_what_statistics_count_is_said(folder, bare):
-    """Remarks give the validity of the rule, the fragments at lines, and the limit."""
+    """Remarks report the unvalidated rule, the number of fragments at lines, and the reached
+    limit."""
     texts = [one.text for one in model_remarks(bare, case_of(bare)) if one.is_warning]
     assert any(text.startswith("Breakage follows an unvalidated rule") for text in texts)
     (counted,) = (text for text in texts if " broke, into " in text)
@@ -226,7 +229,8 @@ def test_what_statistics_count_is_said(folder, bare):
 
 
 def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
-    """Blocks at rest are not the farthest fragments: refused by `back`, a note in `compare`."""
+    """Blocks at rest are not the farthest fragments: `back` refuses such a case, `compare` gives a
+    note."""
     observed = tmp_path / "stops.csv"
     observed.write_text("x,y\n150.0,100.0\n160.0,110.0\n")
     with pytest.raises(
@@ -238,14 +242,14 @@ def test_observations_are_not_those_of_fragments(folder, bare, tmp_path):
 
 
 def test_heights_at_a_line_use_the_fragment(bare):
-    """The upper edge is one fragment radius above its centre."""
+    """The upper edge at a line is a fragment's radius above its centre."""
     upper = line_values(bare, "upper_edge", 0) - at_lines(bare)["line_passing_height"].values[0]
     radius = np.cbrt(0.75 / np.pi * at_lines(bare)["line_volume"].values[0])
     np.testing.assert_allclose(upper, radius, rtol=1e-9)
 
 
 def test_splits_are_the_published_rule(folder):
-    """The kernel's fragments of a block compared with an independent implementation of the rule."""
+    """Fragments of a block equal an independent implementation of the published rule."""
     keys = {"at": "impact", "min_area_ratio": 0.25, "min_volume": 1e-4, "max_fragments": 10000}
     made = case(folder, obstacles=False, breakage=keys)
     volume, energy = 2.0, 1.2e4  # A_r = 0.26: a single series

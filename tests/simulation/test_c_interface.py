@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The C library is bit-identical to the Python package."""
+"""The C library gives results bit-identical to the Python package."""
 
 import ctypes
 from pathlib import Path
@@ -19,7 +19,7 @@ MESSAGE, TEXT = 1024, 256
 
 
 class Library:
-    """Scene and run of the library, by ctypes."""
+    """Scene and run of the C library, called through ctypes."""
 
     def __init__(self, scene, text):
         self.calls = ctypes.CDLL(LIBRARY)
@@ -52,7 +52,7 @@ class Library:
         self.check(self.calls.rockfall_advance(self.run, ctypes.c_int64(n), self.message))
 
     def results(self):
-        """Arrays by their names in files, in their shapes."""
+        """Arrays of the result, in their shapes, by their names in files."""
         text, length = ctypes.create_string_buffer(TEXT), (ctypes.c_int64 * 4)()
         at, k, found = ctypes.c_void_p(), 0, {}
         while self.calls.rockfall_array(self.run, k, text, length, ctypes.byref(at)):

@@ -50,7 +50,7 @@ def test_a_run_goes_on_where_it_was_killed(scene, tmp_path, monkeypatch):
 
 
 def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch):
-    """Each chunk and each save takes one second: saves begin every 21 seconds."""
+    """Chunks and saves take one second each: a save begins every 21 seconds."""
     now, begun = [0.0], []
 
     def slow(*_):
@@ -70,8 +70,8 @@ def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch
 
 
 def crash_at(monkeypatch, step):
-    """End the process before the n-th time that it syncs, renames or removes a file; return the
-    number of these calls."""
+    """Raise `Killed` at the `step`-th call, and all later ones, that syncs, renames or removes a
+    file; return the list of calls."""
     count = []
 
     def crashing(do):
@@ -103,8 +103,8 @@ def interrupted(run, *arguments, **how):
 
 @pytest.mark.all
 def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
-    """An interrupt right after the resumption precedes each crash, and another follows it; the
-    final result is that of a complete run."""
+    """Each crash has an interrupt at the start of the run before and after it; the final result is
+    that of a complete run."""
     whole, step, steps = simulate.run_scene(scene), 0, []
     before = tmp_path / "before"
     with monkeypatch.context() as patch, pytest.raises(Killed):
@@ -172,7 +172,7 @@ RUN = ["run", "case.nml", "--quiet"]
 
 
 def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
-    """The previous owner ends between opening and locking: the opened file no longer has a name."""
+    """The previous owner removes the lock between its opening and locking: it is locked again."""
     fcntl = pytest.importorskip("fcntl", reason="POSIX has these locks")
     output, flock, tries = tmp_path / "c", fcntl.flock, []
 

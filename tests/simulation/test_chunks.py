@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Chunks receive only the sources of their own boulders, without effect on results; a result is
-written without loading unused packages."""
+"""Chunks receive only the sources of their own boulders, without an effect on results; results are
+written without importing unused packages."""
 
 import copy
 import pickle
@@ -59,7 +59,8 @@ def test_any_chunk_and_part_starts_at_its_own_sources(tmp_path, chunk):
 @pytest.mark.parametrize("threads", every_third([2, 1]))
 @pytest.mark.parametrize("maps", [["passages", "energy_max"], ["passages", "hits"]])
 def test_a_call_whose_time_is_over_starts_no_more_boulders(tmp_path, monkeypatch, maps, threads):
-    """A call takes one batch per thread, in lanes and one by one, without effect on results."""
+    """A call whose time has passed runs only one batch per thread, in lanes or one by one, without
+    an effect on results."""
     case = case_in(tmp_path, boulders=40).replace(output={"maps": maps})
     whole, sizes = run(case, chunk=10**6), []
     advance = Run.advance
@@ -96,7 +97,7 @@ def test_texts_and_coordinates_beside_dimensions_are_kept(tmp_path):
 
 
 def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
-    """Four parts with maps and trajectories run at the same time, as on a Dask worker."""
+    """Four parts of a run with maps and trajectories run at the same time, as on a Dask worker."""
     case = make_case(
         tmp_path, *sets(), release={"x": [150.0], "y": [350.0], "drop_height": 5.0},
         case={"boulders": 400, "threads": 1}, output={"maps": ["passages"], "trajectories": 60},
@@ -109,7 +110,7 @@ def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
 
 
 def test_a_process_whose_threads_have_run_scenes_ends(place):
-    """OpenMP releases a thread's data when the thread ends, without a fault."""
+    """OpenMP releases the data of a thread as it ends: the process ends without a fault."""
     code = """if True:
         import faulthandler, threading, rockfall
         faulthandler.enable()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Contacts from impact tables last as long as in the laboratory, on any slope and for boulders of
-any size."""
+"""Contacts from impact tables last as long as in the laboratory, on any slope and for any size of
+boulder."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ CONTACTS = [
 
 
 def thrown(table, gradient, radius):
-    """Recorded boulders thrown at 8 m/s down a plane."""
+    """Result of boulders thrown at 8 m/s down a plane, all recorded."""
     name, _, shape = table.partition(" ")
     y = np.mgrid[99:-1:-1, 0:40][0] * 2.5
     z = 500 + gradient * y
@@ -39,7 +39,7 @@ def thrown(table, gradient, radius):
 
 
 def table_met(table, radius):
-    """Table for boulders of a given size."""
+    """Table that boulders of this radius [m] use."""
     name, _, shape = table.partition(" ")
     if name in shipped_tables():
         return open_table(shipped_tables()[name])
@@ -48,7 +48,7 @@ def table_met(table, radius):
 
 
 def durations(table, radius):
-    """Durations [s] in the records of a table, for boulders of a given size."""
+    """Durations [s] of all records of a table, for boulders of this radius [m]."""
     table = table_met(table, radius)
     duration = table.record[:, FIELDS.index("duration")].astype(float)
     unit = np.sqrt(radius / G)
@@ -67,7 +67,7 @@ def durations(table, radius):
 
 @pytest.mark.parametrize(("table", "gradient", "radius"), every_third(CONTACTS))
 def test_a_contact_lasts_as_long_as_one_of_the_laboratory(table, gradient, radius):
-    """Durations are exactly those of records, including sliding and waiting."""
+    """Durations are exactly those of records; sliding and waiting are included."""
     result = thrown(table, gradient, radius)
     motion = motion_of(result)
     last = motion.vertex[np.diff(motion.boulder, append=-1) != 0]  # it may leave the terrain

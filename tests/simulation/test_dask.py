@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs on a Dask cluster: bit-identical, also if a worker dies during the run."""
+"""Runs on a Dask cluster: bit-identical results, also if a worker dies."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ distributed = pytest.importorskip("distributed")
 
 @contextmanager
 def cluster_of_two(**how):
-    """Address of a cluster of two workers, and its client."""
+    """Yield the address of a cluster with two workers, and its client."""
     about = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, **how}
     with (
         distributed.LocalCluster(**about) as local,
@@ -30,7 +30,8 @@ def cluster_of_two(**how):
 
 @pytest.fixture(scope="module")
 def workers():
-    """Workers in this process, where libraries are loaded; all they get passes a socket."""
+    """Workers in this process, where libraries are loaded already; data reach them through a
+    socket."""
     with cluster_of_two(processes=False, protocol="tcp") as cluster:
         yield cluster
 
@@ -110,7 +111,7 @@ def test_where_nobody_answers(few_boulders, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.all
 def test_processes_of_this_machine_take_nothing_from_strangers(few_boulders):
-    """Other users of the machine can see the port, but have no credentials."""
+    """Other users of the machine can reach the port, but have no credentials."""
     pytest.importorskip("cryptography")
     with cluster._client("local:1") as client:
         address = client.scheduler.address

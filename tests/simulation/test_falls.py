@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Boulders by impact tables that fall from a height: rebounds beyond the records of a table are
-counted, and boulders from a greater height travel as far."""
+counted, and those that fall farther do not travel less far."""
 
 import itertools
 
@@ -36,15 +36,15 @@ STEADY = {"firm": 19.0, "hard": 18.0, "rocky-slope": 32.0}
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory):
-    """Folder with an impact table for each ground of GROUNDS."""
+    """Folder with a ground table of GROUNDS."""
     place = tmp_path_factory.mktemp("grounds")
     write_grounds(place)
     return place
 
 
 def fastest(name, shape, slope, radius=RADIUS, density=DENSITY):
-    """Speeds [m/s] of the fastest records in each part of a table used by the boulders, at the
-    incidence and spin of a vertical fall."""
+    """Maximum speeds [m/s] of records at the incidence and spin of a vertical fall, one for each
+    part of the table that the boulders use."""
     unit = np.sqrt(GRAVITY * radius)
     if name == "rocky-slope":
         data = open_table(shipped_tables()[name])
@@ -63,7 +63,7 @@ def fastest(name, shape, slope, radius=RADIUS, density=DENSITY):
 
 
 def _fastest_of_part(data, part, slope):
-    """Highest speed of a record over sqrt(g R_b), with the R_b of the part."""
+    """Maximum speed of records in a part, over sqrt(g R_b) with the R_b of the part."""
     sine2, no_spin = np.cos(np.radians(slope)) ** 2, 0.0
     i = int((data.edges["flight_edge_1"][part] < sine2).sum())
     j = int((data.edges["flight_edge_2"][part, i] < no_spin).sum())
@@ -75,7 +75,8 @@ def _fastest_of_part(data, part, slope):
 
 
 def beyond(folder, name, shape, speed, slope, radius=RADIUS, density=DENSITY):
-    """Number of 50 boulders whose first rebound is beyond the records."""
+    """Number of 50 boulders, thrown down at `speed` [m/s], whose first rebound is faster than the
+    records."""
     result = fall(
         folder, name, slope, 0.001, boulders=50, speed=speed, impact={"impact_limit": 1},
         boulder={"volume_mean": 4 / 3 * np.pi * radius**3, "density": density,
@@ -100,8 +101,8 @@ SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
     ],
 )
 def test_rebounds_beyond_the_records_are_counted(folder, name, shape, size):
-    """No rebound is counted below the lowest limit of a table's parts, and each above the highest.
-    Sizes and densities have separate limits."""
+    """Rebounds are counted if they are faster than the records of all parts, and not if they are
+    slower than the limit of each part. Limits depend on size and density."""
     if name == "rocky-slope":
         size = (RADIUS, size[1])
     slope = (STEADY | YIELDS)[name]

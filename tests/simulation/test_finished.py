@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`--resume` of finished runs, and a repeated merge: exit 0, one line, no byte changes."""
+"""`--resume` of a finished run, and a merge repeated: exit status 0, one line, and no byte
+changes."""
 
 import contextlib
 import subprocess
@@ -18,7 +19,7 @@ FINISHED = "already contains the finished run of this case: nothing was changed"
 
 
 def prepare(folder):
-    """Small case, the same prepared for rockfall-batch, and the results of both."""
+    """Write a small case, prepare it for rockfall-batch, and run it with both programs."""
     slope_case.write_slope(folder)
     with contextlib.chdir(folder):
         assert by_python("-o", "rockfall.nc") == 0
@@ -29,7 +30,8 @@ def prepare(folder):
 
 @pytest.fixture
 def case(gallery, tmp_path, monkeypatch):
-    """Small case, and the same prepared for rockfall-batch."""
+    """Work in a folder with a small case, prepared and run with both programs; return the
+    folder."""
     monkeypatch.chdir(tmp_path)
     gallery.copy("finished", prepare, tmp_path)
     for path in Path().glob("rockfall*.nc"):
@@ -67,7 +69,8 @@ def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
 
 @pytest.mark.parametrize("shard", [(), ("--shard", "2/2")])
 def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
-    """A part of a run is finished for both programs; a part with all boulders is not a result."""
+    """A part of a run is finished for both programs. A part with all boulders is not a result of
+    Python."""
     assert by_batch("-o", "a.nc", *shard) == 0
     assert by_python("-o", "a.nc", "--resume", *shard) == (0 if shard else 2)
     said = FINISHED if shard else "already exists; not overwritten (--overwrite replaces it)"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs over several grounds: bit-identical however they are cut, in both programs; consistent
+"""Runs over several grounds: bit-identical however they are divided, in both programs; consistent
 counts; and properties of all classical rebounds."""
 
 import numpy as np
@@ -31,7 +31,8 @@ road,3,constant,0.9,,,4,0.4,test
 
 
 def mixed(folder, **groups):
-    """Full case on `rough` with stripes of all models and of the case's sets."""
+    """Case with every output on `rough`, with stripes of all models and of the case's impact
+    sets."""
     (folder / "grounds.csv").write_text(OWN)
     surface = {"uniform_mean_radius": 0.1, "ground_map": "given", "ground_table": "grounds.csv"}
     return case_in(folder, surface=surface, **place(), **groups)
@@ -73,7 +74,8 @@ TABLES = "impact tables of rockfall's laboratory"
 
 
 def test_a_result_names_the_models_of_its_rebounds(whole, tmp_path):
-    """The file names models in English, whatever the language; sets may be unused."""
+    """The file has the names of the models in English, whatever the language; sets are not among
+    them if no rebound uses them."""
     classical = "rockyfor3d; pfeiffer bowen; constant; bourrier hungr"
     _, result = whole
     start, _, last = result.attrs["source"].partition("classical models: ")
@@ -141,7 +143,8 @@ def test_a_written_result_is_read_as_it_was(whole, tmp_path):
     ],
 )
 def test_both_programs_give_the_same_bits(batch, tmp_path, way):
-    """Grounds are given by zones with their own set, by a raster, everywhere, or in windows."""
+    """Grounds are given by zones with an impact set of their own, by a raster, everywhere, or read
+    in windows."""
     (tmp_path / "grounds.csv").write_text(OWN)
     (tmp_path / "calm.nml").write_text(CALM_SETS)
     rows = "zone,mean_radius,ground\n4,0.25,{}\n-2,,{}\n77,inf,\n"
@@ -194,7 +197,8 @@ def test_energy_never_grows_and_is_accounted_for(whole):
 
 
 def test_a_mirrored_scene_has_mirrored_boulders(tmp_path):
-    """With east and west exchanged, headings turn the other way, and all else is unchanged."""
+    """With east and west exchanged, headings turn to the other side, and all other values are
+    unchanged."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
     found = []
     for side in (1, -1):
@@ -216,7 +220,8 @@ def test_a_mirrored_scene_has_mirrored_boulders(tmp_path):
 
 
 def test_no_random_number_of_anything_else_changes(tmp_path):
-    """Boulders have the same volumes; those on the case's own ground have the same paths."""
+    """With another ground below the line, volumes are unchanged, and so are the paths of boulders
+    that do not reach it."""
     z = rough()
     ids = np.zeros(z.shape, np.int32)
     ids[40:] = 3
@@ -257,7 +262,8 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
-    """A plane of 33 degrees holds boulders on talus, not on meadow; rest_angle has priority."""
+    """Boulders may rest on a plane of 33 degrees of talus, but not of meadow; a given rest angle
+    has priority."""
 
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of passing heights: of the centre, vertically, as at the lines."""
+"""Maps of passing heights: vertical, and of the centre, as at lines."""
 
 import numpy as np
 import pytest

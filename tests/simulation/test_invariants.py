@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Properties of a slope with thousands of boulders: threads and chunks have no effect, totals add
-up. Properties of any scene, shifted, rotated, mirrored or scaled: tests/fuzz/test_properties.py."""
+"""Properties of a slope with thousands of boulders: threads and chunks have no effect, and totals
+add up. tests/fuzz/test_properties.py has properties of scenes that are shifted, turned, mirrored or
+scaled."""
 
 import numpy as np
 import pytest
@@ -28,21 +29,21 @@ ALL = {"line": LINES, "output": {"maps": MAPS, "rebounds": True, "trajectories":
 
 
 def slope():
-    """Rough ground with a nodata hole."""
+    """Rough slope with a hole."""
     z = scenes.rough()
     z[60:64, 25:28] = np.nan
     return z
 
 
 def river():
-    """Rocks of random size, with an absorbing river across the foot."""
+    """Rock sizes, random except in an absorbing river across the foot of the slope."""
     rocks = np.random.default_rng(8).uniform(0.1, 0.6, SHAPE).astype("f4")
     rocks[74:76, :35] = np.inf
     return rocks
 
 
 def make_case(folder, boulders=500, scatter=2.0, **groups):
-    """Case on `slope` with `river`, by default with every status."""
+    """Case on `slope` with `river`, whose boulders have every status unless groups are changed."""
     usual = {
         "case": {"boulders": boulders},
         "surface": {"mean_radius": "given"},
@@ -69,13 +70,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def crowd(folder):
-    """5000 boulders with every output, on one thread, in one chunk."""
+    """Result of 5,000 boulders with every output, on one thread and in one chunk."""
     return run(make_case(folder, 5000, **ALL), threads=1, chunk=5000)
 
 
 @pytest.fixture(scope="module")
 def plain(folder):
-    """Boulders without optional outputs."""
+    """Result without optional outputs."""
     return run(make_case(folder))
 
 
@@ -155,8 +156,8 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
 
 
 def _limits_are_those_of_the_lines(result, alone, name):
-    """Both limits exist from `thin_below` passages on, and each where a line would have it; it lies
-    within one bin of the adjacent order statistics."""
+    """Limits exist from `thin_below` passages on, each if a line would have it, and are within one
+    bin of the adjacent order statistics."""
     level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625, "p": 0.0625}[name[0]]
     low, high = (result[f"{name}_{end}"].values for end in ("low", "high"))
     count = (~np.isnan(alone)).sum(axis=0)
@@ -173,8 +174,8 @@ def _limits_are_those_of_the_lines(result, alone, name):
 
 
 def _quantiles(values, level):
-    """Quantiles of each column as at the lines, and the order statistics around them, without NaN;
-    much faster than `np.nanquantile`."""
+    """Quantile of each column as at lines, and the order statistics below and above it, without
+    NaN. Much faster than `np.nanquantile`."""
     ordered = np.sort(values, axis=0)  # NaN last
     place = level * ((~np.isnan(values)).sum(axis=0) - 1)
     below, above = (
@@ -185,7 +186,7 @@ def _quantiles(values, level):
 
 
 def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
-    """Run each boulder alone to obtain its maxima in each cell."""
+    """Boulders are run one by one to obtain their maxima in each cell."""
     case = make_case(folder, 400, scatter=1.0, output={"maps": MAPS})
     z = slope()
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
@@ -229,7 +230,8 @@ def test_means_and_quantiles_of_cells_are_those_of_their_boulders(folder):
 
 
 def test_quantiles_need_room_for_the_cells_that_boulders_reach(folder, monkeypatch):
-    """Memory suffices if there is less than all cells would need; otherwise one line reports it."""
+    """Memory for the cells that boulders reach is sufficient, although less than for all cells;
+    with less, one line reports it."""
     z, case = slope(), make_case(folder, 100, output={"maps": MAPS})
     scene = read_scene(case, dem=z, transform=scenes.grid(z, CELL), mean_radius=river())
     whole = simulate.run_scene(scene)
@@ -256,14 +258,14 @@ def test_deposits_lie_where_boulders_stopped(crowd):
 
 
 def ways(result):
-    """x, y, time of the vertices of each recorded boulder."""
+    """Yield x, y and time (3, n) at the vertices of each recorded boulder."""
     for number in np.unique(result.trajectory_boulder.values):
         mine = result.trajectory_boulder.values == number
         yield np.stack([result[f"trajectory_{name}"].values[mine] for name in ("x", "y", "time")])
 
 
 def cells_under(x, y):
-    """Cells (row, column) below a polyline in plan."""
+    """Set of the cells (row, column) below a polyline in plan."""
     found = set()
     for k in range(len(x) - 1):
         cuts = [0.0, 1.0]
@@ -291,7 +293,7 @@ def test_passages_are_the_cells_under_the_trajectories(folder):
 
 @pytest.mark.parametrize(("limit", "at_start"), [(4, False), (5, True), (8, False), (10, True)])
 def test_greatest_speed_is_that_of_the_trajectory(folder, limit, at_start):
-    """Speed has its maximum at an end of a flight; if spin turns into speed, also at its start."""
+    """The maximum speed is at the end of a flight or, if spin turns into speed, at its start."""
     quarter, k = np.sqrt(0.5), np.sqrt(0.4)
     fixed = np.array([quarter, 0, -quarter * k, 0.2, -0.3, 0, quarter / k, 0, quarter])
     z = scenes.rough(relief=0.0)
@@ -310,7 +312,8 @@ def test_greatest_speed_is_that_of_the_trajectory(folder, limit, at_start):
 
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
-    """Counts equal the trajectories'; with both rules, rebounds use the range of their set."""
+    """Counts of rebounds outside the fit ranges are those of the trajectories, by the ranges of the
+    set that each rebound used."""
     case = make_case(folder, 300, impact={"ratio": ratio}, output={"trajectories": 300})
     result = run(case)
     size, in_t, in_n = (result[f"trajectory_{name}"].values for name in ("ratio", "in_t", "in_n"))
@@ -332,7 +335,7 @@ def test_rebounds_outside_what_the_set_was_fitted_on(folder, ratio):
 
 
 def test_what_a_set_was_fitted_on_changes_no_boulder(folder):
-    """A set without ranges counts as fitted on everything."""
+    """Fit ranges change no boulder; without ranges no rebound is counted as outside."""
     told = run(make_case(folder, 200, **ALL))
     untold = run(make_case(folder, 200, more=scenes.lateral, **ALL))
     counts = {"rebounds_out_of_speed", "rebounds_out_of_angle"}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`&output kept`: statistics of boulders without rows equal those from rows, and are bit-identical
-for parts, threads, kills and the standalone program."""
+"""`&output kept`: statistics without the rows of boulders are those from rows, and are
+bit-identical for parts, threads, kills and rockfall-batch."""
 
 from html import unescape
 
@@ -82,7 +82,8 @@ def test_statistics_are_those_of_the_rows(full, counted):
 
 
 def test_counts_with_a_tail_are_values(unit=1000.0):
-    """The 100 largest of 20,000 values of both signs, from 40 sources, are stored one by one."""
+    """Statistics from bins and the 100 largest values agree with those of all 20,000 values, of
+    both signs and from 40 sources."""
     random = np.random.default_rng(1)
     source = Sources.of(np.arange(20_000) % 40)
     values = random.normal(5.0 + source.number / 10, 4.0)
@@ -138,7 +139,7 @@ def test_neither_chunks_threads_nor_parts_change_a_bit(case):
 
 
 def killed(scene, output, monkeypatch, chunks):
-    """Checkpoint of a run killed after some chunks."""
+    """Checkpoint of a run that was killed after some chunks."""
     with monkeypatch.context() as patch:
         killed_after(patch, chunks)
         with pytest.raises(Killed):
@@ -188,7 +189,8 @@ def test_the_standalone_program_gives_the_same_bits_and_goes_on_with_a_part(batc
 
 
 def test_sources_that_are_many_share_groups_and_intervals_are_no_shorter(tmp_path):
-    """Neighbours share a stratum, which includes their differences."""
+    """Many sources share groups, so that their intervals include differences within a group and are
+    up to 1.6 times as wide."""
     x = np.linspace(100.0, 200.0, 1500)
     release = {"x": x, "y": np.full(x.size, 380.0), "drop_height": 5.0}
     case = case_in(tmp_path, case={"boulders": 2}, release=release, output={})
@@ -235,7 +237,7 @@ NET = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "ca
 
 
 def kept_with_a_net(case):
-    """Run that keeps rows of 60 of its 3,000 boulders, with a net."""
+    """Result with a net, with rows of 60 of its 3,000 boulders."""
     return run(case.replace(output={"kept": 60}, barrier=[NET]))
 
 

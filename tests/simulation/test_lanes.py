@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders in lanes are bit-identical to boulders one by one, for any processor, threads and
-chunks."""
+"""Boulders run in lanes are bit-identical to boulders run one by one, on any processor and with any
+threads and chunks."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def carried(scene, lanes, **how):
 
 
 def slope(folder, line=LINES, barrier=(), **groups):
-    """Rough ground with a slope of 0.8, a nodata hole, and an edge that boulders cross."""
+    """Scene of a rough slope of 0.8 with a hole and an edge that boulders cross."""
     z = rough()
     z[60:64, 25:28] = np.nan
     sources = {"x": [60.0, 150.0, 293.0], "y": [380.0] * 3, "drop_height": 5.0}
@@ -129,7 +129,8 @@ def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
 
 @pytest.mark.parametrize("lanes", every_third([MASKED, ONE_BY_ONE]))
 def test_a_line_has_the_same_crossings_among_many(tmp_path, lanes):
-    """Many lines have a spatial index; few lines are all compared with each flight."""
+    """Many lines are found by a spatial index, few by comparison with each flight: the crossings
+    are the same."""
     random = np.random.default_rng(7)
     x = random.uniform(5.0, 295.0, (40, 3))
     y = random.uniform(100.0, 380.0, (40, 1)) + random.uniform(-60.0, 20.0, (40, 3))

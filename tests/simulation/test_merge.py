@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of a run: merged, they equal the run; anything else is refused with the file's name."""
+"""Parts of a run: merged, they are the run; other files are refused by name."""
 
 import shutil
 import warnings
@@ -45,7 +45,8 @@ def test_parts_joined_in_any_order_are_the_run(tmp_path, case, of):
 
 
 def test_the_run_is_dated_by_its_last_part(case):
-    """Order and time zones may vary; parts without dates, from older versions, are accepted."""
+    """The date is the latest of the parts, in any order and time zone; parts of older versions have
+    none."""
     dates = ["2026-11-23T23:30:00+01:00", "2026-11-23T23:00:00+00:00", ""]
     parts = [
         run(case, shard=(k, 3)).assign_attrs(date_created=date)
@@ -156,7 +157,7 @@ def test_a_wrong_shard_is_refused_in_one_line(few_boulders, tmp_path, monkeypatc
 
 
 def change_table(folder):
-    """Change the ids in the .dbf of a shapefile from 1 to 2."""
+    """Change the zone in the .dbf of a shapefile from 1 to 2."""
     path = folder / "zones.dbf"
     content = path.read_bytes()
     assert content.endswith(b"1\x1a")
@@ -164,7 +165,7 @@ def change_table(folder):
 
 
 def change_statistics(folder):
-    """Add an offset for the elevations, stored next to a raster as by GDAL."""
+    """Write an offset for elevations to a file next to the raster, as GDAL does."""
     (folder / "tile.tif.aux.xml").write_text(
         '<PAMDataset><PAMRasterBand band="1"><Offset>1</Offset></PAMRasterBand></PAMDataset>'
     )
@@ -182,7 +183,8 @@ def change_mask(folder):
 
 
 def make_shapefile(folder):
-    """Write zone 1 everywhere, and a table of zones 1 and 2."""
+    """Write a shapefile with zone 1 everywhere and a table of zones 1 and 2; return keys of
+    &surface."""
     pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     shapely = pytest.importorskip("shapely")
     wkb = np.array([shapely.to_wkb(shapely.box(0, 0, 300, 400))], object)

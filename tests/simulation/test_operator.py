@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Default random operator of a case, and the meaning of ground names."""
+"""Default rebound model of a case, and what the name of a ground means."""
 
 from pathlib import Path
 
@@ -92,7 +92,7 @@ def models(folder, surface=(), **impact):
 
 
 def uncertain(folder, surface, *names, **impact):
-    """Uncertain inputs of a scene with given names in &ensemble sets."""
+    """Uncertain inputs of a scene for the given names in &ensemble sets."""
     case = case_in(
         folder, surface=SIZE | surface, impact=impact, ensemble={"sets": [*names], "runs": 8},
         **place(),
@@ -122,7 +122,8 @@ def test_rows_of_ones_own_table_come_first(tmp_path):
 
 
 def test_a_row_and_the_table_of_all_else_may_not_share_a_name(tmp_path):
-    """Zones with the name of the row would use the table."""
+    """A row of a ground table is refused if it has the name of the case's table, because zones with
+    this name would use the table."""
     (tmp_path / "own.csv").write_text("name,model,r_n,r_t,source\nmeadow,constant,0.3,0.8,mine\n")
     (tmp_path / "zones.csv").write_text("zone,mean_radius,ground\n1,0.2,meadow\n2,0.2,\n")
     zones = {"zones": "given", "table": "zones.csv", "ground_table": "own.csv"}
@@ -148,7 +149,7 @@ def test_a_file_of_a_table_is_a_ground(tmp_path):
 
 
 def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
-    """Each draw equals the run with its sets and its table."""
+    """Each draw is the run with its impact sets and its table."""
     write_sets(tmp_path / "other.nml", *sets(1.5))
     ground = {"ground": "talus"}
     case = case_in(
@@ -167,7 +168,7 @@ def test_sets_and_the_ground_of_a_zone_are_uncertain_together(tmp_path):
 
 
 def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
-    """Tables would be alternatives to the sets, and not drawn together with them."""
+    """An impact table is refused as an alternative to impact sets."""
     says = "is an impact table, which can only replace an impact table, not laboratory-spheres"
     for others in ([], ["laboratory-spheres"]):
         with refused(f"case: &ensemble sets = 'talus': {says}"):
@@ -175,7 +176,8 @@ def test_a_table_does_not_stand_in_for_impact_sets(tmp_path):
 
 
 def test_a_name_that_has_no_effect_is_warned_of(tmp_path):
-    """Sets and tables have no effect next to a ground for everything; a form has no warning."""
+    """Impact sets and tables have no effect, and a warning, next to a ground for the complete case.
+    A form alone has no warning."""
     mine = str(write_sets(tmp_path / "mine.nml", *sets(1.5)))
     for key, name in ("table", "unknown"), ("sets", mine):
         scene = read_scene(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Other libraries that have started OpenMP threads in the process: bit-identical results, with the
-number of threads given in the case."""
+"""Other libraries that have started OpenMP threads in the process: results are bit-identical, with
+the number of threads of the case."""
 
 import importlib.util
 import os
@@ -51,7 +51,8 @@ print(digest.hexdigest(), result.attrs["threads"])
 
 
 def outcome(first, folder):
-    """Hash of all variables, and threads, of a run after other code in the same process."""
+    """Hash of all variables of a run, and its number of threads, in a process that first executes
+    the code `first`."""
     env = os.environ | {"OMP_NUM_THREADS": "2"}
     command = [sys.executable, "-c", first + RUN]
     done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)

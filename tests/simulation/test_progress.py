@@ -16,7 +16,7 @@ LINE = re.compile(r"rockfall: ([\d,]+) of ([\d,]+) (\w+), ([\d,]+) s left")
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Seconds set by a test."""
+    """Time [s] that a test sets, in a list of one number."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     monkeypatch.delenv("ROCKFALL_PROGRESS", raising=False)

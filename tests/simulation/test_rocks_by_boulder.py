@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Separate rock sizes for each boulder (`&boulder mean_radius_sigma`): R_b/R_m of rebounds, its
+"""Rock sizes that vary by boulder (`&boulder mean_radius_sigma`): R_b/R_m of rebounds, its
 distribution, bit-identical results, and refusals."""
 
 import numpy as np
@@ -36,8 +36,8 @@ def first_ratios(result):
     ({"uniform_mean_radius": 0.25}, {"breakage": {"at": "impact", "min_area_ratio": 0.3}}),
 ], ids=["between", "nearest", "method A", "rocky-slope", "fragments"])  # fmt: skip
 def test_a_boulder_has_the_bits_of_a_run_on_its_own_rocks(tmp_path, surface, groups):
-    """Rocks have the median radius times exp(-s z), where z is the boulder's ground strength; also
-    for fragments."""
+    """The rocks of a boulder, and of its fragments, have the median radius times exp(-s z), where z
+    is its ground strength."""
     z = rough()
     arrays = {"dem": z, "transform": grid(z)}
     case = case_in(tmp_path, surface=surface, case={"boulders": 40}, **place(), **groups)
@@ -73,7 +73,7 @@ def test_ratios_are_lognormal(tmp_path):
 
 
 def mixed(folder):
-    """Case with impact sets, an impact table and a classical ground, with rows and arrays."""
+    """Case with impact sets, impact tables and a classical ground in zones, and its arrays."""
     (folder / "zones.csv").write_text(
         "zone,mean_radius,ground\n1,0.25,\n2,0.4,talus\n3,0.2,soil_4\n4,0.3,rocky-slope\n"
     )
@@ -104,7 +104,8 @@ def test_no_bit_depends_on_lanes(spread, lanes):
 
 @pytest.mark.parametrize("output", [{}, {"maps": None, "trajectories": None}])
 def test_lanes_with_impact_sets_alone(tmp_path, output):
-    """For impact sets alone, the tracer has a version without other grounds."""
+    """Runs by impact sets alone have a compiled loop of their own: in lanes it is bit-identical
+    too."""
     case = case_in(tmp_path, boulder={"mean_radius_sigma": SIGMA}, **place())
     z = rough()
     scene = read_scene(case.replace(output=output), dem=z, transform=grid(z))
@@ -144,7 +145,7 @@ def test_zero_is_none(tmp_path):
 
 
 def test_classical_grounds_keep_their_obstacles(tmp_path):
-    """Only R_b/R_m of impact sets and their tables changes."""
+    """Only R_b/R_m of impact sets and of their tables changes."""
     case, arrays = mixed(tmp_path)
     (tmp_path / "zones.csv").write_text(
         "zone,mean_radius,ground\n1,0.25,soil_4\n2,0.4,talus\n3,0.2,soil_4\n4,0.3,\n"
@@ -160,7 +161,7 @@ def test_classical_grounds_keep_their_obstacles(tmp_path):
 
 
 def test_the_preview_has_neutral_slopes_of_all_boulders(tmp_path):
-    """Boulders of one volume have the R_b/R_m of the middle 90 % of rock sizes."""
+    """For boulders of one volume, the range of R_b/R_m is that of the middle 90 % of rock sizes."""
     z = rough()
     case = case_in(tmp_path, **place()).replace(case={"boulders": 20})
     plain, wide = (

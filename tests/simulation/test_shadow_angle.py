@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shadow angles: from the apex of the talus, at the cliff's foot, to each boulder's end."""
+"""Shadow angles: from the apex of the talus at the foot of the cliff to the end of each boulder."""
 
 import numpy as np
 import pytest
@@ -20,20 +20,22 @@ OBSERVED = {"shadow_angle": 30.0}
 
 
 def profile(s, *slopes):
-    """Elevation [m] along the fall line [m], with slopes [degree] between EDGE, FOOT, TOE."""
+    """Elevations [m] at distances `s` along the fall line [m]; slopes [degree] change at EDGE, FOOT
+    and TOE."""
     falls = np.diff([EDGE, FOOT, TOE, 2 * SIDE]) * np.tan(np.radians(slopes))
     return np.interp(s, [-SIDE, EDGE, FOOT, TOE, 2 * SIDE], 900 - np.cumsum([0, 0, *falls]))
 
 
 def along(x, y, azimuth=180.0):
-    """Distance along the fall line [m] through the middle of the terrain."""
+    """Distance [m] of a point along the fall line through the middle of the terrain."""
     across, up = x - SIDE / 2, y - SIDE / 2
     east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
     return SIDE / 2 + across * east + up * north
 
 
 def place(s, azimuth=180.0):
-    """Coordinates of a point on the fall line through the middle."""
+    """Coordinates of the point at distance `s` on the fall line through the middle of the
+    terrain."""
     away = s - SIDE / 2
     return (SIDE / 2 + away * np.sin(np.radians(azimuth)),
             SIDE / 2 + away * np.cos(np.radians(azimuth)))  # fmt: skip
@@ -54,7 +56,8 @@ def run(folder, z, at, cell=5.0, observed=OBSERVED, boulders=60, **how):
 
 
 def by_hand(result, apex, source):
-    """Angles [degree] of the lines from an apex (x, y, z)."""
+    """Shadow angles [degree] from an apex (x, y, z); 90 for boulders that end within 20 m of it or
+    above it."""
     x, y, z = (result[f"stop_{axis}"].values for axis in "xyz")
     away = np.hypot(x - source[0], y - source[1])
     away -= np.hypot(apex[0] - source[0], apex[1] - source[1])
@@ -79,7 +82,7 @@ def test_the_apex_is_the_foot_of_the_cliff(tmp_path, cell, azimuth):
 
 
 def test_a_node_at_the_break_is_the_apex(tmp_path):
-    """Cells of 5 m with centres at the break: the angle is exactly that of the line."""
+    """With the centre of a cell at the break, the angle is exactly that of the line."""
     source, z = place(EDGE + 12.5), slope()
     rows = SIDE - 5.0 * (np.arange(len(z)) + 0.5)
     z = np.repeat(profile(SIDE - rows + 2.5, CLIFF, TALUS, 0.0)[:, None], len(z), 1)
@@ -91,7 +94,8 @@ def test_a_node_at_the_break_is_the_apex(tmp_path):
 
 
 def descent(z, cell, source, length=400.0):
-    """Points (n, 3) of the steepest descent from a source, one per metre; gradients over 20 m."""
+    """Points (n, 3) of the steepest descent from a source, one per metre, by gradients over 20
+    m."""
     at, points = np.array(source), []
 
     def height(x, y):
@@ -120,7 +124,8 @@ def descent(z, cell, source, length=400.0):
     ],
 )
 def test_the_apex_is_the_foot_of_the_whole_face_on_any_cells(tmp_path, cell, s, slopes, foot):
-    """The apex is within 5 m and half a cell of the foot, on cells of 1 to 10 m of rough ground."""
+    """On rough ground with cells of 1 to 10 m, the apex is within 5 m and half a cell of the
+    foot."""
     falls = np.diff(s) * np.tan(np.radians(slopes))
 
     def elevation(along):
@@ -149,7 +154,8 @@ def test_a_source_below_the_cliff_is_its_own_apex(tmp_path):
 
 @pytest.mark.parametrize("slopes", [(CLIFF, -CLIFF, 0.0), (CLIFF, CLIFF, CLIFF)])
 def test_a_pit_or_the_end_of_the_terrain_gives_no_number(tmp_path, slopes):
-    """A cliff down to a pit, and a cliff that continues to the edge."""
+    """No angle is given for a cliff above a pit, nor for one that continues to the edge of the
+    terrain."""
     result = run(tmp_path, slope(slopes=slopes), place(EDGE + 12.5), boulders=20)
     assert np.isnan(result["shadow_angle"]).all()
     (text,) = [r.text for r in model_remarks(result, case_of(result))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Job array run manually: a loop over SLURM_ARRAY_TASK_ID, then the merge."""
+"""Job array run by hand: a loop over SLURM_ARRAY_TASK_ID, then the merge."""
 
 import os
 import stat
@@ -15,7 +15,7 @@ from rockfall.cli import main
 
 @pytest.fixture
 def commands(tmp_path):
-    """Environment of a job: `sbatch` in PATH, without the programs of rockfall."""
+    """Environment of a job: `sbatch` is on the PATH, the programs of rockfall are not."""
     folder = tmp_path / "bin"
     folder.mkdir()
     (folder / "sbatch").write_text('#!/bin/sh\necho "$@" >>jobs.txt\necho 4711\n')

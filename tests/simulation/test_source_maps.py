@@ -16,7 +16,7 @@ LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
 
 def scattered(sources):
-    """Source cells near each other, so that they reach common cells."""
+    """Terrain and a raster of adjacent source cells, whose boulders reach common cells."""
     cells = np.zeros(Z.shape, int)
     rows, columns = 4 + np.arange(sources) // 30, 15 + np.arange(sources) % 30
     cells[rows, columns] = 1
@@ -30,7 +30,8 @@ def case_of(folder, n, maps=MAPS, **release):
 
 
 def by_brute_force(case, arrays):
-    """Number of sources that reach each cell, and of their boulders, from a run for each source."""
+    """Number of sources that reach each cell, and of their boulders, from one run for each
+    source."""
     scene = read_scene(case.replace(output={"maps": ["passages"]}), **arrays)
     sources, released = np.zeros((2, *Z.shape), int)
     for source in range(scene.x.size):
@@ -100,7 +101,8 @@ def test_sources_of_unequal_release(tmp_path):
 
 
 def test_a_part_tells_of_its_own_boulders(tmp_path):
-    """The second half of a run has 100 boulders of the second source and 200 of the third."""
+    """The second half of a run counts its own boulders, 100 of the second source and 200 of the
+    third."""
     case, arrays = case_of(tmp_path, 200), scattered(3)
     part = rockfall.run(case, **arrays, shard=(2, 2))
     assert part.attrs["boulder_first"] == 301
@@ -133,7 +135,7 @@ def test_an_interrupted_run_tells_of_the_boulders_done(tmp_path, monkeypatch):
 
 
 class _after:
-    """Interrupt after a number of chunks."""
+    """Context that interrupts a run after a number of chunks."""
 
     def __init__(self, chunks):
         self.left = chunks

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Crossings moved to a file during a run equal crossings kept in memory."""
+"""Crossings moved to a file during a run are the same as in memory."""
 
 import errno
 
@@ -23,7 +23,7 @@ NET = {"name": "net", "x": [0.0, 295.0], "y": [200.0, 200.0], "height": 2.0, "ca
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    """Scene with barriers and breakage, whose crossings are read in small blocks and pieces."""
+    """Scene with barriers and breakage; crossings are read in small blocks."""
     monkeypatch.setattr(spilled_crossings, "BLOCK", 70)
     monkeypatch.setattr(spilled_crossings, "PIECE", 50)
     line = [{"name": f"{k}", "x": [0.0, 295.0], "y": [y, y]}

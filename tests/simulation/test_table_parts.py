@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of an impact table used by boulders, from tables with identifiable parts: parts adjacent to
-their size and relief, on ground with strength that varies between boulders."""
+"""Parts of an impact table that boulders use: those adjacent in size and relief, also if the
+strength of the ground varies between boulders. Tables have parts that can be identified."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ def volume_of(radius):
 
 
 def radius_of(size):
-    """R_b [m] of a boulder with DENSITY and a given size over STRENGTH."""
+    """R_b [m] of a boulder of DENSITY for which rho g R_b is `size` times STRENGTH."""
     return size * STRENGTH / (DENSITY * G)
 
 
 def coded_table(path, ground, columns=COLUMNS, rows=ROWS):
-    """Write a table with identifiable parts: part k changes V_n to code(k) |V|, and stops all other
-    motion."""
+    """Write a table whose parts can be identified: part k gives V_n = code(k) |V| and stops all
+    other motion. Return its name."""
     parts = len(columns) * len(rows)
     record = np.zeros((2 * parts, len(FIELDS)), "f4")
     speed = FIELDS.index("speed_in")
@@ -57,7 +57,7 @@ def code(part):
 
 
 def parts_met(result):
-    """Parts of a coded table used by each recorded boulder, in order."""
+    """Parts of a coded table that each recorded boulder uses, in order."""
     found = []
     for t, n, out in vertices_of(result, "in_t", "in_n", "out_n"):
         met = np.hypot(t, n) > 0
@@ -68,7 +68,8 @@ def parts_met(result):
 
 
 def first_parts(result):
-    """Column and row of the first part used by each boulder; it must not change."""
+    """Column and row of the part that each boulder uses, which must be the same for all its
+    contacts."""
     parts = parts_met(result)
     assert len(parts) == result.sizes["boulder"]
     assert all((one == one[0]).all() for one in parts)
@@ -81,7 +82,7 @@ def plane(slope=30.0, cell=2.5):
 
 
 def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
-    """Boulders of a given radius that contact a coded table several times."""
+    """Case of boulders with a radius [m], which have some contacts by a coded table."""
     coded_table(folder / "coded.nc", ground)
     usual = {
         "case": {"boulders": boulders, "seed": 7},
@@ -95,12 +96,14 @@ def coded_case(folder, ground, boulders=4000, *, radius, boulder=(), **groups):
 
 
 def near(count, n, p):
-    """Return whether `count` of n boulders fits probability p, within four standard errors."""
+    """Return True if a count of n boulders agrees with probability p, within four standard
+    errors."""
     return abs(count - n * p) <= 4 * np.sqrt(n * p * (1 - p)) + 1e-9
 
 
 def weights(values, x):
-    """Probability of each of increasing values: linear interpolation, the outermost beyond."""
+    """Probability of each of `values` (increasing) by linear interpolation at x; beyond them, the
+    outermost has probability 1."""
     x = np.clip(x, values[0], values[-1])
     return np.array([np.interp(x, values, row) for row in np.eye(len(values))])
 
@@ -125,7 +128,8 @@ def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
 @pytest.mark.all
 @pytest.mark.parametrize("relief", [3.0, 8.0, 9.0, 13.0, 19.0, 30.0])
 def test_boulders_take_the_rows_beside_their_relief_linearly(tmp_path, relief):
-    """Rows are used in proportion to the relief, independently of the columns."""
+    """The two rows next to the relief are used in proportion to their distance, independently of
+    the columns."""
     own = np.sqrt(COLUMNS[0] * COLUMNS[1])
     ground = YieldingGround(38.0, STRENGTH, relief=relief)
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())
@@ -156,8 +160,8 @@ def test_ratios_of_rocks_are_interpolated_likewise(tmp_path):
 
 
 def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
-    """Strength proportional to R_b: the column is the same for any size. Relief with exponent 0.6:
-    a boulder four times as large meets 4^-0.4 of its slope."""
+    """With a strength proportional to R_b, every size uses the same columns. With a relief of
+    exponent 0.6, a boulder four times as large has a relief smaller by 4^-0.4."""
     ground = YieldingGround(
         38.0, STRENGTH, strength_radius=0.5, relief=18.0, relief_radius=0.5, hurst=0.6
     )
@@ -175,7 +179,7 @@ def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
 
 @pytest.mark.parametrize(("k", "m"), every_third([(3.0, 1.0), (1.0, 0.7), (5.0, 1.2)]))
 def test_size_density_and_strength_are_one_axis(tmp_path, k, m):
-    """Boulders use the same parts if R_b is multiplied by k, density by m, and strength by k m."""
+    """Boulders use the same parts if R_b is multiplied by k, density by m and strength by k m."""
     found = []
     for k_, m_ in ((1.0, 1.0), (k, m)):
         ground = YieldingGround(38.0, k_ * m_ * STRENGTH, 0.6, relief=11.0)
@@ -198,8 +202,8 @@ def test_gravity_is_part_of_the_axis(tmp_path):
 
 @pytest.mark.parametrize("sigma", every_third([0.3, 1.0]))
 def test_strengths_are_lognormal(tmp_path, sigma):
-    """Columns are used as often as by a lognormal strength, by each boulder one of the two adjacent
-    columns."""
+    """Columns are used as often as by lognormal strengths. Each boulder uses one of the two columns
+    next to its own strength."""
     own = COLUMNS[1]
     ground = YieldingGround(38.0, STRENGTH, sigma, relief=ROWS[0])
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())
@@ -243,7 +247,8 @@ def test_the_strength_of_boulders_is_standard_normal(tmp_path):
 
 
 def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
-    """Strengths do not depend on how a run is cut, merged, written or selected from."""
+    """The strength of a boulder is the same however a run is divided, merged, written or selected
+    from."""
     case = coded_case(tmp_path, YieldingGround(38.0, STRENGTH), 90, radius=0.4)
     whole = rockfall.run(case, **plane())
     z = rockfall.ground_strength(whole)
@@ -261,7 +266,8 @@ def test_the_strength_of_a_boulder_is_that_of_its_number(tmp_path):
 
 
 def striped(folder, grounds, rows=7):
-    """Zones from north to south that use tables in turn."""
+    """Zones in stripes from north to south, each with the next of `grounds`: keys of &surface, and
+    the arrays."""
     names = "".join(f"{k},{name}\n" for k, name in enumerate(grounds, start=1))
     (folder / "zones.csv").write_text(f"zone,ground\n{names}")
     zones = np.arange(80)[:, None] // rows % len(grounds) + np.ones((1, 40), np.int64)
@@ -283,7 +289,8 @@ def test_who_meets_strong_ground_does_so_on_all_grounds(tmp_path):
 
 
 def test_fragments_meet_the_ground_of_their_boulder(tmp_path):
-    """Strength is proportional to R_b, so that size does not determine the part."""
+    """Fragments use the part of their boulder. Strength is proportional to R_b, so that size has no
+    effect."""
     ground = YieldingGround(38.0, STRENGTH, 0.7, strength_radius=0.3, relief=11.0)
     case = coded_case(
         tmp_path, ground, 300, radius=1.0, impact={"impact_limit": 30},

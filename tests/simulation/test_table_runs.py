@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs by an impact table: bit-identical however they are cut, in both programs; no gain of energy;
-boulders behave like the table; refusals."""
+"""Runs by an impact table: bit-identical however they are divided, in both programs; no gain of
+energy; rebounds agree with the records; refusals."""
 
 import shutil
 from dataclasses import replace
@@ -39,7 +39,7 @@ MEADOW = YieldingGround(24.0, 4e5, relief=9.0, relief_radius=0.4, hurst=0.8)
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Folder with a user's table: shipped records on a ground of another strength."""
+    """Folder with a user's table: shipped records for ground of another strength."""
     folder = tmp_path_factory.mktemp("made")
     table = open_table(shipped_tables()["ploughed-compact-9"])
     save_table(replace(table, ground=MEADOW), folder / "meadow.nc")
@@ -48,13 +48,13 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(made):
-    """Run with every output, over stripes of the table and of the case's grounds."""
+    """Case and result with every output, by a table and by other grounds in stripes."""
     case = case_in(made, impact=BY_TABLE, **place())
     return case, rockfall.run(case, **terrain())
 
 
 def rebounds(result):
-    """V_t, V_n, W before and after each contact of all trajectories, and the boulder's speed."""
+    """Rows of V_t, V_n, W before and after each contact of all trajectories."""
     names = [f"{when}_{what}" for when in ("in", "out") for what in "tnw"]
     rows = np.concatenate(vertices_of(result, *names), axis=1)
     return rows[:, np.abs(rows[:3]).sum(axis=0) > 0]
@@ -70,7 +70,7 @@ def test_no_bit_depends_on_lanes(whole, lanes):
 
 @pytest.mark.parametrize("lanes", [1, 2, 3])
 def test_cells_along_contacts_are_the_same_in_lanes(whole, lanes):
-    """Without maps by source, boulders run in lanes, which record cells and hits on the ground."""
+    """Lanes record cells and hits along contacts on the ground as boulders run one by one do."""
     maps = ["passages", "energy_mean", "passing_height_max", "travel_time_min"]
     output = {"maps": [*maps, "hits_energy_exceeded"], "rebounds": True, "trajectories": 0}
     scene = read_scene(whole[0].replace(output=output), **terrain())
@@ -135,7 +135,8 @@ def test_energy_that_was_released_is_accounted_for(made):
 
 
 def test_a_boulder_rolls_on_over_a_bench(made):
-    """Continuing contacts are followed: some boulders have several contacts at one place."""
+    """A boulder may continue to roll where it landed: there are more than ten rebounds per
+    boulder."""
     result = on_plane(made, 15.0)
     assert int(result["rebounds"]) > 10 * result.sizes["boulder"]
 
@@ -223,7 +224,7 @@ def test_a_zone_names_the_table_of_its_ground_and_boulders_their_shape(tmp_path)
 
 
 def on_rocks(folder, ratio, **groups):
-    """Run by the shipped rock table at a given R_b/R_m."""
+    """Result of boulders by the shipped table of rocks, with a given R_b/R_m."""
     radius = np.cbrt(0.75 / np.pi * 0.27)
     of_rocks = {"impact": {"form": "table", "table": "rocky-slope"}}
     of_rocks |= {"surface": {"uniform_mean_radius": radius / ratio}}
@@ -246,7 +247,7 @@ def test_contacts_beyond_the_ratios_of_a_table_are_counted_and_reported(tmp_path
 
 @pytest.mark.parametrize("ratio", [1.5, 7.9])
 def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
-    """Boulders take off from less than 5 R_b; heights over facets do not accumulate."""
+    """Boulders take off within 5 R_b of the ground, because heights over facets do not add up."""
     result = on_rocks(tmp_path, ratio, output={"trajectories": 100})
     names = ("x", "y", "z", "velocity_x", "velocity_y", "velocity_z", "time", "in_t", "in_n")
     rises = []
@@ -264,7 +265,8 @@ def test_boulders_take_off_from_rocks_within_their_relief(tmp_path, ratio):
 
 @pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
-    """All contacts of boulders larger than the table's largest size are counted, and no others."""
+    """Every contact of a boulder larger than the largest size of the table is counted, and no
+    other."""
     volumes = {"volume": "lognormal", "volume_mean": 0.27, "volume_std": 0.6}
     y = np.mgrid[199:-1:-1, 0:40][0] * 2.5
     z = 500 + np.tan(np.radians(38.0)) * y
@@ -283,7 +285,7 @@ def test_lanes_count_contacts_beyond_the_ratios_alike(tmp_path, lanes):
 
 
 def test_where_terrain_ends_within_a_contact_all_is_known(made):
-    """Values are finite for boulders that roll over the edge of the terrain, or into a hole."""
+    """Values are finite for boulders that roll over the edge of the terrain or into a hole."""
     z = 500 + np.tan(np.radians(25.0)) * 2.5 * np.mgrid[79:-1:-1, 0:40][0]
     z[60:63, 10:14] = np.nan
     case = rockfall.Case(
@@ -299,7 +301,7 @@ def test_where_terrain_ends_within_a_contact_all_is_known(made):
 
 
 def test_the_ground_is_an_uncertain_input(made, tmp_path):
-    """A draw of an ensemble is bit-identical to the run by its table."""
+    """A draw of the ensemble is bit-identical to a run by its table."""
     case = case_in(
         tmp_path, case={"seed": 5, "boulders": 40}, impact={"form": "table", "table": "talus"},
         ensemble={"sets": ["meadow", "soft-soil"], "runs": 8}, output={"maps": None}, **place(),
@@ -320,7 +322,7 @@ def test_the_ground_is_an_uncertain_input(made, tmp_path):
 
 @pytest.mark.parametrize("name", ensemble_names())
 def test_each_draw_of_an_ensemble_is_a_run_on_its_ground(tmp_path, name):
-    """A draw is bit-identical to a run by a user's row with the values of the draw."""
+    """A draw is bit-identical to a run on a row of a user's table with the values of the draw."""
     of = name.removesuffix("-ensemble")
     shipped = shipped_rows().rows[of].cells
     case = case_in(
@@ -346,7 +348,8 @@ def quoted(cell):
 
 
 def test_ensembles_of_several_grounds_come_together(tmp_path):
-    """Each draw of a ground is combined with each of the others; it replaces only its ground."""
+    """Draws of each ground are combined with all draws of the others; a draw replaces only its own
+    ground."""
     names = ensemble_names()
     case = case_in(
         tmp_path, impact={"form": "table", "table": "rock"}, output={"maps": None},

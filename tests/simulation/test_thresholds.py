@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of thresholds, energy lines and times agree with single boulders."""
+"""Maps of thresholds, energy lines and times agree with runs of single boulders."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def result(tmp_path_factory):
 
 
 def test_counts_are_those_of_the_boulders_one_by_one(tmp_path, result):
-    """The map of maxima of a single boulder (a shard) shows the thresholds that it exceeds."""
+    """A run of a single boulder has its maxima, which show the thresholds that it exceeds."""
     counts = np.zeros(result.energy_exceeded.shape, int)
     case = make_case(tmp_path, ["energy_max"])
     for number in range(1, BOULDERS + 1):
@@ -87,7 +87,8 @@ def test_a_map_that_is_not_asked_for_changes_no_other(tmp_path, result):
 
 
 def test_energy_lines_are_between_those_of_sources_and_cells(result):
-    """One source has one line to each cell; two sources have a steeper and a flatter line."""
+    """With one source a cell has one energy line; with two the maps have the steeper and the
+    flatter of them."""
     z = scenes.rough()
     angles = []
     for k in range(2):
@@ -119,7 +120,8 @@ def test_times_grow_from_the_release_to_the_last_stop(result):
 
 
 def test_time_at_a_line_is_that_of_its_cells(tmp_path):
-    """Boulders that cross a line along cell sides reach the cells below at the same moment."""
+    """Boulders that cross a line along the sides of cells reach the cells below at the same
+    time."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [300.0, 300.0]}]
     case = make_case(tmp_path, ["travel_time_min", "passages"], line=line)
     result = run(case)

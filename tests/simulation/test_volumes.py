@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Larger boulders reach a road more often, and no volume causes a step: `ratio = 'between'`."""
+"""Larger boulders reach a road more often, and `ratio = 'between'` gives no step at any volume."""
 
 from functools import cache
 
@@ -15,13 +15,14 @@ VOLUMES, BOULDERS = 200, 40_000
 
 @cache
 def reaching(**impact):
-    """Number of boulders and fraction that reaches the road, by volume class: 0.1 to 4 m3, on rocks
-    of 0.2 m; R_b/R_m = 1.4 to 4.9."""
+    """Number of boulders, and fraction that reaches the road, in classes of volume from 0.1 to 4
+    m3. Rocks of 0.2 m give R_b/R_m of 1.4 to 4.9."""
     return volumes.reaching(BOULDERS, VOLUMES, seed=5, **impact)
 
 
 def rising(number, fraction):
-    """Nearest fractions that never decrease (decreasing neighbours share their mean)."""
+    """Non-decreasing fractions nearest to the given ones: neighbours that decrease get their common
+    mean."""
     blocks = []
     for block in zip(fraction, number, np.ones(fraction.size, int), strict=True):
         blocks.append(block)
@@ -32,7 +33,7 @@ def rising(number, fraction):
 
 
 def misfit(**impact):
-    """Chi-square of the fractions relative to non-decreasing fractions, per class."""
+    """Chi-square per class of the fractions, compared with non-decreasing fractions."""
     number, fraction = reaching(**impact)
     near = rising(number, fraction)
     variance = np.maximum(near * (1 - near), 1 / number) / number
@@ -44,15 +45,16 @@ def test_reach_rises_with_the_volume_within_noise():
 
 
 def test_sets_that_are_not_smooth_are_told():
-    """Large boulders on sphere sets stop where the set of ratio 5 applies."""
+    """With the sphere sets and `nearest`, reach falls where the set for ratio 5 begins: the misfit
+    is above 10."""
     assert misfit(sets="laboratory-spheres", ratio="nearest") > 10
 
 
 @pytest.mark.all
 @pytest.mark.parametrize("ratio", ["nearest", "between"])
 def test_a_step_of_the_volume_is_a_step_of_the_reach_by_the_nearest_set_only(ratio):
-    """The reach drops near R_b/R_m = 4.5, where sphere sets 4 and 5 differ most, with `nearest`
-    only."""
+    """The reach falls near R_b/R_m = 4.5, where sphere sets 4 and 5 differ most, only with
+    `nearest`."""
     number, fraction = reaching(sets="laboratory-spheres", ratio=ratio)
     edges = np.linspace(volumes.SMALLEST, volumes.LARGEST, VOLUMES + 1)
     at = np.searchsorted(edges, 4 / 3 * np.pi * (4.5 * volumes.ROCKS) ** 3)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs on planes of impact tables: similar boulders of any size behave alike; bit-identical results
-however they are run and by any parts within reach; rows of users."""
+"""Runs by tables made from planes: boulders of any size behave alike if all is scaled; results are
+bit-identical however a run is divided and whichever parts within reach are loaded; users' rows."""
 
 import itertools
 
@@ -42,7 +42,8 @@ OWN_ROWS = "loose,ploughed,3e5,0.7,0.6,14.5,,,36,x\nfirm,ploughed,1.5e6,0.4,,12,
 
 @pytest.fixture(scope="module")
 def spread(tmp_path_factory):
-    """Run of all sizes with every output over two grounds that vary between boulders."""
+    """Case, arrays and result of boulders of all sizes, with every output, on two grounds whose
+    strength varies between boulders."""
     folder = tmp_path_factory.mktemp("spread")
     (folder / "own.csv").write_text(OWN_HEAD + OWN_ROWS)
     (folder / "zones.csv").write_text("zone,ground,mean_radius\n1,loose,\n2,firm,\n")
@@ -91,7 +92,7 @@ def test_both_programs_give_the_same(tmp_path):
 
 
 def on_row(folder, cells, boulders=60, *, scale=1.0, **groups):
-    """Run on a user's row, with all lengths multiplied by `scale`."""
+    """Result on a user's row, with all lengths multiplied by `scale`."""
     columns = [*dict.fromkeys(("name", "model", "source", *cells))]
     values = {"name": "mine", "source": "x"} | cells
     row = ",".join(f'"{values[column]}"' for column in columns)
@@ -116,7 +117,8 @@ LOOSE = {"model": "ploughed", "strength": 4e5, "relief": 14.3, "rest_angle": 36.
     LOOSE, LOOSE | {"strength_sigma": 0.8}, {**LOOSE, "model": "hard", "strength": 2e7},
 ])  # fmt: skip
 def test_a_boulder_16_times_as_large_goes_16_times_as_far(tmp_path, cells):
-    """Terrain is 16 times as large, ground 16 times as strong, speed four times as high."""
+    """Boulders 16 times as large travel 16 times as far, if terrain and strength are multiplied by
+    16 and speeds by 4."""
     velocity = np.array([1.5, -4.0, 0.5])
     small, large = (
         on_row(
@@ -149,7 +151,8 @@ def test_no_sigma_is_a_sigma_of_zero(tmp_path):
 
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
-    """The row is given by its own name, by another name, and by the name of the table."""
+    """A user's copy of a shipped row, the row by name, and the impact table of that name give equal
+    results."""
     cells = {key: cell for key, cell in shipped_rows().rows[name].cells.items() if cell}
     mine = on_row(tmp_path, cells | {"name": "mine"})
     shipped = on_row(tmp_path, cells, surface={"ground": name, "ground_table": None})
@@ -167,7 +170,8 @@ def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
 @pytest.mark.parametrize("sigma", [0.0, 0.7])
 @pytest.mark.parametrize("model", ["ploughed", "hard"])
 def test_parts_beyond_the_reach_change_nothing(tmp_path, model, sigma):
-    """All parts of a plane give the same bits as the parts that enclose the boulders."""
+    """A table with all parts of a plane is bit-identical to one with only the parts around the
+    boulders."""
     strength = {"ploughed": 6e5, "hard": 4e6}[model]
     ground = YieldingGround(33.0, strength, sigma, 0.7, 14.1, 0.5, 0.8)
     paths = plane_files(model, "compact")
@@ -223,7 +227,8 @@ def part_of(row, column):
 
 @pytest.mark.parametrize("density, gravity", [(1000.0, 9.81), (7000.0, 9.81), (2700.0, 1.62)])
 def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
-    """The part of unusual boulders must be among the columns from which the kernel chooses."""
+    """The part for boulders of unusual density or gravity is among the columns of the loaded
+    table."""
     boulder = {"volume": "fixed", "volume_mean": 0.27, "density": density}
     case = rockfall.Case(
         case={"boulders": 1}, impact={"form": "table", "table": "meadow"}, boulder=boulder,
@@ -236,7 +241,7 @@ def test_parts_are_those_of_the_weight_of_the_boulders(density, gravity):
 
 
 def test_followers_stay_those_of_their_records():
-    """In any selection of parts, a record is followed by the same contact."""
+    """The record that follows another is the same in any selection of parts."""
     model, ground = yielding_ground(shipped_rows().rows["talus"])
     follower = FIELDS.index("follower")
     rows = [open_table(path) for path in plane_files(model, "compact").values()]
@@ -341,8 +346,8 @@ def test_a_sigma_that_cannot_be_is_refused(value, said):
 def test_with_the_relief_advised_no_fewer_boulders_pass_than_as_thrown(
     tmp_path, model, n, relief, slope, thrown
 ):
-    """The fraction that passes 200 m along a plane near its neutral slope is at most 0.1 below
-    `thrown`, the fraction by a laboratory table for this relief
+    """The fraction that passes 200 m along a plane near its neutral slope, with the relief that a
+    remark advises, is at most 0.1 below `thrown`: the fraction for blocks thrown on this relief
     (docs/archive/field_protocol.md)."""
     radius, cell, rows = 0.4, 5.0, 64
     fall = np.tan(np.radians(slope))
