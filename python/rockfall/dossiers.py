@@ -33,6 +33,7 @@ from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.dossier import Designs, Dossier, DossierInputs, read_dossier, run_dossier
 from rockfall.studies.yearly_variants import frequency_file, yearly_table
+from rockfall.tables.dossier import model_texts
 
 PAGES = "dossier.pdf"
 FREQUENCIES = "frequencies.csv"
@@ -90,7 +91,7 @@ def dossier(
     how = terrain_of_inputs(inputs), Parties(project, client, author), language
     with atomic_folder(folder, files) as part:
         paths = list(put_dossier(made, designs_of(made, costs), part, *how))
-    warn_each(made.warnings)
+    warn_each(model_texts(made))
     return [folder / path.name for path in paths]
 
 

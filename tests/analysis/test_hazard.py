@@ -22,6 +22,7 @@ from rockfall.analysis.hazard.classes import (
     unseen,
 )
 from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.validity import ends
 from rockfall.analysis.validity.remark import Remark
 from rockfall.kernel_rules import fraction_limits
 from rockfall.language import say
@@ -105,6 +106,17 @@ def test_boulders_that_roll_are_reported_at_evaluation_lines(tmp_path, monkeypat
     texts = messages_of(hazard(case, objects=tmp_path / "house.gpkg"))["one"]
     lines = [text.values["line"] for text in texts if text.key == "model.rolling"]
     assert lines == ["road"]
+
+
+def test_boulders_lost_before_a_line_are_reported(tmp_path, monkeypatch):
+    """All boulders end at unknown cells above the road, if that is not already reported itself."""
+    monkeypatch.setattr(ends, "MAX_CUT", 1.0)
+    case = make_case(tmp_path, line=[{"name": "road", "x": [0.0, 300.0], "y": [200.0, 200.0]}])
+    unknown = Z.copy()
+    unknown[len(Z) // 4 : len(Z) // 2 - 2] = np.nan
+    found = rockfall.hazard(case, dem=unknown, transform=GRID)
+    (text,) = [text for text in messages_of(found)["one"] if text.key == "model.lost"]
+    assert text.startswith("few boulders cross road (0, and ")
 
 
 @pytest.mark.parametrize(("sources", "independent"), [("all", 200), ("sample", 2)])

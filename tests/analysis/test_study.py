@@ -23,6 +23,7 @@ from rockfall.analysis.validity.warnings import joint_warnings
 from rockfall.scene.read import read_scene
 from rockfall.simulation import simulate
 from rockfall.simulation.parts.checkpoint import Checkpoint
+from rockfall.studies.dossier import Run
 from rockfall.studies.study import Study, run_labels, with_numbers
 from same import same
 from scenes import case_in, grid, place, rough
@@ -220,8 +221,9 @@ def test_too_few_have_no_interval():
 
 def test_progress_shows_which_run_of_how_many(case, capsys, monkeypatch):
     monkeypatch.setenv("ROCKFALL_PROGRESS", "lines")
-    labels = run_labels(["2400", "2700", "/2400"], second=["/2400"])
-    assert labels["/2400"] == "run 3 of 3 (second model/2400)"
+    second = Run("", "2400", is_second=True)
+    labels = run_labels(["2400", "2700", second])
+    assert labels[second] == "run 3 of 3 (second model/2400)"
     study = Study(progress=True, labels=labels)
     assert len([*study.run(densities(case), lambda *_: None)]) == 3
     lines = dict.fromkeys(line.partition(", ")[2] for line in capsys.readouterr().err.splitlines())

@@ -253,7 +253,7 @@ def dossier_warnings(dossier: Dossier) -> list[Text]:
         for hazard in dossier.hazards.values()
         for where, text in doubtful_inputs(hazard, None)
     )
-    return in_order([*joined_warnings(model_texts(dossier)), *joined_warnings(by_variant), *doubts])
+    return in_order([*model_texts(dossier), *joined_warnings(by_variant), *doubts])
 
 
 def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:

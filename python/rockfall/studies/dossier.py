@@ -4,7 +4,7 @@ scenarios with common random numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -13,11 +13,9 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
-from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
 from rockfall.analysis.objects.at_risk import NOTHING, AtRisk
 from rockfall.analysis.objects.objects import object_hits
-from rockfall.analysis.validity.warnings import worst_warnings
 from rockfall.case import Case, check_all_kept
 from rockfall.case.variants import naming_variant, variants
 from rockfall.errors import RockfallError
@@ -25,14 +23,13 @@ from rockfall.language import say
 from rockfall.protection.yearly import YEARS, YearlyDesign
 from rockfall.result.variables import ENDS
 from rockfall.scene.lines import numbered
-from rockfall.scene.scene import Scene
 from rockfall.scene.stages import KeptStages
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.hazard import read_study, run_study
 from rockfall.studies.model_scenes import second_model
 from rockfall.studies.study import NO_CHECKPOINTS, Study, run_labels
 from rockfall.studies.variants import COLUMNS, check_variant_scenes, verdict_on
-from rockfall.studies.yearly_variants import YearlyRun, run_name, yearly_run, yearly_table
+from rockfall.studies.yearly_variants import YearlyRun, yearly_run, yearly_table
 
 
 class Second(NamedTuple):
@@ -50,7 +47,6 @@ class Dossier:
     #: As in `rockfall.yearly_variants`, with the `place` of each row: line, barrier or object.
     frequencies: pd.DataFrame
     period: float = YEARS  # return period of the answers [year]
-    warnings: tuple[str, ...] = ()  # model warnings of the runs
     second: Second | None = None  # hazard of the first variant by a second model
     costs: Mapping[str, float] = field(default_factory=dict)  # by variant
 
@@ -58,6 +54,19 @@ class Dossier:
     def first(self) -> xr.Dataset:
         """Hazard of the first variant."""
         return next(iter(self.hazards.values()))
+
+
+class Run(NamedTuple):
+    """A run of a dossier."""
+
+    variant: str  # "" for a case without variants
+    scenario: str
+    is_second: bool = False  # True for a run with the second model
+
+    def __str__(self) -> str:
+        return "/".join(
+            filter(None, ("second model" * self.is_second, self.variant, self.scenario))
+        )
 
 
 class Designs(NamedTuple):
@@ -79,20 +88,15 @@ class DossierInputs:
     second: tuple[str, HazardInputs] | None = None
 
     @property
-    def runs(self) -> list[str]:
-        """Names of the runs: each scenario of each variant, then those of the second model."""
+    def runs(self) -> list[Run]:
+        """Each scenario of each variant, then those of the second model."""
         of_variants = [
-            _run_name(name, scenario.name)
+            Run(name, scenario.name)
             for name, study in self.studies.items()
             for scenario in study.scenarios
         ]
-        return of_variants + self.second_runs
-
-    @property
-    def second_runs(self) -> list[str]:
-        """Names of the runs with the second model; none without a second model."""
         scenarios = self.second[1].scenarios if self.second else []
-        return [run_name("", scenario.name) for scenario in scenarios]
+        return of_variants + [Run("", scenario.name, True) for scenario in scenarios]
 
 
 def read_dossier(
@@ -146,10 +150,10 @@ def run_dossier(
     period: float = YEARS,
     progress: bool = False,
     threads: int | None = None,
-    checkpoints: Mapping[str, Checkpoint] = NO_CHECKPOINTS,
+    checkpoints: Mapping[Run, Checkpoint] = NO_CHECKPOINTS,
 ) -> Dossier:
     """Run the scenarios of each variant once, and combine them."""
-    labels = run_labels(inputs.runs, inputs.second_runs)
+    labels = run_labels(inputs.runs)
     engine = Study(progress=progress, threads=threads, checkpoints=checkpoints, labels=labels)
     hazards, yearly = {}, {}
     lines = {
@@ -158,17 +162,18 @@ def run_dossier(
         for own in (*study.lines, *study.case.barrier)
     }
     for name, study in inputs.studies.items():
-        by_name = {_run_name(name, scenario.name): scenario for scenario in study.scenarios}
+        by_run = {Run(name, scenario.name): scenario for scenario in study.scenarios}
 
         def numbers(
-            run: str, result: xr.Dataset, study: HazardInputs = study, by_name: Any = by_name
+            run: Run, result: xr.Dataset, study: HazardInputs = study, by_run: Any = by_run
         ) -> tuple[ScenarioRun, YearlyRun]:
-            own = ScenarioRun(study, by_name[run], result)
+            own = ScenarioRun(study, by_run[run], result)
             at_objects = _at_objects(study, result, lines)
-            return own, yearly_run(result, by_name[run].frequency, own.lines, at_objects)
+            return own, yearly_run(result, by_run[run].frequency, own.lines, at_objects)
 
-        runs, rows = zip(*(each for _, each in engine.run(_scenes(study, by_name), numbers)),
-                         strict=True)  # fmt: skip
+        scenes = ((run, replace(study.scene, case=own.case)) for run, own in by_run.items())
+        ran = engine.run(scenes, numbers, compared=False)
+        runs, rows = zip(*(each for _, each in ran), strict=True)
         hazards[name], yearly[name] = combined(study, list(runs)), rows
     frequencies = pd.concat(
         [yearly_table(yearly, inputs.case.hazard), _at_points(inputs.studies, hazards, lines)]
@@ -180,24 +185,15 @@ def run_dossier(
     second = None
     if inputs.second:
         name, study = inputs.second
-        own_checkpoints = [checkpoints[run] for run in inputs.second_runs if run in checkpoints]
+        own_runs = [run for run in inputs.runs if run.is_second]
+        own_checkpoints = [checkpoints[run] for run in own_runs if run in checkpoints]
         hazard = run_study(
             study, progress=progress, threads=threads, checkpoints=own_checkpoints,
-            labels=[labels[run] for run in inputs.second_runs],
+            labels=[labels[run] for run in own_runs],
         )  # fmt: skip
         second = Second(name, hazard)
-        engine.limits[name] = worst_warnings(messages_of(hazard))
     costs = {own["name"]: own["cost"] for own in inputs.case.variant if "cost" in own}
-    return Dossier(hazards, frequencies, period, engine.warnings, second, costs)
-
-
-def _run_name(variant: str, scenario: str) -> str:
-    return run_name(variant, scenario) if variant else scenario
-
-
-def _scenes(study: HazardInputs, by_name: Mapping[str, Any]) -> Iterator[tuple[str, Scene]]:
-    for name, scenario in by_name.items():
-        yield name, replace(study.scene, case=scenario.case)
+    return Dossier(hazards, frequencies, period, second, costs)
 
 
 def _at_objects(

@@ -38,12 +38,9 @@ NO_CHECKPOINTS: Mapping[Any, Checkpoint] = {}
 NO_LABELS: Mapping[Any, str] = {}
 
 
-def run_labels(names: Sequence[str], second: Sequence[str] = ()) -> dict[str, str]:
-    """Text on the position and name of each run, for progress; `second` are the names of runs with
-    a second model."""
-    shown = [f"second model{name}" if name in second else name for name in names]
-    numbered = enumerate(zip(names, shown, strict=True), start=1)
-    return {name: f"run {k} of {len(names)} ({text})" for k, (name, text) in numbered}
+def run_labels(names: Sequence[Name]) -> dict[Name, str]:
+    """Text on the position and name of each run, for progress."""
+    return {name: f"run {k} of {len(names)} ({name!s})" for k, name in enumerate(names, start=1)}
 
 
 class Study:

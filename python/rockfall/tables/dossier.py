@@ -13,7 +13,7 @@ from rockfall.analysis.hazard.levels import PLACES, yearly
 from rockfall.analysis.hazard.messages import messages_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.lines.around import MAX_AROUND
-from rockfall.analysis.validity.warnings import worst_warnings
+from rockfall.analysis.validity.warnings import joined_warnings, worst_warnings
 from rockfall.case import case_in
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
@@ -21,7 +21,7 @@ from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Text, say, translated, word
 from rockfall.quantities import percent
 from rockfall.result.variables import ENDS
-from rockfall.studies.dossier import Designs, Dossier, Second
+from rockfall.studies.dossier import Designs, Dossier, Run, Second
 from rockfall.studies.model_scenes import BY_SETS, CONSTANT
 from rockfall.table import TOO_FEW, Column, Estimate, Table
 from rockfall.tables.hazard import (
@@ -223,18 +223,18 @@ def _out_of_range(second: Second) -> Iterator[Text]:
         yield say(f"dossier.{key}_out_of_range", model=model, fraction=percent(fraction))
 
 
-def model_texts(dossier: Dossier) -> dict[str, list[Text]]:
-    """Model warnings by run: those of each scenario of each variant, and the worst of the second
-    model."""
+def model_texts(dossier: Dossier) -> list[Text]:
+    """Model warnings, each once with the names of the first runs concerned: those of each scenario
+    of each variant, and the worst of the second model."""
     by_run = {
-        f"{name}/{scenario}" if name else scenario: texts
+        str(Run(name, scenario)): texts
         for name, hazard in dossier.hazards.items()
         for scenario, texts in messages_of(hazard).items()
     }
     if dossier.second:
         model, hazard = dossier.second
         by_run[translated(_shown(model))] = worst_warnings(messages_of(hazard))
-    return by_run
+    return joined_warnings(by_run)
 
 
 def models_apart(dossier: Dossier) -> Iterator[Text]:

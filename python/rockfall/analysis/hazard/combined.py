@@ -46,7 +46,7 @@ from rockfall.analysis.objects.segment_hits import (
 )
 from rockfall.analysis.objects.segments import Segments
 from rockfall.analysis.precision.clusters import Clusters
-from rockfall.analysis.validity.ends import roll_remarks
+from rockfall.analysis.validity.ends import end_remarks, roll_remarks
 from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
@@ -130,9 +130,11 @@ class ScenarioRun:
         self.out_of_range = fractions_outside(result)["range"]
         # without crossings, warnings cover exits from the terrain anywhere, as needed for zones
         without_objects = result.drop_vars("row_size", errors="ignore")
-        self.warnings = model_warnings(without_objects, case_of(result))
-        rolling = [remark.text for remark in roll_remarks(result, case_of(result))]
-        self.warnings += [text for text in rolling if text.values["line"] in self.lines]
+        case = case_of(result)
+        self.warnings = model_warnings(without_objects, case)
+        for text, *_ in (*end_remarks(result, case), *roll_remarks(result, case)):
+            if text.key == "model.lost" or text.values.get("line") in self.lines:
+                self.warnings.append(text)
 
     def _read_lines(self, inputs: HazardInputs, result: xr.Dataset) -> list[int]:
         """Read the boulders at lines and barriers; return the indices of these lines: none if only

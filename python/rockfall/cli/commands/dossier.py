@@ -20,6 +20,7 @@ from rockfall.protection.yearly import check_period
 from rockfall.simulation.parts.lock import locked
 from rockfall.simulation.simulate import Interrupted
 from rockfall.studies.dossier import read_dossier, run_dossier
+from rockfall.tables.dossier import model_texts
 
 
 def dossier_command(arguments: argparse.Namespace) -> int:
@@ -54,7 +55,7 @@ def dossier_command(arguments: argparse.Namespace) -> int:
                 paths = list(put_dossier(made, designs, part, *how))
         for checkpoint in checkpoints:
             checkpoint.remove()
-    warn_each(made.warnings)
+    warn_each(model_texts(made))
     if not arguments.quiet:
         print(*answers(made, designs), sep="\n")
         print_files([folder / path.name for path in paths])
