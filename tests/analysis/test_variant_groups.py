@@ -155,6 +155,9 @@ def test_scenarios_give_the_frequencies_of_variants(here, capsys, blank_figures)
     table = pd.read_csv("out/frequencies.csv")
     expected = rockfall.yearly_variants(case).table
     assert table["value"].to_numpy() == pytest.approx(expected["value"].to_numpy(), rel=1e-6)
+    assert {*zip(table["quantity"], table["unit"], strict=True)} == {
+        ("frequency", "year-1"), ("frequency_behind", "year-1"), ("energy_by_period", "J")
+    }  # fmt: skip
     page = (here / "out" / "variants.html").read_text(encoding="utf-8")
     for text in (said, page):
         assert "arriving boulders per year" in text and "energy once in 100 years" in text

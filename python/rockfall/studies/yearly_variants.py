@@ -14,7 +14,7 @@ import xarray as xr
 from rockfall.analysis.hazard.classes import frequencies
 from rockfall.analysis.hazard.exceedance import Sample, levels_by_period
 from rockfall.analysis.hazard.scenarios import base_case, scenarios_of
-from rockfall.analysis.hazard.variables import PERIODS
+from rockfall.analysis.hazard.variables import PERIODS, TABLE
 from rockfall.analysis.precision.clusters import Clusters
 from rockfall.analysis.precision.intervals import Sources
 from rockfall.analysis.precision.paired import difference_of_fractions
@@ -29,7 +29,6 @@ from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, stopped_at, verdict_on
 
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
-UNITS = {"frequency": "1/year", "frequency_behind": "1/year", "energy_by_period": "J"}
 VALUES = "value", "value_low", "value_high"
 Three = tuple[float, float, float]  # value and interval limits
 
@@ -112,9 +111,11 @@ def yearly_table(
 
 
 def frequency_file(frequencies: pd.DataFrame) -> pd.DataFrame:
-    """Table as in files: with the unit of each row, and without differences if there are none."""
+    """Table as in files: with the unit of each row as in hazards, and without differences if there
+    are none."""
     made = frequencies.copy()
-    made.insert(made.columns.get_loc("quantity") + 1, "unit", made["quantity"].map(UNITS))
+    units = [TABLE[f"line_{name.removesuffix('_behind')}"].units for name in made["quantity"]]
+    made.insert(made.columns.get_loc("quantity") + 1, "unit", units)
     if made["difference"].isna().all():
         made = made.drop(columns=["difference", "difference_low", "difference_high", "verdict"])
     return made
