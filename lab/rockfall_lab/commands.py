@@ -57,7 +57,7 @@ def pack_command(arguments: argparse.Namespace) -> int:
     if arguments.layers < 1:
         raise RockfallError(f"--layers {arguments.layers}: must be 1 or more")
     if arguments.output:
-        need("a picture needs", "report", "matplotlib")
+        need("a picture needs", "report")
         check_output(arguments.output, [arguments.case])
     case = read_lab_case(arguments.case)
     layers = pack_layers(case, arguments.ratio, count=arguments.layers, threads=arguments.threads)

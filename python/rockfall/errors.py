@@ -7,6 +7,10 @@ BAD_INPUT = 2  # exit status of errors that the user can correct, as in the kern
 OUR_FAULT = 1  # exit status of internal errors
 
 
+#: Packages of an extra that most of its uses import.
+EXTRAS = {
+    "vector": ("nanoarrow", "pyogrio", "shapely"), "report": ("matplotlib",), "cad": ("ezdxf",)
+}  # fmt: skip
 FAULT_MARK = "\x1e"  # separates several errors in a kernel message
 
 
@@ -42,10 +46,12 @@ def check_kernel(code: int, message: bytes, name: str = "") -> None:
 
 
 def need(what: str, extra: str, *packages: str) -> None:
-    """If a package is missing, raise a RockfallError: `what`, and the advice to install `extra`."""
-    try:
-        for package in packages:
+    """If a package is missing, raise a RockfallError: `what`, and the advice to install `extra`, or
+    the package itself. Default: the usual packages of the extra."""
+    for package in packages or EXTRAS[extra]:
+        try:
             import_module(package)
-    except ModuleNotFoundError:
-        advice = f"the {extra} extra: pip install 'rockfall[{extra}]'"
-        raise RockfallError(f"{what} {advice}") from None
+        except ModuleNotFoundError:
+            source = f"the {extra} extra: pip install 'rockfall[{extra}]'"
+            advice = source if extra else f"{package}: pip install {package}"
+            raise RockfallError(f"{what} {advice}") from None

@@ -350,7 +350,7 @@ def export_with(
     if added.tables:
         check_tables(added.tables, added.language)
     if added.project:
-        need("a project needs", "report", "matplotlib")
+        need("a project needs", "report")
         catalogue(added.language)
     given = Path(result) if isinstance(result, str | Path) else None
     data = read_result(result) if isinstance(result, str | Path) else result

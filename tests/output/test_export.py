@@ -347,7 +347,7 @@ def test_a_file_in_place_of_the_folder_is_one_line(result, tmp_path, monkeypatch
         export(result, "folder")
 
 
-@pytest.mark.parametrize("package", ["pyogrio", "shapely"])
+@pytest.mark.parametrize("package", ["nanoarrow", "pyogrio", "shapely"])
 def test_without_the_vector_extra_one_line_and_nothing_written(
     package, result, tmp_path, monkeypatch
 ):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GeoDataFrames of results equal the layers of exports, and can be used as inputs."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,13 @@ def case(tmp_path):
     }
     made = scenes.make_case(tmp_path, *scenes.sets(2.0), line=[LINE], **groups)
     return made.replace(boulder={"block_shape": "compact"}, output={"trajectories": 5})
+
+
+def test_without_geopandas_the_package_is_advised(monkeypatch):
+    """No extra installs geopandas."""
+    monkeypatch.setitem(sys.modules, "geopandas", None)
+    with refused("GeoDataFrames need geopandas: pip install geopandas"):
+        rockfall.layers("out.nc")
 
 
 def same(one, other):

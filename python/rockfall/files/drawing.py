@@ -26,7 +26,7 @@ def write_drawing(path: Path, layers: Mapping[str, tuple], styles: Mapping[str, 
     A layer that is styled by a field is split into a layer for each value, such as `zones_high`,
     because DXF has no attributes.
     """
-    need("DXF needs", "cad", "ezdxf")
+    need("DXF needs", "cad")
     import ezdxf
     import shapely
 

@@ -355,7 +355,7 @@ def _layers(data: xr.Dataset, moving: Sampled | None, what: str = "GeoPackages")
     has_rows = data.sizes.get("boulder", 1) > 0
     has_crossings = has_rows and "row_size" in data
     if "stop_x" in data or {"line_vertex", "trajectory_vertex"} & set(data.dims):
-        need(f"{what} need" + "s" * (what != "GeoPackages"), "vector", "pyogrio", "shapely")
+        need(f"{what} need" + "s" * (what != "GeoPackages"), "vector")
     if "start_x" in data and has_rows:
         sources = _source_table(data)
         layers["sources"] = "Point", [_sources(sources)]
@@ -503,7 +503,7 @@ def write_geopackage(
 ) -> Path:
     """Write layers to a GeoPackage, with any QGIS styles, atomically. Raises a RockfallError if it
     cannot be written."""
-    need("GeoPackages need", "vector", "nanoarrow", "pyogrio", "shapely")
+    need("GeoPackages need", "vector")
     import pyogrio
     import shapely
 

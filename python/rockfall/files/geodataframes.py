@@ -33,7 +33,7 @@ def layers(result: xr.Dataset | str | Path) -> dict[str, GeoDataFrame]:
     >>> {"volume_m3", "ground_strength"} <= {*stops.columns}
     True
     """
-    need("GeoDataFrames need", "vector", "geopandas", "pyogrio", "shapely")
+    need("GeoDataFrames need", "", "geopandas")
     if isinstance(result, str | Path):
         result = read_hazard(result) if is_hazard(result) else read_result(result)
     if "hazard_class" in result:

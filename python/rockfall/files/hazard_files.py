@@ -98,7 +98,7 @@ def export_hazard(path: str | Path, folder: str | Path, formats: Sequence[str]) 
     """Write the zones and objects of a hazard (a file hazard.nc) to a folder in `formats` (kml,
     dxf): all files, which are returned, or none, with a RockfallError."""
     folder, chosen, hazard = Path(folder), check_formats(formats, DRAWINGS), read_hazard(path)
-    need("zones need", "vector", "pyogrio", "shapely")
+    need("zones need", "vector")
     with atomic_folder(folder, [path, *files_behind(hazard)]) as part:
         return [folder / file.name for file in _put_drawings(hazard, part, chosen)]
 
@@ -117,7 +117,7 @@ def _put_drawings(hazard: xr.Dataset, folder: Path, formats: list[str]) -> Itera
 
 def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     """Write the files of `write_hazard` to a new folder."""
-    need("zones need", "vector", "pyogrio", "shapely")
+    need("zones need", "vector")
     put_netcdf(hazard, folder / HAZARD, folder / HAZARD)
     yield folder / HAZARD
     yield from _put_maps(hazard, folder)
@@ -138,7 +138,7 @@ def put_hazard(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
 
 def put_zones(hazard: xr.Dataset, folder: Path) -> Iterator[Path]:
     """Write hazard.gpkg with zones and objects, and styled class maps, to a new folder."""
-    need("zones need", "vector", "pyogrio", "shapely")
+    need("zones need", "vector")
     classes = [name for name, data in hazard.data_vars.items() if "flag_meanings" in data.attrs]
     yield from _put_maps(hazard[[*classes, "crs"]], folder)
     yield from _put_zones(hazard, folder)

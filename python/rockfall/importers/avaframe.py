@@ -129,7 +129,7 @@ def _release(made: Import, path: Path) -> tuple[str, str]:
 
 def _objects(made: Import, path: Path) -> None:
     """Write cells of infrastructure as polygons, one for each connected area of equal value."""
-    need("objects need", "vector", "pyogrio", "shapely")
+    need("objects need", "vector")
     import rasterio.features
     import shapely
 

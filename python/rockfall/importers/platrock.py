@@ -177,7 +177,7 @@ def import_platrock(
     >>> lines["taken over"][0]
     'dem.asc: the terrain'
     """
-    need("layers need", "vector", "pyogrio", "shapely")
+    need("layers need", "vector")
     folder, out = Path(directory), Path(out)
     if not folder.is_dir():
         raise RockfallError(f"{folder}: no such folder")

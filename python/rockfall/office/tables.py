@@ -33,7 +33,7 @@ def check_tables(formats: Iterable[str], language: str) -> None:
         if form not in FORMATS:
             raise RockfallError(f"--tables {form}: must be {' or '.join(FORMATS)}")
         need(f"tables as {form} need", "office", FORMATS[form])
-    need("tables need", "report", "matplotlib")
+    need("tables need", "report")
     catalogue(language)
 
 

@@ -118,7 +118,7 @@ def write_figures(
     RockfallError for an unknown format."""
     if format not in FORMATS:
         raise RockfallError(f"format = '{format}': must be one of {', '.join(FORMATS)}")
-    need("figures need", "report", "matplotlib")
+    need("figures need", "report")
     files = {f"{figure.name}.{format}": figure.draw for figure in shown}
     inputs = list(inputs)
     add_steps(len(files))

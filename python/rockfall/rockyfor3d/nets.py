@@ -92,7 +92,7 @@ def _lengthened(path: np.ndarray) -> np.ndarray:
 
 def _simplified(path: np.ndarray) -> np.ndarray:
     """Simplified path that deviates by at most the tolerance (Douglas and Peucker 1973)."""
-    need("nets need", "vector", "shapely")
+    need("nets need", "vector")
     import shapely
 
     return shapely.get_coordinates(shapely.LineString(path).simplify(TOLERANCE))

@@ -126,7 +126,7 @@ def with_frames(
 def _write(frame: Any, name: str, folder: Path) -> Path:
     """Write a frame as a FlatGeobuf, in row order and with reproducible bytes. Refuses empty and
     unreadable frames."""
-    need("GeoDataFrames need", "vector", "pyogrio", "shapely")
+    need("GeoDataFrames need", "vector")
     import pyogrio
     import shapely
 

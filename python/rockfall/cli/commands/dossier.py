@@ -24,7 +24,7 @@ from rockfall.tables.dossier import model_texts
 
 
 def dossier_command(arguments: argparse.Namespace) -> int:
-    need("a dossier needs", "vector", "nanoarrow", "pyogrio", "shapely")
+    need("a dossier needs", "vector")
     check_needs(arguments.language)
     check_period(arguments.return_period)
     case = with_overrides(read_case(arguments.case), arguments)

@@ -48,8 +48,8 @@ SHEET = "hazard_sheet.pdf"
 
 
 def hazard_command(arguments: argparse.Namespace) -> int:
-    need("a hazard needs", "vector", "nanoarrow", "pyogrio", "shapely")
-    need("a hazard needs", "report", "matplotlib")
+    need("a hazard needs", "vector")
+    need("a hazard needs", "report")
     catalogue(arguments.language)  # refuses unknown languages before files are read
     case = overridden(arguments)
     base_case(case)  # refuses invalid cases before files are read
@@ -141,8 +141,8 @@ def _files(case: Case) -> list[str]:
 
 
 def origins_command(arguments: argparse.Namespace) -> int:
-    need("origins need", "vector", "pyogrio", "shapely")
-    need("origins need", "report", "matplotlib")
+    need("origins need", "vector")
+    need("origins need", "report")
     given = getattr(arguments, "hazard.nc")
     path = in_folder(given)
     stem = path.stem if path == given else path.resolve().parent.name

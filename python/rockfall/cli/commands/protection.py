@@ -76,7 +76,7 @@ def design_command(arguments: argparse.Namespace) -> int:
     if folder:
         check_folder(folder)
         if arguments.along:
-            need("figures need", "report", "matplotlib")
+            need("figures need", "report")
     given = given_options(arguments, keys)
     results, sheets = {}, {}
     for path in paths:
@@ -180,8 +180,8 @@ def site_command(arguments: argparse.Namespace) -> int:
         given["memory"] = read_memory(arguments.memory)
     files = [given[key] for key in ("candidates", "factors", "costs") if key in given]
     inputs = [*input_files(case), *files]
-    need("site needs", "report", "matplotlib")
-    need("site needs", "vector", "nanoarrow", "pyogrio", "shapely")
+    need("site needs", "report")
+    need("site needs", "vector")
     check_folder(folder)
     names = results_of([scenario["name"] for scenario in case.scenario])
     check_outputs([folder / name for name in (*SITING_FILES, *names, ADVISED)], inputs)

@@ -101,7 +101,7 @@ def _beside(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def section_command(arguments: argparse.Namespace) -> int:
     path: Path = getattr(arguments, "out.nc")
-    need("a section needs", "report", "matplotlib")
+    need("a section needs", "report")
     line = drawn(arguments.line, "--line")
     places = _places(arguments.output or Path(f"{path.name.removesuffix('.nc')}_section.csv"))
     with open_result(path) as data:

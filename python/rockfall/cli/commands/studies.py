@@ -69,7 +69,7 @@ def ensemble_command(arguments: argparse.Namespace) -> int:
 def back_command(arguments: argparse.Namespace) -> int:
     case = overridden(arguments)
     folder = arguments.output or Path(f"{stem_of(arguments)}_back")
-    need("back needs", "report", "matplotlib")
+    need("back needs", "report")
     files = arguments.observed or observed_files(case)
     if not files:
         raise RockfallError("back requires OBSERVED files, or &observed files in the case")
@@ -159,5 +159,5 @@ def validate_command(arguments: argparse.Namespace) -> int:
 def _check_folder(
     folder: Path, files: Iterable[str], study: str, inputs: Iterable[str | Path]
 ) -> None:
-    need(f"{study} needs", "report", "matplotlib")
+    need(f"{study} needs", "report")
     check_study_folder(folder, files, inputs)

@@ -103,7 +103,7 @@ def is_drawing(path: str | Path) -> bool:
 
 def read_drawing(path: str | Path) -> Drawing:
     """Read a DXF file. Raises a RockfallError if it is damaged or no DXF."""
-    need("DXF needs", "cad", "ezdxf")
+    need("DXF needs", "cad")
     file = plain_file(path)
     check_text_file(path)
     status = os.stat(file)

@@ -86,7 +86,7 @@ def burn_polygons(
     `NO_ID` outside). Where polygons overlap, the last polygon counts. `names` of the values
     are used in remarks. Other arguments as in `_on_terrain`."""
     remarks, read = [] if remarks is None else remarks, [field] if numbers is None else []
-    need("polygons need", "vector", "pyogrio", "shapely")
+    need("polygons need", "vector")
     import shapely
 
     polygons = _on_terrain(path, read, _POLYGONS, "polygons", grid, remarks, layer, key)
@@ -120,7 +120,7 @@ def read_attributes(
 
 def layer_names(path: str | Path) -> list[str]:
     """Names of the layers with shapes. Raises a RockfallError if the file is no vector file."""
-    need("layers need", "vector", "pyogrio", "shapely")
+    need("layers need", "vector")
     import pyogrio
 
     if is_drawing(path):
@@ -309,7 +309,7 @@ def _drawn(
     """Shapes in a layer of a drawing, which has neither attributes nor a CRS. Closed lines and
     hatches become polygons if polygons are allowed. Other entities, such as texts, are left out
     with a remark; an open line where polygons are required is refused."""
-    need(f"{what} need", "vector", "pyogrio", "shapely")
+    need(f"{what} need", "vector")
     import shapely
 
     for name in columns or ():
@@ -403,7 +403,7 @@ def _read(
 ) -> tuple[dict[str, Any], np.ndarray, dict[str, np.ndarray]]:
     """Metadata, shapes, and attributes `columns` (None: all) of a layer. Refuses unsupported
     formats, empty layers and missing attributes."""
-    need(f"{what} need", "vector", "pyogrio", "shapely")
+    need(f"{what} need", "vector")
     import pyogrio
     import shapely
 

@@ -20,7 +20,7 @@ def source_frame(scene: Scene) -> GeoDataFrame:
     """Source points with the release attributes that the layer gives, named as in
     docs/releases.md: name, volume and its parameters, density, drop height, velocity, block shape
     and frequency."""
-    need("GeoDataFrames need", "vector", "geopandas", "shapely")
+    need("GeoDataFrames need", "", "geopandas")
     import shapely
     from geopandas import GeoDataFrame
 
