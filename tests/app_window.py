@@ -121,7 +121,6 @@ class Window:
         self.touch(*places, double=len(places) > 1)
 
     def fill(self, name, value):
-        """Type a value into the field of a key."""
         shown = "[...document.querySelectorAll(arguments[0])].find((one) => one.offsetParent)"
         field = self.until(name, shown, f'[data-field="{name}"]')
         field.click()

@@ -25,7 +25,7 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Skip tests marked `all`, and tests that need a browser, unless --all is given."""
+    """Deselect tests marked `all`, and tests that need a browser, unless --all is given."""
     kept, left = [], []
     for item in items:
         extra = item.get_closest_marker("all") or "browser" in item.fixturenames
@@ -114,5 +114,5 @@ def _prepare(folder, **groups):
 
 @pytest.fixture
 def many(batch, gallery, tmp_path):
-    """Folder as of `ready`, but with `MANY` boulders."""
+    """Folder like that of `ready`, with `MANY` boulders."""
     return gallery.copy("many", partial(_prepare, case={"boulders": MANY}), tmp_path)

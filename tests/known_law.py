@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders with lognormal speeds of known parameters, part of which cross a line; runs end by a
-rule."""
+"""Boulders with lognormal speeds of known parameters, some of which cross a line, and runs that end
+by a rule."""
 
 import numpy as np
 import xarray as xr

@@ -134,8 +134,8 @@ def test_smoothing_takes_the_noise_of_runs_away_and_keeps_what_has_no_order_apar
 
 @pytest.fixture(scope="module")
 def found(gallery):
-    """Back-analysis of rocks of 0.5 m with a prior of 0.25 m times or over 2; the volume is nearly
-    known."""
+    """Back-analysis of rocks of 0.5 m, with a prior median of 0.25 m and a factor of 2; the volume
+    is nearly known."""
     return gallery.value("back", sought)
 
 

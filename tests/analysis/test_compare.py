@@ -29,7 +29,7 @@ SAMPLES = "line,quantity,unit,value\n"
 
 
 def make_run(folder, boulders=2000, **groups):
-    """Run with boulders that pass two lines, and a map of passages."""
+    """Result of a run with boulders that pass two lines, and a map of passages."""
     line = [{"name": name, "x": [0.0, 300.0], "y": [y, y]} for name, y in (("N", 330), ("S", 280))]
     groups = {"release": {"x": 150.0, "y": 380.0}, "output": {"maps": "passages"}} | groups
     case = make_case(
@@ -331,7 +331,8 @@ def test_run_out_is_the_share_that_comes_as_far(result):
 
 
 def test_stopping_places_give_reach_and_distances(result):
-    """Four places: in a map cell with known passages, in an empty cell, and beyond two edges."""
+    """Reach probabilities at four stopping places: in a map cell with known passages, in an empty
+    cell, and beyond two edges."""
     passages = result["passages"].values
     row, column = np.unravel_index(passages.argmax(), passages.shape)
     x, y = 5.0 * column + 4.9, 400 - 5.0 * row - 4.9  # corner of the cell

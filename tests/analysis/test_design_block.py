@@ -37,7 +37,7 @@ def survey_file(folder, n=120, dated=12, text=None):
 
 def test_frequency_and_power_law_by_hand():
     """5 blocks above the threshold in 50 years: 0.1 per year. The exponent is b = 20/23, and the
-    100-year block by the power law 10**(23/20)."""
+    power law gives a 100-year block of 10**(23/20) m3."""
     found = rockfall.design_block(STEPS, 100, events=EVENTS, years=50, threshold=1.0)
     assert found.rate[:3] == pytest.approx((0.1, 1.6235 / 50, 11.6683 / 50), rel=1e-4)  # Garwood
     assert found.power_law.exponent == pytest.approx(20 / 23)
@@ -60,7 +60,8 @@ def test_the_block_is_the_quantile_of_the_fitted_distribution():
 
 
 def test_a_known_power_law_is_found_again():
-    """Quantiles of V**-1.2 above 0.5 m3: the T-year block is 0.5 (lambda T)**(1/1.2)."""
+    """Volumes are quantiles of the power law V**-1.2 above 0.5 m3: the T-year block is 0.5 (lambda
+    T)**(1/1.2)."""
     volumes = 0.5 * (1 - (np.arange(4000) + 0.5) / 4000) ** (-1 / 1.2)
     found = rockfall.design_block(volumes, 100, events=drawn(20, 4), years=40, threshold=0.5)
     assert found.volume == pytest.approx(0.5 * 50 ** (1 / 1.2), rel=0.01)
@@ -113,7 +114,7 @@ def test_intervals_hold_the_block_of_a_known_distribution():
 
 
 def test_the_threshold_rises_above_an_incomplete_part():
-    """The survey lacks blocks below 0.5 m3, more of them the smaller they are."""
+    """Blocks below 0.5 m3 are missing in the survey, increasingly with decreasing size."""
     small = 0.5 * np.random.default_rng(1).uniform(size=200) ** 0.3
     volumes = np.concatenate([small, drawn(150)])
     found = rockfall.design_block(volumes, 100, events=[0.11, *drawn(15, 4)], years=40)

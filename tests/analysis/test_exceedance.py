@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Energies and heights by return period: equal to counts, whatever the scenarios."""
+"""Energies and heights by return period agree with counts of boulders, for one or several
+scenarios."""
 
 import numpy as np
 import pytest

@@ -86,7 +86,8 @@ def test_the_boulders_of_each_scenario_are_in_its_table(tmp_path):
 
 
 def test_rebounds_out_of_range_are_a_fraction_of_each_scenario(tmp_path):
-    """Impact sets end at R_b/R_m = 5.5: boulders with 3.8 are within, all with 6.0 outside."""
+    """Impact sets are valid up to R_b/R_m = 5.5: all boulders of the first scenario have 3.8, all
+    of the second 6.0."""
     large = ONE | {"name": "large", "volume_mean": 3.0}
     found = hazard(make_case(tmp_path, ONE, large, surface={"uniform_mean_radius": 0.15}))
     assert found["fraction_out_of_range"].values.tolist() == [0.0, 1.0]
@@ -286,7 +287,7 @@ def test_a_wall_takes_the_hazard_behind_it(tmp_path, layer):
 
 
 def classes(*frequencies, passed=True):
-    """Swiss hazard class, as a word, for the frequencies of passage and of more than 30 and 300
+    """Swiss hazard class, as a word, for the frequencies of passage, above 30 kJ, and above 300
     kJ."""
     values = np.array(frequencies)[:, None]
     return CLASSES[hazard_classes(values, SWISS, np.array([passed]))[0]]
@@ -339,8 +340,8 @@ def test_classes_of_an_interval_enclose_its_own():
 
 
 def test_few_boulders_cannot_tell_that_none_come(tmp_path):
-    """The upper limit of a cell without a passage is Z2/(n + Z2) of the n boulders. Its class is
-    certain only if that frequency is below once in the longest return period."""
+    """A cell without a passage has an upper limit of Z2/(n + Z2) per boulder. Its class is certain
+    only if this is less than once in the longest return period."""
     found = hazard(make_case(tmp_path, {"name": "one", "frequency": 1.0}))
     empty = found.hit_frequency.values == 0
     assert (found.hit_frequency_high.values[empty] == np.float32(Z2 / (200 + Z2))).all()
@@ -412,7 +413,7 @@ def test_an_object_is_met_by_what_touches_its_line(tmp_path, layer):
 
 def test_a_boulder_counts_once_at_an_object(tmp_path, layer):
     """A boulder that passes both parts of an object, or a line given twice, counts once. The count
-    at an outline is between the maximum and the sum of those in the cells inside."""
+    at an outline is between the maximum and the sum of the counts in the cells inside."""
     low = shapely.LineString([(0, 230), (300, 233)])
     both = shapely.MultiLineString([ROAD, low])
     twice = shapely.MultiLineString([ROAD, ROAD])

@@ -98,7 +98,8 @@ def test_neither_threads_nor_windows_change_hits(tmp_path, result, how):
 
 
 def test_the_area_that_maps_cover_holds_all_hits(tmp_path, result):
-    """Maps end where boulders can reach; hits may be farther out."""
+    """Maps of the reachable area and of the terrain have the same number of hits: no hit beyond a
+    boulder's path is cut off."""
     output = {"maps": MAPS, "map_extent": "reach"}
     small = run(make_case(tmp_path, output=output))
     assert small.hits.values.sum() == result.hits.values.sum()
@@ -176,7 +177,7 @@ def hazard(case, objects):
 
 
 def test_objects_of_a_layer_have_the_width_of_their_attribute(tmp_path):
-    """A point without a width has that of the maps of hits."""
+    """A point without a width has the width that maps of hits use."""
     case = make_case(tmp_path, output={}, scenario=[{"name": "one", "frequency": 0.5}])
     shapes = [shapely.Point(122.5, 342.5)] * 3 + [shapely.LineString([(90, 300), (210, 300)])] * 2
     widths = [np.nan, 0.0, WIDTH, np.nan, 8.0]
@@ -198,7 +199,7 @@ def test_widths_that_cannot_be_are_refused(tmp_path, width):
 
 
 def test_a_point_is_found_where_boulders_reach_part_of_the_terrain(tmp_path):
-    """The cell of a point is found on the whole terrain, not on the smaller area that boulders
+    """The cell of a point is found on the complete terrain, not on the smaller area that boulders
     reach."""
     low = {"x": [150.0], "y": [152.5], "drop_height": 5.0}
     scenarios = [{"name": "small", "frequency": 0.5}, {"name": "large", "frequency": 0.1}]

@@ -122,7 +122,8 @@ def test_windows_add_up_to_the_line():
 
 
 def test_heights_of_a_sphere_on_a_slope_of_60_degrees():
-    """R = 1 m; the point is 3 m above the slope vertically, 1.5 m normal to it."""
+    """A sphere of R = 1 m has a jump height of 3 m, which is 1.5 m normal to the slope. Other
+    heights are calculated by hand."""
     result = made(volume=np.full(3000, 4 / 3 * np.pi), jump_height=3.0, passing_height=3.0 + 2.0)
     table = rockfall.line_statistics(result).set_index("quantity")
     expected = {"upper_edge": 6.0, "normal_height": 2.5, "normal_upper_edge": 3.5}

@@ -22,7 +22,7 @@ LONG = 20_000
 
 @pytest.fixture(scope="module")
 def long_run(gallery):
-    """Run of 20,000 boulders from one source that pass a line."""
+    """Result of 20,000 boulders from one source that pass a line."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
     def make(folder):
@@ -37,7 +37,8 @@ def long_run(gallery):
 
 
 def a_sample(number):
-    """Sources as of &release sources = 'sample'; `number` has the source of each boulder."""
+    """Sampled sources, as by &release sources = 'sample'; `number` has the source of each
+    boulder."""
     return Sources.of(number, sampled=True)
 
 
@@ -106,7 +107,7 @@ def test_the_lateral_spread_is_the_deviation_along_a_bent_line():
 
 
 def test_wilson_as_printed():
-    """Newcombe (1998), table 1: 81 of 263, 15 of 148, 0 of 20, 1 of 29."""
+    """Wilson limits agree with Newcombe (1998), table 1: 81 of 263, 15 of 148, 0 of 20, 1 of 29."""
     for passed, n, low, high in (
         (81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605),
         (0, 20, 0.0000, 0.1611), (1, 29, 0.0061, 0.1718),

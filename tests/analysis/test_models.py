@@ -256,7 +256,8 @@ def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
 
 
 def test_without_sizes_of_rocks_classical_models_run_by_either_ground(case):
-    """A table needs no rock sizes; a missing size must not count as a small size."""
+    """Without rock sizes, classical models run with both of their grounds: a missing size must not
+    count as a small size."""
     bare = {"zones": None, "table": None}
     case = case.replace(impact={"table": "talus"}, surface=bare, case={"boulders": 20})
     found = run_models(case)

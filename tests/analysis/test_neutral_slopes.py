@@ -95,7 +95,7 @@ def lines(scene_):
 
 
 def test_check_tells_of_each_zone_how_much_is_steeper(zoned):
-    """The neutral slope of ratio 2, 38.8 degrees, lies between the slopes of the two halves."""
+    """The neutral slope for R_b/R_m = 2, 38.8 degrees, is between the slopes of the two halves."""
     assert lines(zoned()) == [
         "zone 1: R_m 0.288 m, R_b/R_m 2; neutral slope 39 degrees, 100% of cells steeper",
         "zone 2: R_m 0.288 m, R_b/R_m 2; neutral slope 39 degrees, 0% of cells steeper",

@@ -53,8 +53,8 @@ def test_no_cell_gets_a_lower_class(seed, width):
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.all) for k in (1, 2))])
 def test_hardly_a_part_is_narrow(seed):
-    """More than half of the area of the classes is narrow, but less than 6 % of that of the
-    outlines: at corners, and where many outlines meet."""
+    """More than half of the classes' area is narrow before, and less than 6 % in the outlines: at
+    corners, and where many outlines meet."""
     width, about = 10.0, {"join_style": "mitre", "mitre_limit": 2.0}
     raw = areas_of(noise(seed))
     before, after = (

@@ -311,7 +311,8 @@ def of_all(values, source=None, attrs=None, names=("L",)):
 
 
 def test_sources_that_are_a_sample_are_clusters():
-    """60 sampled sources with 100 boulders each, which all behave alike."""
+    """All 100 boulders of a sampled source behave alike: 60 sources have 3 independent boulders in
+    the upper 5 %, too few for levels."""
     speed = np.repeat(TAILS["exponential"].rvs(60, random_state=1), 100)
     table = rockfall.return_levels(of_all(speed, np.repeat(np.arange(60), 100), SAMPLE))
     assert set(table["refused"]) == {"3 independent boulders in the upper 5 %, 50 needed"}

@@ -59,7 +59,8 @@ def hits(case, shape, width=0.0):
 
 
 def test_persons_in_a_house(case):
-    """Individual = presence x lethality x frequency; collective = individual x persons."""
+    """Individual risk is presence x lethality x frequency; collective risk is individual risk x
+    persons."""
     about = {"persons": [3.0], "presence": [0.5], "lethality": [0.2]}
     found = hazard(case, [HOUSE], **about)
     k = len(hits(case, HOUSE)[0])
@@ -84,7 +85,7 @@ def test_damage_of_a_building_follows_its_curve(case):
 
 
 def test_vehicles_on_a_road(case):
-    """The number hit by a block is aadt (block diameter + vehicle length) / (24000 speed)."""
+    """A block hits aadt (block diameter + vehicle length) / (24000 speed) vehicles."""
     traffic = {"aadt": [2400.0], "speed": [60.0], "vehicle_length": [4.5], "width": [6.0]}
     found = hazard(case, [ROAD], persons_per_vehicle=[1.5], lethality=[0.8], trips=[4.0], **traffic)
     _, diameter = hits(case, ROAD, 6.0)

@@ -70,7 +70,8 @@ def three(found, name, k=0):
 
 
 def test_persons_in_a_house(found, boulders):
-    """Some of 0.5 boulders per year hit; 4 persons are present half the time, one in ten dies."""
+    """Part of the 0.5 boulders per year hit the house; 4 persons are present half the time, and one
+    in ten dies."""
     home = {"persons": [4.0], "presence": [0.5], "lethality": [0.1]}
     risk = found(HOUSE, **home)
     hits = np.isfinite(boulders[0][0]).sum()
@@ -162,8 +163,8 @@ def test_points_without_a_width_have_the_upper_end_of_each_intensity(found):
 
 
 def test_sums_know_that_boulders_are_shared(found):
-    """A house given twice is hit by the same boulders: limits add up. With a road that is also hit
-    by other boulders, limits lie within the sums."""
+    """A house given twice is hit by the same boulders: its limits are those of one house times 2.
+    Two houses hit by other boulders have limits within the sums."""
     persons = {"lethality": [0.1, 0.1], "persons": [2.0, 2.0]}
     twice = found(HOUSE, HOUSE, **persons)
     added = [2 * one for one in three(twice, "object_collective_risk")]
@@ -186,7 +187,8 @@ def test_a_total_of_points_adds_their_limits(found):
 
 
 def clusters(sources, each=1):
-    """Boulders by source; each source counts as one boulder if sources are a sample."""
+    """Sources with `each` boulders; if more than one, the sources are a sample, and each counts as
+    one boulder."""
     number = np.repeat(np.arange(sources), each)
     return Clusters(Sources.of(number, sampled=each > 1), each)
 

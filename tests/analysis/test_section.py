@@ -130,8 +130,8 @@ def test_flights_on_a_plane_by_hand(on_plane):
 
 
 def test_an_oblique_section_projects_on_itself(on_plane):
-    """A flight passes a station where it crosses the line through it that is perpendicular to the
-    section, which is at 45 degrees to the flight."""
+    """A flight at 45 degrees to the section passes a station where it crosses the perpendicular
+    through that station."""
     data = thrown(on_plane, [10.0], [50.0])
     line = SectionLine(np.array([40 + 100j, 90 + 50j]), 20.0, 50 * 2**0.5)
     found = section_of(data, line, (PLANE, grid(PLANE))).passages
@@ -384,8 +384,8 @@ def test_without_terrain_heights_are_unknown(result):
 
 
 def test_thinned_terrain_has_a_profile_but_no_heights(result, wide):
-    """Terrain of every second cell, as read of large rasters, may miss bumps: heights of
-    trajectories are missing, elevations and speeds are not."""
+    """Large terrain is read with every second cell, which may miss bumps: heights of trajectories
+    are then missing, elevations and speeds are not."""
     thin = Z[::2, ::2], Grid(0.0, 400.0, 10.0, 30, 40)
     found = section_of(result, wide.line, thin)
     assert found.table["recorded_passing_height_max"].isna().all()

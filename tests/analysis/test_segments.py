@@ -70,7 +70,8 @@ def boulders_of(case):
 
 
 def test_a_segment_is_hit_by_the_paths_that_touch_its_ground(tmp_path):
-    """Straight road: rectangles of 30 x 8 m. A boulder on the border of two hits both."""
+    """Segments of a straight road are rectangles of 30 x 8 m. A boulder on the border of two
+    segments hits both."""
     case = make_case(tmp_path)
     found = hazard(case, make_roads(tmp_path, ROAD))
     paths, radius = boulders_of(case)
@@ -155,8 +156,8 @@ def upper_edges(result):
 
 
 def test_classes_are_those_of_the_matrix(tmp_path):
-    """Segments with more than 300 kJ at least once in 30 years are high; segments certainly hit
-    less than once in 300 years are at most residual."""
+    """Segments hit with more than 300 kJ at least once in 30 years have class high; segments
+    certainly hit less than once in 300 years have at most class residual."""
     found = hazard(make_case(tmp_path), make_roads(tmp_path, ROAD))
     rows = segment_table(found)
     often = rows["frequency_above_300kJ"] >= 1 / 30
@@ -184,7 +185,7 @@ def test_pages_name_segments_in_their_language(tmp_path, language, expected):
 
 
 def test_a_winding_road_is_hit_wherever_it_is_crossed(tmp_path):
-    """Two legs across the slope: a boulder that crosses both is counted at each."""
+    """A boulder that crosses both legs of a road counts at each of them."""
     case = make_case(tmp_path)
     legs = shapely.LineString([(60, 300), (240, 300), (240, 250), (60, 250)])
     found = hazard(case, make_roads(tmp_path, legs), length=180.0)

@@ -150,8 +150,8 @@ LINE = {"name": "road", "x": [0.0, 100.0], "y": [50.0, 50.0]}
 
 
 def ends(status, count=2, has_crossed=False, stop=(50.0, 80.0), fall=50.0):
-    """100 boulders from (50, 100), the first `count` with a given end; the others end below the
-    line."""
+    """Values of 100 boulders from (50, 100): the first `count` have the given status, the others
+    are absorbed below the line."""
     is_cut = np.arange(100) < count
     x, y = (np.where(is_cut, cut, other) for cut, other in zip(stop, (50.0, 10.0), strict=True))
     return {
@@ -194,8 +194,8 @@ def test_who_leaves_the_terrain_before_a_line_is_said_to_lower_fractions(
 
 
 def test_a_void_between_two_lines_is_said(tmp_path):
-    """A void between two lines gives a remark, unless the boulders stopped there would have passed
-    to the side of the lower line, or this line is not below them."""
+    """Boulders stopped by a void between two lines give a remark, unless they would have passed the
+    lower line at its side, or end below it."""
     upper, held = {"name": "upper", "x": [0.0, 100.0], "y": [90.0, 90.0]}, ends("hit_nodata")
     for lower, said in (
         (LINE, True),

@@ -38,7 +38,7 @@ GROUPS = [
 
 
 def refused(message):
-    """Check that the block raises a RockfallError with a single line that contains a text."""
+    """Check that the block raises a RockfallError with one line that contains `message`."""
     return pytest.raises(rockfall.RockfallError, match=f"^.*{re.escape(message)}.*$")
 
 

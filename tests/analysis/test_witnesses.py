@@ -452,7 +452,8 @@ def truth(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(truth):
-    """Back-analysis of rocks of 0.2 m with a prior of 0.1 m times or over 2, and another seed."""
+    """Back-analysis of rocks of 0.2 m, with a prior median of 0.1 m, a factor of 2, and another
+    seed."""
     folder, result = truth
     prior = {"surface": {"uniform_mean_radius": 0.1}, "ensemble": {"radius_factor": 2.0}}
     with pytest.MonkeyPatch.context() as patch:
@@ -484,7 +485,8 @@ def test_each_kind_says_what_it_tells_alone_and_what_it_loses(found):
 
 
 def test_compare_and_validate_set_blocks_beside_the_density_of_a_run(truth, capsys):
-    """Blocks agree with the density of boulders for the true rocks, and differ for smaller ones."""
+    """Blocks agree with the density of boulders for the true rocks, and differ for smaller
+    rocks."""
     folder, result = truth
     seen = replace(witnessed(result, 0), contacts=None)
     sizes = {0.2: None, 0.05: None}

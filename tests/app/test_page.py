@@ -120,8 +120,8 @@ def test_a_terrain_alone_asks_for_its_ground(browser):
 
 
 def test_slides_and_waits_are_no_arcs_and_flights_have_their_own_gravity(browser):
-    """On the Moon: a fall, a slide of 6 s, a wait of 5 s, a hop of 4 s to the same height. With
-    Earth's gravity the highest points would be 44, 31 and 20 m above the ground."""
+    """A boulder on the Moon falls, slides for 6 s, waits for 5 s and hops for 4 s to the same
+    height. Arcs by Earth's gravity would be 44, 31 and 20 m high."""
     case = rockfall.read_case("case.nml").replace(
         flight={"gravity": 1.62}, case={"boulders_total": 1}, output={"trajectories": 1}
     )

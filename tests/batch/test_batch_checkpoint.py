@@ -61,7 +61,7 @@ def result_of(path):
 
 
 def test_a_run_that_is_killed_and_changes_programs_comes_to_the_same_bits(many):
-    """A source whose boulders are divided by a kill is counted once per cell."""
+    """A source counts once per cell, also if the run is killed between its boulders."""
     instants, before = random.Random(4), 0
     for k, program in enumerate(PROGRAMS):
         assert kill(many, program, "--threads", str(1 + k % 2), wait=instants.uniform(0, 0.01))
@@ -120,7 +120,7 @@ def test_a_checkpoint_is_not_overwritten_unasked(stopped, batch):
 @pytest.mark.all
 @sends_signals
 def test_a_result_is_not_overwritten_unasked(many):
-    """Both programs refuse to overwrite a result, or a checkpoint without --resume, and --overwrite
+    """Both programs refuse to overwrite a result, or a checkpoint without --resume; --overwrite
     replaces a result."""
     few = ("--boulders", "3")
     assert subprocess.run(command("rockfall", "a.nc", *few), cwd=many).returncode == 0
@@ -257,8 +257,8 @@ def test_a_full_disk_is_said_once_and_the_last_good_checkpoint_stays(many, batch
 @pytest.mark.all
 @preloads
 def test_a_crash_at_every_step(ready):
-    """A run is killed at its first call, its second, and so on. After each, one run is interrupted
-    at its start and the next completes."""
+    """A run is ended at its first file operation, then at its second, and so on. After each, one
+    run is interrupted at its start and the next completes."""
     shim = build_shim(ready)
     words = ["--checkpoint", "1e-9", "--resume", "--overwrite", "--boulders", "400"]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The text of a case is read once by the kernel, and written once."""
+"""The text of a case is parsed once by the kernel, and written once."""
 
 import shutil
 import sys

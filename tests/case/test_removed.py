@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The text of a case is parsed once by the kernel, and written once."""
+"""Removing a key also removes the keys that are only valid with it, in one call."""
 
 import pytest
 

@@ -66,7 +66,7 @@ def holds_a_number(sentence: str) -> bool:
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_page_holds_a_number_of_validity_of_its_own(path):
-    """Pages have such numbers only in blocks made by tools/document_evidence.py."""
+    """Pages give agreement with observations only in blocks made by tools/document_evidence.py."""
     own = [
         sentence
         for sentence in sentences(path.read_text(encoding="utf-8"))

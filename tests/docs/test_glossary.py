@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The catalogues use the terms of docs/glossary.csv, one for each thing and language."""
+"""The catalogues use the terms of docs/glossary.csv, one term for each thing in each language."""
 
 import csv
 import re

@@ -78,7 +78,7 @@ def test_a_mistake_gives_its_line_and_no_other(what, tmp_path):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("options", [{}, {"cell": 1.0}, {"cell": 15.0}, {"within": 50.0}])
 def test_sound_surveys_give_none(seed, options, tmp_path):
-    """Cliffs, repeated points and survey errors are not reported as spikes."""
+    """Cliffs, repeated points and survey errors give no remark."""
     points = survey(seed)
     points = np.concatenate([points, points[:9], points[9:12] + (0.0, 0.0, 0.3)])
     assert dem_of_points(write(tmp_path, points), **options)[1].remarks == ()

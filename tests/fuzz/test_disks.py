@@ -71,7 +71,7 @@ OUTPUTS = {"rockfall": "a.nc", "rockfall-batch": "a"}
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("fault", NO_LOCKS)
 def test_runs_go_on_without_locks(program, fault, ready, disk):
-    """Runs write checkpoints too, whose files HDF5 would lock."""
+    """Runs write checkpoints, whose files HDF5 would also lock."""
     output = OUTPUTS[program]
     status, said = run(program, output, ready, disk, "--checkpoint", "1e-9", NO_LOCK=fault)
     assert status == 0, said

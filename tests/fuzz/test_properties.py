@@ -528,7 +528,7 @@ WHOLE = {
 @given(scenes_of(), st.sampled_from([1 / 8, 1 / 2, 2, 64]))
 def test_gravity_changes_speeds_but_no_place(folder, scene, factor):
     """Speeds scale with the root of gravity, and places are unchanged: the model has no speed of
-    its own. Powers of two make it exact."""
+    its own. Factors are powers of two, so that results are exact."""
     here, f = started(scene, folder, changes=WHOLE), factor
     there = scene.run(folder, changes=WHOLE | speeds_times(scene, f, gravity=f**2))
     scaled(here, there, {"m s-1": f, "rad s-1": f, "s": 1 / f, "J": f**2})

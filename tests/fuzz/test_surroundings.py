@@ -204,7 +204,7 @@ print("the same")
 
 
 def test_a_child_of_a_fork_runs_as_its_parent(few_boulders):
-    """Threads of libgomp wait for the next run of a process, but a forked child does not have
-    them."""
+    """A forked child runs like its parent, although it does not have the threads of libgomp that
+    wait for the next run."""
     done = ran([sys.executable, "-c", FORK, few_boulders])
     assert (done.returncode, done.stdout) == (0, b"the same\n"), done.stderr.decode()

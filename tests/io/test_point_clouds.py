@@ -42,7 +42,7 @@ def cloud(path, points, classes=2, crs=2056, withheld=None, version="1.4", kind=
 
 
 def by_hand(points, classes):
-    """LAS file of version 1.2, written from the standard without laspy."""
+    """Content of a LAS file of version 1.2, made from the standard without laspy."""
     scale, offset = (0.01, 0.01, 0.01), (W, S, 0.0)
     head = struct.pack(
         "<4sHHIHH8sBB32s32sHHHIIBHI20x12d", b"LASF", 0, 0, 0, 0, 0, b"", 1, 2, b"", b"by hand", 1,

@@ -272,8 +272,8 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
 )
 @pytest.mark.parametrize("rising", [False, True])
 def test_a_part_of_a_file_lies_where_its_coordinates_are(stale, rising):
-    """A part of a dataset may keep the GeoTransform of the complete raster, which some versions of
-    GDAL use."""
+    """A part of a dataset is placed by its coordinates, although it keeps the GeoTransform of the
+    complete raster, which some versions of GDAL use."""
     about = {"GeoTransform": stale, "crs_wkt": rasterio.CRS.from_epsg(32632).wkt}
     data = georeferenced(hill()).to_dataset()
     data["crs"] = xr.Variable((), 0, about)

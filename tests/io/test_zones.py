@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zones: every cell of the terrain has a row in the table, or a line of error gives the reason."""
+"""Zones: every cell of the terrain has a row in the table, or a one-line error gives the reason."""
 
 import json
 import math

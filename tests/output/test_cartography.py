@@ -84,7 +84,7 @@ def test_the_scale_bar_is_as_long_as_it_says(crowded):
 
 
 def test_the_scale_of_a_map_is_round_and_holds_at_its_size(crowded):
-    """Below maps of values and of stops is also the coordinate system, or that there is none."""
+    """A line below a map has its scale, and its coordinate system or that there is none."""
     place = {
         "projected_crs_name": "ETRS89 / UTM zone 32N",
         "crs_wkt": 'X[AUTHORITY["EPSG","25832"]]',

@@ -357,8 +357,8 @@ def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
 
 
 def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
-    """Boulders pass the road 1 m higher by the second model, so that its net is 1 m higher; it is
-    only on page 1 if it must be stronger."""
+    """Boulders pass the road 1 m higher by the second model, so that its net is 1 m higher. This
+    net is on page 1 only if it must be stronger."""
     usual = read_hazard(made[0] / "hazard_by_second_model.nc")
     higher = usual.copy(deep=True)
     rates = usual["line_class_behind"].values
@@ -581,8 +581,8 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
     [("en", "155 of 450 m lie outside"), ("fr", "1 tronçons sur 8 s'étendent au-delà du terrain")],
 )
 def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, language, expected):
-    """Outside of the terrain are a third of the line, measured between the outermost cell centres,
-    one of 8 road segments, and half of a house."""
+    """A third of the line (between the outermost cell centres), one of 8 road segments, and half of
+    a house are outside the terrain."""
     x = [-150.0, 300.0]
     line = case.line[0] | {"x": x, "y": [200.0, 200.0]}
     few = case.replace(case={"boulders": 10}, line=[line], variant=[])

@@ -122,7 +122,7 @@ def sheets(project):
 
 @pytest.fixture(scope="module")
 def boulders(project):
-    """Crossings of each place, by variant and scenario; `second` has the other rebound model."""
+    """Crossings at each place, by variant and scenario; `second` has the other rebound model."""
     folder, shapes = project
     cases = rockfall.variants(rockfall.read_case(folder / "case.nml"))
     grounds = (folder / "case_zones.csv").read_text()
@@ -219,8 +219,8 @@ def table(sheets, words):
 
 @pytest.mark.all
 def test_frequencies_and_return_periods_of_page_1(sheets, boulders):
-    """Frequencies and return periods of road and houses; the frequencies also by variant, and those
-    of houses also in plan and above 30 and 300 kJ."""
+    """Road and houses have the frequencies and return periods of the hand calculation, also by
+    variant. Houses also have those of hits in plan, and above 30 and 300 kJ."""
     rows, by_variant = table(sheets, "at each place"), table(sheets, "year, by variant")
     objects = table(sheets, "Objects")
     for place in ("road", *HOUSES):
@@ -306,8 +306,8 @@ def test_barriers(sheets, boulders):
 
 
 def test_barriers_of_the_case(sheets, project):
-    """Frequencies of boulders that reach the net of the case, and of those that pass it, equal a
-    separate run."""
+    """Frequencies at the net of the case, of boulders that reach it and that pass it, are those of
+    a separate run."""
     case = rockfall.variants(rockfall.read_case(project[0] / "case.nml"))["with net"]
     come, passed = [], []
     for _, low, high in SCENARIOS.values():

@@ -102,7 +102,7 @@ def result():
 
 @pytest.mark.parametrize("system", ["EPSG:32632+6360", "EPSG:32632+5783"])
 def test_maps_of_a_result_with_a_system_of_heights_have_none(result, system, tmp_path):
-    """GDAL would convert counts and energies from feet. Older results have compound systems."""
+    """GDAL would convert counts and energies from feet. Older results may have a compound CRS."""
     result["crs"].attrs["crs_wkt"] = rasterio.crs.CRS.from_user_input(system).to_wkt()
     maps = [path for path in export(result, tmp_path / "out") if path.suffix == ".tif"]
     assert maps

@@ -580,7 +580,7 @@ def test_ticks_of_logarithms_are_made_once_for_a_view(full, monkeypatch):
 
 
 def test_contours_are_two_curves_of_all_their_levels(full):
-    """A bold and a thin curve have gaps between the pieces of contours."""
+    """Contours are one bold and one thin curve, with gaps between their pieces."""
     contours = relief.contours_of(TERRAIN, extent.reached(full))
     drawn = draw(full, "stops", TERRAIN)
     brown = [line for line in drawn.axes[0].lines if line.get_color() == relief.BROWN]

@@ -94,7 +94,7 @@ def full_page(result, levels, monkeypatch):
     ["de", *(pytest.param(one, marks=pytest.mark.all) for one in ("without", "en", "fr", "it"))],
 )
 def test_the_signature_is_on_page_1_in_every_language(full_page, name):
-    """Reports have many lines, and no or more warnings than page 1 has room for."""
+    """Reports have many lines, and either no warning or more than page 1 has room for."""
     weasyprint = pytest.importorskip("weasyprint", reason="the pdf extra is not installed")
     page = full_page(name).split('<section id="results">')[0]
     first, *others = weasyprint.HTML(string=page).render().pages

@@ -103,8 +103,8 @@ def test_speed_is_the_rate_at_which_the_place_changes(moved):
 
 
 def test_a_leg_on_the_ground_follows_the_terrain(moved):
-    """Legs on the ground are within 2 % of the smallest boulder radius of it. Without their
-    intermediate points they would be off by decimetres."""
+    """Legs on the ground are off the terrain by at most 2 % of the smallest boulder radius; without
+    their intermediate points, by decimetres."""
     name, result = moved
     radius = (3 * result["volume"].values.min() / (4 * np.pi)) ** (1 / 3)
 

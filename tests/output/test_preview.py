@@ -111,8 +111,8 @@ def test_check_prints_the_same_whenever_it_is_called(tmp_path, monkeypatch):
 
 
 def test_scenarios_are_summed_in_a_line(tmp_path):
-    """The frequencies of one boulder in 4 years from each of 50 sources, and of one in 10 years
-    from all together, add up to 12.6 per year."""
+    """A boulder in 4 years from each of 50 sources, and one in 10 years from all together, are 12.6
+    boulders per year."""
     scene = scene_of(tmp_path, 50, 10)
     assert "scenarios" not in preview.preview(scene)
     law = {"volume": "uniform", "volume_min": 2.0, "volume_max": 5.0}
@@ -127,7 +127,7 @@ def test_scenarios_are_summed_in_a_line(tmp_path):
 
 
 def test_each_ground_has_a_softer_and_a_firmer_neighbour():
-    """Neighbours are next to each other by strength; talus, with strength proportional to size, has
+    """Neighbours are the next grounds in strength; talus, with strength proportional to size, has
     none."""
     order = ["soft-soil", "vegetated-soil", "meadow", "compact", "rock"]
     for k, name in enumerate(order):

@@ -64,7 +64,7 @@ def file(result, tmp_path):
 
 
 def equal(n=100, **values):
-    """Identical boulders of 2600 kg/m3 at a line, or with other `values`."""
+    """Identical boulders of 2600 kg/m3 at a line; `values` replace usual values."""
     usual = {"volume": 1.0, "position": 5.0, "speed": 20.0, "energy_total": 5e5,
              "energy_translational": 5.2e5, "passing_height": 3.0, "upper_edge": 3.6,
              "normal_height": 2.5, "normal_upper_edge": 3.1}  # fmt: skip

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lines, barriers and dams from vector layers: bit-identical to typed ones, or refused in one
-line."""
+"""Lines, barriers and dams from vector layers: bit-identical to those typed in the case, or refused
+in one line."""
 
 import os
 import sys

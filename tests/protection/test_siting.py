@@ -196,8 +196,8 @@ def test_runs_in_turn_find_the_same(case, found):
 
 
 def test_lines_are_let_go_between_runs(case, monkeypatch):
-    """Only one result is in memory at a time, with the small result of the advised barrier, which
-    has only the lines of the case."""
+    """Only one result is in memory at a time, apart from the small result of the advised barrier,
+    which has only the lines of the case."""
     alive = []
 
     def counted(scene, **how):

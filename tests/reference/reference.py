@@ -183,7 +183,6 @@ class Crossing(NamedTuple):
 
 
 def exact(number) -> Decimal:
-    """Float as an exact decimal."""
     return Decimal(float(number))
 
 
@@ -571,7 +570,7 @@ def draw_outgoing(world: World, k: int, v: Triple, z: list[Decimal]) -> Triple:
 
 
 def growth(world: World, k: int, v: Triple, z: list[Decimal]) -> float:
-    """Maximum relative size of A V, and of its change with a small change of V."""
+    """Maximum, over the components of A V, of their relative size and sensitivity to V."""
     mean, root = law_of_outgoing(world, k, v)
     scale = max(map(abs, v)) or ONE
     small = scale * Decimal("1e-20")
@@ -601,7 +600,7 @@ def impact(
     world: World, number: int, hit: int, k: int, v_in: Triple, doubt: Doubt
 ) -> tuple[Triple, float]:
     """Velocities (V_t, V_n, W) after the impact by set k, and their sensitivity to the incoming
-    ones."""
+    velocities."""
     before = energy(v_in)
     for draw in range(DRAWS):
         z = [normal(word) for word in words(world, IMPACT, number, hit, draw)[:3]]

@@ -258,8 +258,8 @@ def test_on_the_slope_of_the_paper(name):
 
 
 def test_whole_ways_part_no_faster_than_roundings_grow(tmp_path):
-    """From the release on, kernel and reference agree for fifteen contacts up to growing rounding
-    errors, and at least 80 % of the boulders end with the same status after as many contacts."""
+    """From the release on, kernel and reference agree for fifteen contacts, with growing rounding
+    errors. At least 80 % of the boulders end with the same status and number of contacts."""
     case = scenes.make_case(
         tmp_path, *scenes.sets(), case={"boulders": BOULDERS}, boulder=NORMAL, impact=NO_ROLLS,
         release={"x": [149.8], "y": [382.6]}, output={"trajectories": BOULDERS},

@@ -21,7 +21,7 @@ def broken(rows):
 
 @pytest.mark.parametrize("name", every_third(SCENES))
 def test_scenes_hold(name, tmp_path):
-    """Every status is allowed, no value is NaN, no boulder gains energy, and flights follow their
+    """Boulders have an expected status, no NaN and no gain of energy; flights follow their
     parabolas."""
     scene = SCENES[name]
     case, result = stability.run(scene, tmp_path, boulders=120)

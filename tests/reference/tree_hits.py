@@ -38,8 +38,6 @@ class Forest:
 
 
 class Hit(NamedTuple):
-    """Hit of a stem by a flight."""
-
     stem: int
     time: Decimal
     offset: Decimal  # offset of the axis from the path, > 0 to the left
@@ -52,8 +50,6 @@ class Hit(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Effect of a hit."""
-
     taken: Decimal
     energy: Decimal  # energy before the hit
     remains: Decimal  # speed after over speed before
@@ -120,7 +116,7 @@ def energy_share(x: Decimal) -> Decimal:
 def collide(
     world: World, forest: Forest, number: int, count: int, hit: Hit, state: State, doubt: Doubt
 ) -> Outcome:
-    """Effect of a boulder's hit number `count`."""
+    """Effect of a hit on its boulder; `count` is the number of the hit."""
     mass = exact(forest.density) * reference.volume(world, number)
     speed2 = sum(v * v for v in hit.v)
     energy = mass / 2 * (speed2 + reference.INERTIA * state.spin**2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ground from evidence: strength from scars by the laboratory's scars, relief from surveyed
+"""Ground from evidence: strength from scars, by those of the laboratory, and relief from surveyed
 patches."""
 
 import csv

@@ -394,8 +394,8 @@ def test_a_factor_on_what_nobody_gives_is_refused(case):
 
 
 def test_scenarios_give_what_the_layer_does_not(case):
-    """Scenarios give volumes if the layer has only drop heights. Volumes of all sources have
-    priority over a scenario and are refused with it; volumes of some are reported."""
+    """Scenarios give volumes that the layer does not give. They are refused if all sources have a
+    volume; volumes of some sources are kept and reported."""
     both = case.replace(line=[], scenario=[
         {"name": "small", "frequency": 1.0, "volume": "fixed", "volume_mean": 0.1},
         {"name": "large", "frequency": 0.1, "volume": "fixed", "volume_mean": 4.0},

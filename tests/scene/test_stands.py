@@ -87,8 +87,8 @@ def test_a_stand_in_another_unit_than_the_others_is_told(tmp_path, columns, told
 
 @pytest.mark.parametrize("spread", ["random", pytest.param("even", marks=pytest.mark.all)])
 def test_stems_are_as_many_as_the_area_says_in_cells_cut_by_an_edge_too(tmp_path, spread):
-    """Three adjacent stands with oblique edges have the expected number of stems over many seeds,
-    each in full and in its part of the cells cut by the edge, within four standard errors."""
+    """Three adjacent stands with oblique edges have the expected number of stems, also in the cells
+    cut by an edge. Over many seeds, differences are within four standard errors."""
     shapes = [
         shapely.Polygon([(31, 47), (148, 52), (163, 341), (42, 333)]),
         shapely.Polygon([(148, 52), (271, 66), (252, 352), (163, 341)]),

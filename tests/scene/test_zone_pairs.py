@@ -186,8 +186,8 @@ def test_a_case_has_the_numbers_of_a_row_everywhere(case, groups):
 
 
 def test_zones_that_name_no_ground_have_them(case):
-    """Without a ground of its own, a zone has that of the case with its values, and its own relief
-    replaces that of the case; a named ground has none of these values."""
+    """A zone without a named ground has that of the case, with the case's strength and relief or
+    its own. A named ground has neither."""
     write_pairs(case, "4,0.3,,,14\n-2,0.3,talus,,\n")
     scene = read_scene(case.replace(surface={"ground": "talus"} | OWN))
     assert [rule.name for rule in scene.grounds] == ["talus (300000 Pa, 14 degrees)", "talus"]
@@ -232,7 +232,7 @@ def test_a_ground_without_strength_is_refused(case, ground):
 
 
 def test_models_vary_it_whole(case):
-    """Other models replace the ground of the case and have none of its values."""
+    """Other models replace the ground of the case and do not use its strength and relief."""
     whole = case.replace(surface=NO_ZONES | {"ground": "talus", "uniform_mean_radius": 0.3} | OWN)
     scenes = dict(variants(whole, ["road"], []))
     grounds = {name: [rule.name for rule in scene.grounds] for name, scene in scenes.items()}

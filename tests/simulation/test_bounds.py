@@ -37,8 +37,8 @@ def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):
 
 
 def test_the_bound_is_that_of_63_bits(tmp_path):
-    """Boulders of one volume may add up to the energy of the fall times their number; the limit is
-    2**63 J."""
+    """The sum of a map may be up to 9e18 J, below 2**63. For boulders of one volume it is bounded
+    by the energy of the fall times their number."""
     scene = scene_of(tmp_path, boulders=1000)
     volume = 9.0e18 / (1000 * 2800 * G * fall(scene))
     for factor in 0.999, 1.001:
@@ -52,7 +52,8 @@ def test_the_bound_is_that_of_63_bits(tmp_path):
 
 
 def test_squares_have_126_bits(tmp_path):
-    """Squares of energies have 126 bits: a billion boulders of 10 m3 fit, but not of 1000 m3."""
+    """Squares of energies have 126 bits: a billion boulders of 10 m3 fit, a billion of 1000 m3 do
+    not."""
     maps = {"maps": [f"{name}_std" for name in ("energy", "speed", "passing_height")]}
     check(scene_of(tmp_path, boulders=10**9, boulder={"volume_mean": 10.0}, **maps))
     with pytest.raises(rockfall.RockfallError, match="energy_std: the sum of 1000000000 .* J2 "):

@@ -70,7 +70,7 @@ def test_saves_take_a_twentieth_of_the_time_at_most(scene, tmp_path, monkeypatch
 
 
 def crash_at(monkeypatch, step):
-    """Raise `Killed` at the `step`-th call, and all later ones, that syncs, renames or removes a
+    """Raise `Killed` at call number `step`, and at all later calls, that sync, rename or remove a
     file; return the list of calls."""
     count = []
 
@@ -90,7 +90,7 @@ def crash_at(monkeypatch, step):
 
 
 def interrupted(run, *arguments, **how):
-    """Run that Ctrl-C ends before its first chunk."""
+    """Call `run`, and end it by Ctrl-C before its first chunk."""
 
     @contextmanager
     def at_once():
@@ -172,7 +172,8 @@ RUN = ["run", "case.nml", "--quiet"]
 
 
 def test_a_lock_that_was_removed_in_between_is_taken_anew(tmp_path, monkeypatch):
-    """The previous owner removes the lock between its opening and locking: it is locked again."""
+    """The previous owner removes the lock file after it is opened and before it is locked: the lock
+    is taken again."""
     fcntl = pytest.importorskip("fcntl", reason="POSIX has these locks")
     output, flock, tries = tmp_path / "c", fcntl.flock, []
 

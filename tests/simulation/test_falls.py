@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Boulders by impact tables that fall from a height: rebounds beyond the records of a table are
-counted, and those that fall farther do not travel less far."""
+counted, and boulders that fall farther do not travel less far."""
 
 import itertools
 
@@ -36,7 +36,7 @@ STEADY = {"firm": 19.0, "hard": 18.0, "rocky-slope": 32.0}
 
 @pytest.fixture(scope="module", autouse=True)
 def folder(tmp_path_factory):
-    """Folder with a ground table of GROUNDS."""
+    """Folder with a table of the grounds in GROUNDS."""
     place = tmp_path_factory.mktemp("grounds")
     write_grounds(place)
     return place

@@ -30,8 +30,8 @@ def prepare(folder):
 
 @pytest.fixture
 def case(gallery, tmp_path, monkeypatch):
-    """Work in a folder with a small case, prepared and run with both programs; return the
-    folder."""
+    """Work in a folder with a small case, prepared for rockfall-batch, and the results of both
+    programs as `.done` files."""
     monkeypatch.chdir(tmp_path)
     gallery.copy("finished", prepare, tmp_path)
     for path in Path().glob("rockfall*.nc"):
@@ -69,8 +69,8 @@ def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
 
 @pytest.mark.parametrize("shard", [(), ("--shard", "2/2")])
 def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
-    """A part of a run is finished for both programs. A part with all boulders is not a result of
-    Python."""
+    """A part of a run is finished for both programs; a part with all boulders is finished only for
+    rockfall-batch."""
     assert by_batch("-o", "a.nc", *shard) == 0
     assert by_python("-o", "a.nc", "--resume", *shard) == (0 if shard else 2)
     said = FINISHED if shard else "already exists; not overwritten (--overwrite replaces it)"

@@ -262,8 +262,8 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):
-    """Boulders may rest on a plane of 33 degrees of talus, but not of meadow; a given rest angle
-    has priority."""
+    """A plane of 33 degrees holds some boulders on talus and none on meadow; a given rest angle has
+    priority."""
 
     def resting(ground, **impact):
         z = 500 + 5 * np.tan(np.radians(33.0)) * np.mgrid[40:0:-1, 0:40][0]

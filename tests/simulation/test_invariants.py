@@ -156,8 +156,8 @@ def test_limits_of_the_reach_probability_are_wilsons(crowd):
 
 
 def _limits_are_those_of_the_lines(result, alone, name):
-    """Limits exist from `thin_below` passages on, each if a line would have it, and are within one
-    bin of the adjacent order statistics."""
+    """Limits exist in cells with at least `thin_below` passages, each where a line would have it,
+    and are within one bin of the adjacent order statistics."""
     level, lowest = int(name[-2:]) / 100, {"e": 64, "s": 0.25, "j": 0.0625, "p": 0.0625}[name[0]]
     low, high = (result[f"{name}_{end}"].values for end in ("low", "high"))
     count = (~np.isnan(alone)).sum(axis=0)

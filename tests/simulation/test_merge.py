@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Parts of a run: merged, they are the run; other files are refused by name."""
+"""Parts of a run are merged into the result of the run; other files are refused with their
+names."""
 
 import shutil
 import warnings

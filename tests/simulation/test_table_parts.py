@@ -128,8 +128,8 @@ def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
 @pytest.mark.all
 @pytest.mark.parametrize("relief", [3.0, 8.0, 9.0, 13.0, 19.0, 30.0])
 def test_boulders_take_the_rows_beside_their_relief_linearly(tmp_path, relief):
-    """The two rows next to the relief are used in proportion to their distance, independently of
-    the columns."""
+    """The two rows next to the relief are used with probabilities by linear interpolation,
+    independently of the columns."""
     own = np.sqrt(COLUMNS[0] * COLUMNS[1])
     ground = YieldingGround(38.0, STRENGTH, relief=relief)
     result = rockfall.run(coded_case(tmp_path, ground, radius=radius_of(own)), **plane())

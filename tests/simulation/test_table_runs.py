@@ -70,7 +70,8 @@ def test_no_bit_depends_on_lanes(whole, lanes):
 
 @pytest.mark.parametrize("lanes", [1, 2, 3])
 def test_cells_along_contacts_are_the_same_in_lanes(whole, lanes):
-    """Lanes record cells and hits along contacts on the ground as boulders run one by one do."""
+    """Cells and hits along contacts on the ground are the same in lanes as for boulders run one by
+    one."""
     maps = ["passages", "energy_mean", "passing_height_max", "travel_time_min"]
     output = {"maps": [*maps, "hits_energy_exceeded"], "rebounds": True, "trajectories": 0}
     scene = read_scene(whole[0].replace(output=output), **terrain())

@@ -21,8 +21,7 @@ def reaching(**impact):
 
 
 def rising(number, fraction):
-    """Non-decreasing fractions nearest to the given ones: neighbours that decrease get their common
-    mean."""
+    """Nearest non-decreasing fractions: neighbours that decrease get their common mean."""
     blocks = []
     for block in zip(fraction, number, np.ones(fraction.size, int), strict=True):
         blocks.append(block)

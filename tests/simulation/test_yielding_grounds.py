@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs by tables made from planes: boulders of any size behave alike if all is scaled; results are
+"""Runs by tables made from planes: similar boulders of any size behave alike; results are
 bit-identical however a run is divided and whichever parts within reach are loaded; users' rows."""
 
 import itertools
