@@ -49,8 +49,6 @@ def open_window(browser, server):
 
 
 class Window:
-    """The page in a browser, with a user's actions and what they show."""
-
     def __init__(self, browser):
         self.browser = browser
 

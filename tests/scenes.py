@@ -133,7 +133,6 @@ def cut_below(z, y, cell=5.0):
 
 
 def status(result):
-    """Status of each boulder as text."""
     names = result.status.attrs["flag_meanings"].split()
     return [names[k - 1] for k in result.status.values]
 

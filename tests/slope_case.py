@@ -22,7 +22,6 @@ CASE = """&case title = 'Slope', boulders = 20, seed = 7 /
 
 
 def slope():
-    """Elevations of a slope that becomes flat."""
     south = np.arange(NY)[:, None] * 5.0
     return (1100 - 0.7 * np.minimum(south, 100) + 0 * np.arange(NX)).astype("f4")
 

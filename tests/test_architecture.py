@@ -113,7 +113,6 @@ def all_imports():
 
 
 def report(broken):
-    """Fail with a list of all violations, if there are any."""
     broken = list(dict.fromkeys(broken))
     assert not broken, f"{len(broken)} broken:\n" + "\n".join(broken)
 

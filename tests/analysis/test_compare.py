@@ -59,7 +59,6 @@ def of_two(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def place(tmp_path, monkeypatch):
-    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 

@@ -124,7 +124,6 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
 
 
 def test_statistical_errors_agree_with_the_intervals_of_a_run(found):
-    """Half the width of a 95 % interval is 1.96 standard errors."""
     _, measured = found
     study = measured.study.query("boulders == 1000").set_index(KEYS)
     for row in measured.cost.itertuples():

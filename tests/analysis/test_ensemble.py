@@ -55,7 +55,6 @@ def place_of(z):
 
 
 def case_of(folder, boulders=100, **groups):
-    """Case on a rough slope with a line; `groups` add or replace its groups."""
     groups = {"terrain": {}, "release": {"x": 150.0, "y": 380.0, "drop_height": 5.0}} | groups
     run = {"boulders": boulders, "threads": 1}
     return make_case(folder, *sets(), line=[LINE], case=run, **groups)

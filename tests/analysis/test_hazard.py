@@ -361,7 +361,6 @@ def test_the_boulders_needed_are_enough_and_no_more():
 
 
 def test_a_matrix_of_ones_own(tmp_path):
-    """A matrix for one threshold, 250 kJ, and two return periods gives the classes."""
     own = {"thresholds": [250.0], "return_periods": [10.0, 1000.0]}
     own["matrix"] = ["low", "residual", "high", "moderate"]
     found = hazard(make_case(tmp_path, hazard=own))

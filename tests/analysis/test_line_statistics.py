@@ -22,7 +22,6 @@ LONG = 20_000
 
 @pytest.fixture(scope="module")
 def long_run(gallery):
-    """Result of 20,000 boulders from one source that pass a line."""
     line = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 
     def make(folder):
@@ -37,8 +36,7 @@ def long_run(gallery):
 
 
 def a_sample(number):
-    """Sampled sources, as by &release sources = 'sample'; `number` has the source of each
-    boulder."""
+    """Sampled sources; `number` has the source of each boulder."""
     return Sources.of(number, sampled=True)
 
 
@@ -207,8 +205,8 @@ def test_intervals_of_few_skewed_values_hold_and_err_on_neither_side(law, n):
 
 
 def test_intervals_of_rare_passages_hold_for_unlike_sources():
-    """40 sources release 100 boulders each, and 26 boulders pass on average. Sources with more
-    passing boulders give them more energy."""
+    """Intervals of the mean include the truth, although from some of 40 sources more boulders pass,
+    and with more energy. On average 26 of 4,000 boulders pass."""
     random = np.random.default_rng(5)
     number = np.repeat(np.arange(40), 100)
     source, chance = Sources.of(number), 2e-4 * (1 + np.arange(40))[number] * 26 / 16.4

@@ -330,7 +330,6 @@ def test_a_table_says_what_was_refused_where_some_is_and_some_is_not():
 
 
 def test_numbers_of_any_size_stand_in_columns_of_their_own(capsys, tmp_path, result):
-    """Table cells are separated by at least two blanks; rows have as many cells as the heading."""
     many = result.assign(mass=("boulder", 1e4 * masses_of(result), MASS["mass"]))
     rockfall.write_result(many, tmp_path / "out.nc")
     assert main(["lines", str(tmp_path / "out.nc")]) == 0

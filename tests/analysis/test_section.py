@@ -440,8 +440,6 @@ def test_a_layer_and_pairs_are_the_same(result, tmp_path):
 
 
 def test_command(place, capsys):
-    """`rockfall section` writes tables with units and a figure in the requested format; wrong
-    options are refused."""
     pytest.importorskip("matplotlib", reason="the report extra is not installed")
     assert main(["run", "case.nml", "--quiet"]) == 0
     words = ["section", "case.nc", "--line", "600060,4999990", "600060,4999890"]

@@ -91,7 +91,6 @@ def test_a_segment_is_hit_by_the_paths_that_touch_its_ground(tmp_path):
 
 
 def test_all_segments_together_are_hit_by_what_hits_the_road(tmp_path):
-    """Each boulder that touches the strip of the road touches at least one of its segments."""
     case, roads = make_case(tmp_path), make_roads(tmp_path, ROAD)
     found, whole = hazard(case, roads), hazard(case, roads, length=None)
     assert whole.sizes["segment"] == 1
@@ -150,7 +149,6 @@ def test_numbers_weigh_boulders_as_often_as_they_come(tmp_path):
 
 
 def upper_edges(result):
-    """Height of the highest point at the only line: centre plus radius."""
     radius = np.cbrt(0.75 * result.volume.values / np.pi)
     return at_lines(result)["line_passing_height"].values[0] + radius
 

@@ -55,7 +55,6 @@ def made(case, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def small(case):
-    """The case with few boulders, in a file."""
     few = case.replace(case={"boulders": 20})
     few.name = str(Path(case.name).with_name("few.nml"))
     Path(few.name).write_text(few.text(), encoding="utf-8")

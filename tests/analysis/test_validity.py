@@ -309,7 +309,6 @@ def test_remarks_are_in_the_order_of_their_grades_and_each_once(tmp_path):
 
 
 def narrow(ratio):
-    """Fit ranges with very few speeds."""
     return " speed_range = 100, 101\n angle_range = 2, 90\n"
 
 

@@ -35,7 +35,6 @@ def bare(folder, **changes):
 
 @pytest.fixture(scope="module")
 def variants(tmp_path_factory):
-    """Runs of a slope without a net, and with a net above its line."""
     case = bare(tmp_path_factory.mktemp("variants"))
     net = {"name": "net", "x": [0.0, 300.0], "y": [330.0, 330.0], "height": 3.0, "capacity": 2000.0}
     return {"bare": run(case), "net": run(case.replace(barrier=[net]))}

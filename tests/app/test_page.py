@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The live window in a real browser: an engineer's actions, and what they must not cause."""
+"""The live window in a real browser: what an engineer does, and what must not happen."""
 
 import base64
 import json

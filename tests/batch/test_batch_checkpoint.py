@@ -34,7 +34,6 @@ PROGRAMS = ("rockfall", "rockfall-batch")
 
 
 def command(program, output, *words):
-    """Command of a run, for the folder of its case."""
     begin = {"rockfall": [sys.executable, "-m", "rockfall", "run", "case.nml"],
              "rockfall-batch": [find_program(), "ready/case.nml"]}[program]  # fmt: skip
     return [*begin, "--quiet", "-o", output, *words]
@@ -152,7 +151,6 @@ def test_a_result_is_not_overwritten_unasked(many):
 @makes_links
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_no_file_is_written_through_a_link_that_somebody_placed(many, program):
-    """The target of the link is unchanged, the result is a regular file, and no link remains."""
     (many / "victim").write_text("mine\n")
     (many / ".a.nc.checkpoint").symlink_to("victim")
     words = ("--boulders", "2000", "--checkpoint", "1e-9")

@@ -173,8 +173,6 @@ def test_long_lists_arrive_whole():
 
 @pytest.mark.parametrize("path", SHIPPED, ids=str)
 def test_shipped_files_are_read_and_written_again(path):
-    """Values of cases, impact sets and laboratory cases are equal after writing and reading."""
-
     def read(text):
         found = read_values(text, str(path)).groups
         names = sorted({group.name for group in found})

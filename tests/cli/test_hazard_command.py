@@ -63,7 +63,6 @@ def no_figures():
 
 
 def write_case():
-    """Slope with scenarios and two objects, in the current folder."""
     write_slope()
     Path("case.nml").write_text(CASE + SCENARIOS)
     columns = {"name": ["house", "road"], "vulnerability": [0.5, 1.0], "value": [100.0, 1.0]}

@@ -23,7 +23,6 @@ QUICK = ["-Dpython=false", "-Dlibrary=true", "-Dnetcdf=disabled", "-Db_lto=false
 @pytest.mark.all
 @pytest.mark.skipif(not shutil.which("Rscript"), reason="R is not installed")
 def test_r_runs_a_case(tmp_path, monkeypatch):
-    """Run the files and commands of the page with a library built from this tree."""
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs/c_interface.md").read_text("utf-8")
     for kind in "c", "r":

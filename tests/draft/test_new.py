@@ -377,7 +377,6 @@ def test_what_cannot_be_is_refused_in_one_line(make, arguments, said, tmp_path, 
 
 
 def test_a_table_of_zones_is_not_overwritten():
-    """An edited table of zones is left unchanged, and no case is written."""
     make_layer("zones.gpkg", HALVES, R_m=[0.1, 0.2])  # symbol of the mean radius
     assert new("zones.gpkg", "-o", "case.nml") == 0
     table = Path("case_zones.csv")

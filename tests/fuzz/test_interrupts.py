@@ -155,7 +155,6 @@ def test_sigterm_is_what_it_was_after_a_command(place):
 
 @pytest.fixture
 def prepared(batch, tmp_path):
-    """Folder with a prepared case whose run takes long."""
     prepare(make_full_case(tmp_path, case={"boulders": 50_000}), tmp_path / "ready")
     return tmp_path
 

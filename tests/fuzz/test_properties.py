@@ -577,7 +577,6 @@ def speeds_times(scene, factor, gravity):
 
 
 def times(value, factor):
-    """Multiply a number, list or array by a factor, without a change of precision."""
     if isinstance(value, np.ndarray):
         return value * value.dtype.type(factor)
     return [factor * one for one in value] if isinstance(value, list) else factor * value

@@ -28,7 +28,6 @@ GRIDS = [
 
 
 def on_centres(grid, *corners):
-    """Polygon with corners at cell centres, by column and row."""
     return shapely.Polygon([(grid.x[column], grid.y[row]) for column, row in corners])
 
 

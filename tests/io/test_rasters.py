@@ -32,7 +32,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreference
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -44,7 +43,6 @@ def blocks(request, monkeypatch):
 
 
 def shifted(east):
-    """`PLACE` shifted to the east by `east` metres."""
     return Affine(PLACE.a, PLACE.b, PLACE.c + east, PLACE.d, PLACE.e, PLACE.f)
 
 

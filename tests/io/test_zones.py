@@ -31,7 +31,6 @@ from rockfall.io.zone_table import index_blocks, read_zone_table
 
 @pytest.fixture(autouse=True)
 def in_tmp_path(tmp_path, monkeypatch):
-    """Work in an empty folder, so that messages have short file names."""
     monkeypatch.chdir(tmp_path)
 
 

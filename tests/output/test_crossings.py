@@ -49,7 +49,6 @@ def test_the_table_is_sorted_and_follows_from_what_is_kept(result):
 
 
 def test_places_are_on_the_line_at_the_distance(result):
-    """Crossings on either side of a bend are on the line, at their distance along it."""
     x, y = (np.array(LINES[0][axis]) for axis in "xy")
     first = np.hypot(x[1] - x[0], y[1] - y[0])
     table = rockfall.crossings(result, 0)
@@ -100,7 +99,7 @@ def test_of_selected_boulders_there_are_their_crossings(result, chosen, tmp_path
 
 
 def test_the_file_is_one_that_other_programs_read(result, tmp_path):
-    """Line names are ASCII words; no `coordinates` attribute has the variable of names; chunks are
+    """Line names are ASCII words, and no `coordinates` attribute lists their variable; chunks are
     small."""
     rockfall.write_result(result, tmp_path / "out.nc")
     with netCDF4.Dataset(tmp_path / "out.nc") as file:

@@ -101,7 +101,6 @@ def made(case):
 
 
 def first_page(page):
-    """Text of page 1, without markup."""
     part = page[page.index('<section id="answer">') : page.index('<div class="signature"')]
     return unescape(re.sub(r"<[^>]+>", " ", part))
 

@@ -125,7 +125,6 @@ def test_a_coarser_tolerance_needs_fewer_vertices_and_is_kept(result):
 
 
 def seconds_of(stamp):
-    """Seconds since the release, from a time stamp."""
     return (datetime.fromisoformat(stamp.rstrip("Z")) - datetime(2000, 1, 1)).total_seconds()
 
 

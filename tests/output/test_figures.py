@@ -69,7 +69,6 @@ def run(folder, line=(), **groups):
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """Result of 50 boulders with all outputs."""
     return run(tmp_path_factory.mktemp("full"), LINE, release=POINT, output=ALL)
 
 
@@ -93,7 +92,6 @@ def draw(result, name, *arguments):
 
 
 def curve(axes, label):
-    """x and y of the curve with a given label."""
     (line,) = [line for line in axes.lines if str(line.get_label()).startswith(label)]
     return np.array(line.get_xdata()), np.array(line.get_ydata())
 
@@ -399,7 +397,6 @@ def test_stops_are_told_apart_by_marker(full):
 
 @pytest.fixture(scope="module")
 def ready(tmp_path_factory):
-    """Folder with the files of a case and its result, out.nc."""
     with pytest.MonkeyPatch.context() as here:
         here.chdir(tmp_path_factory.mktemp("ready"))
         make_raster("dem.tif", Z.astype("f4"), TERRAIN[1].transform, crs=None)
@@ -559,8 +556,6 @@ def test_a_small_fraction_is_not_rounded_to_nothing(full):
 @pytest.mark.all
 @pytest.mark.parametrize("name", ["line_speed", "stops", "restitution", "profile"])
 def test_kept_ticks_are_those_that_matplotlib_makes(full, name, monkeypatch, tmp_path):
-    """Files are equal byte for byte with kept ticks and with Matplotlib's, also with panels that
-    share an axis."""
     style.save(draw(full, name), tmp_path / "kept.svg")
     monkeypatch.setattr(style, "_keep_ticks", lambda figure: None)
     style.save(draw(full, name), tmp_path / "made.svg")

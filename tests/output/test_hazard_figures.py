@@ -43,7 +43,6 @@ def found(tmp_path_factory):
 
 
 def images(figure):
-    """Images of a map, except its relief."""
     return [image for image in figure.axes[0].images if image.get_cmap().name != "gray"]
 
 

@@ -37,7 +37,6 @@ RUNS = {
 
 @pytest.fixture(scope="module", params=RUNS)
 def moved(request, tmp_path_factory):
-    """Name of a run, and its result."""
     case = make_case(
         tmp_path_factory.mktemp("motion"), *sets(), terrain={}, line=LINES,
         case={"boulders": 30}, output={"trajectories": 30},

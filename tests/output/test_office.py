@@ -60,7 +60,6 @@ def cells(path, sheet):
 
 
 def same(cell, value):
-    """Return True if a cell has exactly a table's value."""
     if isinstance(value, str):
         return (cell or "") == value
     return cell is None if pd.isna(value) else cell == value
@@ -281,7 +280,6 @@ def test_a_missing_package_is_named(site, capsys, monkeypatch):
 
 
 def test_units_are_those_of_results(site):
-    """Units of checks and loads are those of the variables of a result."""
     result = rockfall.read_result("out.nc")
     assert UNITS["capacity"] == result["barrier_capacity"].attrs["units"]
     assert UNITS["height"] == result["barrier_height"].attrs["units"]

@@ -30,7 +30,6 @@ SCENARIO = "&scenario name = 'all', return_period = 10.0 /\n"
 
 
 def ring(x, y, side):
-    """Square without its middle cell."""
     hole = shapely.box(x + side / 3, y + side / 3, x + 2 * side / 3, y + 2 * side / 3)
     return shapely.box(x, y, x + side, y + side).difference(hole)
 

@@ -39,7 +39,6 @@ def everything(folder, ground=""):
 
 
 def relative_errors(result):
-    """Error of each boulder's balance, relative to its released energy."""
     released = result.energy_released.values
     found = sum(result[f"energy_{name}"].values for name in PARTS)
     return np.abs(found - released) / released

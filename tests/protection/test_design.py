@@ -35,7 +35,6 @@ BOULDERS = 600
 
 
 def known(*standard, **conditions):
-    """Factors of a standard, from the table for tests."""
     return read_factors(Conditions(*standard, **conditions), FACTORS)
 
 

@@ -73,7 +73,6 @@ def contacts(found):
 
 
 def valley():
-    """Valley with a bumpy floor whose sides steepen."""
     rows = np.abs(np.arange(80) - 40.0)[:, None]
     return scenes.rough(gradient=0.0, relief=6.0) + 0.02 * rows**2
 
@@ -199,7 +198,6 @@ def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):
     ids=["lognormal", "uniform", "list", "pareto", "truncated"],
 )  # fmt: skip
 def test_laws_of_volume(tmp_path, boulder):
-    """Boulders from three sources have the volumes of the reference."""
     result, _ = both(
         tmp_path, scenes.rough(), None, boulder=boulder,
         case={"boulders": 5}, impact={"impact_limit": 3},

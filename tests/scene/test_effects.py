@@ -78,7 +78,6 @@ EFFECTS = [
 
 
 def case_of(*changes):
-    """Base case with changes applied in order."""
     groups = {name: dict(keys) for name, keys in BASE.items()}
     for change in changes:
         for name, keys in change.items():
@@ -150,7 +149,6 @@ def test_the_standalone_program_refuses_the_same(tmp_path, usual, given, needs):
 
 
 def read(case, **layers):
-    """Warnings about a scene with the given layers."""
     return implausible(read_scene(case, scenes.rough(), PLACE, **layers))
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ground from evidence: strength from scars, by those of the laboratory, and relief from surveyed
-patches."""
+"""Ground from evidence: strength from scars, compared with the laboratory's, and relief from
+surveyed patches."""
 
 import csv
 import math

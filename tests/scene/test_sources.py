@@ -36,7 +36,6 @@ def plane(tangent, nx=9, ny=7, cell=2.5, towards=(0.6, 0.8), dtype="f8"):
 
 
 def cells_of(scene):
-    """Mask of the source cells of a scene."""
     g, found = scene.grid, np.zeros(scene.grid.shape, bool)
     row, column = (g.north - scene.y) / g.cell, (scene.x - g.west) / g.cell
     found[row.astype(int), column.astype(int)] = True

@@ -244,7 +244,6 @@ def test_models_vary_it_whole(case):
 
 @pytest.mark.parametrize("boulder", [{"ground_strength_sigma": 0.4}, {"mean_radius_sigma": 0.4}])
 def test_models_leave_out_keys_that_they_do_not_use(case, boulder):
-    """Models run without the keys that they do not use."""
     ground = {} if "mean_radius_sigma" in boulder else {"ground": "talus"}
     whole = case.replace(surface=NO_ZONES | {"uniform_mean_radius": 0.3} | ground, boulder=boulder)
     scenes = dict(variants(whole, ["road"], []))

@@ -42,7 +42,6 @@ MAPS = ("passages", "energy_mean", "energy_max", "speed_q95", "jump_height_max_m
 
 @pytest.fixture
 def case(tmp_path, monkeypatch):
-    """Case on a rough slope, with its files in the current folder."""
     monkeypatch.chdir(tmp_path)
     for k, seed in ("", 1), ("2", 2):
         make_raster(f"dem{k}.tif", scenes.rough(seed=seed, dtype="f4"))
@@ -100,7 +99,6 @@ def changes(rng):
 
 
 def last_of(session, *how, **more):
-    """Last batch of a run in short batches."""
     *_, batch = session.run(*how, batch_seconds=0.002, **more)
     return batch
 

@@ -249,7 +249,6 @@ def test_heights_at_a_line_use_the_fragment(bare):
 
 
 def test_splits_are_the_published_rule(folder):
-    """Fragments of a block equal an independent implementation of the published rule."""
     keys = {"at": "impact", "min_area_ratio": 0.25, "min_volume": 1e-4, "max_fragments": 10000}
     made = case(folder, obstacles=False, breakage=keys)
     volume, energy = 2.0, 1.2e4  # A_r = 0.26: a single series

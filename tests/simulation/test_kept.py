@@ -139,7 +139,6 @@ def test_neither_chunks_threads_nor_parts_change_a_bit(case):
 
 
 def killed(scene, output, monkeypatch, chunks):
-    """Checkpoint of a run that was killed after some chunks."""
     with monkeypatch.context() as patch:
         killed_after(patch, chunks)
         with pytest.raises(Killed):
@@ -237,7 +236,6 @@ NET = {"name": "net", "x": [0.0, 300.0], "y": [300.0, 300.0], "height": 3.0, "ca
 
 
 def kept_with_a_net(case):
-    """Result with a net, with rows of 60 of its 3,000 boulders."""
     return run(case.replace(output={"kept": 60}, barrier=[NET]))
 
 
