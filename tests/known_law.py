@@ -54,8 +54,8 @@ def theory(statistic: str, limit: float) -> tuple[float, float]:
 
 
 def stages(rules, random, draw=lognormal, cap=10**7):
-    """Run in stages, with values of boulders from `draw`, until the rules are met; return the last
-    result."""
+    """Run in stages, with values of boulders from `draw`, until the rules are met or `cap` boulders
+    are run; return the last result."""
     n, values = min(FIRST, cap), np.empty(0)
     while True:
         values = np.concatenate([values, draw(random, n - values.size)])

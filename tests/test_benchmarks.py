@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Imports from the package in rarely used scripts exist."""
+"""Names that rarely used scripts import from the package exist."""
 
 import ast
 import importlib

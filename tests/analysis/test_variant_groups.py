@@ -43,7 +43,7 @@ def refused(message):
 
 
 def site(folder, groups=(), **others):
-    """Case with two barriers, a dam, a forest and given variants; writes its file."""
+    """Case with two barriers, a dam, a forest and the given variants; also writes its file."""
     case = make_full_case(folder)
     case = case.replace(
         barrier=[NET, WALL], dam=[DAM | {"allow_coarse": True}], forest=FOREST,

@@ -1347,7 +1347,7 @@ def test_files_opened_before_are_offered(serve, place, visit):
     assert [one["name"] for one in welcome["recent"]] == ["case.nml", "dem.tif"]
     page.send("edit", revision=1)
     page.until("refused")
-    visit(serve("dem.tif")).get()  # now the first of the list, but not of the list on this page
+    visit(serve("dem.tif")).get()  # now first, but not in this page's list
     page.send("open_recent", index=0)
     assert page.until("welcome")["mode"] == "case"
     page.until("batch", complete=True)

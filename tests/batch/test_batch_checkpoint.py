@@ -221,7 +221,7 @@ def test_a_lock_is_heeded_by_both_and_ends_with_its_process(many, batch):
     )
     while not (many / "a.nc.lock").exists():
         time.sleep(0.01)
-    wait_until_busy(running.pid, 0.3)  # the disk was asked for room before
+    wait_until_busy(running.pid, 0.3)  # after it has reserved disk space
     refused(many, "a.nc.lock: another run is writing this output")
     running.kill()
     running.wait()

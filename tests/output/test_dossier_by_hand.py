@@ -306,8 +306,8 @@ def test_barriers(sheets, boulders):
 
 
 def test_barriers_of_the_case(sheets, project):
-    """Frequencies at the net of the case, of boulders that reach it and that pass it, are those of
-    a separate run."""
+    """Boulders that reach the net of the case, and those that pass it, are as frequent as in a
+    separate run."""
     case = rockfall.variants(rockfall.read_case(project[0] / "case.nml"))["with net"]
     come, passed = [], []
     for _, low, high in SCENARIOS.values():

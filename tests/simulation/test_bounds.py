@@ -33,7 +33,7 @@ def test_a_billion_boulders_of_ten_cubic_metres_pass(tmp_path):
     normal = {"volume": "normal", "volume_mean": 10.0, "volume_std": 3.0}
     check(scene_of(tmp_path, boulders=10**9, boulder=normal))
     wide = {"volume": "lognormal", "volume_mean": 10.0, "volume_std": 20.0}
-    check(scene_of(tmp_path, boulders=10**9, boulder=wide))  # one may have 14,000 m3, not all
+    check(scene_of(tmp_path, boulders=10**9, boulder=wide))  # a single one may have 14,000 m3
 
 
 def test_the_bound_is_that_of_63_bits(tmp_path):

@@ -38,7 +38,8 @@ def result(tmp_path_factory):
 
 
 def test_counts_are_those_of_the_boulders_one_by_one(tmp_path, result):
-    """A run of a single boulder has its maxima, which show the thresholds that it exceeds."""
+    """Counts above each threshold are those from the maxima of single boulders, each run as a
+    shard."""
     counts = np.zeros(result.energy_exceeded.shape, int)
     case = make_case(tmp_path, ["energy_max"])
     for number in range(1, BOULDERS + 1):
