@@ -716,7 +716,7 @@ def test_the_command_writes_what_it_prints(place, capsys):
 
 
 def test_an_ensemble_says_the_limits_of_its_model_as_a_run_does(tmp_path, monkeypatch):
-    """The summary lists the remarks of a run of the same case; the report has that on impact
+    """The summary lists the remarks of a run of the same case; the report has the remark on impact
     tables."""
     by_table = {"impact": {"form": "table", "table": "talus", "sets": None}}
     case = case_of(tmp_path, ensemble={"runs": 8, "source_shift": 2.0}, **by_table)

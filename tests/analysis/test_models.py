@@ -232,7 +232,7 @@ def test_a_case_by_a_table_is_run_by_it_and_by_impact_sets(case):
 
 
 def test_zones_keep_a_table_that_they_name_though_it_is_that_of_the_case(case):
-    """Zones keep a table that they name, as any other ground. If all zones name it, all are
+    """Zones keep a table that they name, like any other ground. If all zones name it, all are
     varied."""
     path = case.path(case.surface["table"])
     sized = path.read_text()

@@ -268,7 +268,7 @@ NAMED = "4,{0},soil_0\n-2,{0},rock\n77,,meadow\n"
 @pytest.mark.all
 def test_tables_hold_where_every_ground_has_a_name(case, made):
     """Tables replace all rebounds, also on named grounds; a note gives the part of the terrain with
-    these."""
+    named grounds."""
     seen = read_observed(made[0] / "stops.csv")
     named = with_zones(case, NAMED.format(0.2))
     found = validate(named, seen, tables=["talus", "rocky-slope"], seeds=2)

@@ -88,7 +88,7 @@ def test_a_report_refuses_what_is_of_another_terrain(place, capsys):
 
 
 def test_variants_of_a_site_may_be_compared_and_others_not(place, capsys):
-    """Another dam, volume or ground is accepted; another CRS or terrain is not."""
+    """Another dam, volume or ground is accepted; another CRS, or a terrain elsewhere, is not."""
     Path("observed.csv").write_text(OBSERVED)
     dam = "&dam x = 600020.0, 600100.0, y = 4999940.0, 4999940.0, height = 3.0,"
     dam += " allow_coarse = .true. /\n"

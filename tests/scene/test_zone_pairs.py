@@ -40,7 +40,7 @@ def write_pairs(case, rows=ROWS, head=HEAD):
 
 
 def by_table(case, pairs=PAIRS):
-    """Case with the same values in a ground table of its own."""
+    """Case whose ground table has the strengths and reliefs of `pairs`."""
     columns = [*next(iter(SHIPPED.rows.values())).cells]
     with open(case.folder / "grounds.csv", "w", newline="") as file:
         table = csv.DictWriter(file, columns)

@@ -103,7 +103,7 @@ def interrupted(run, *arguments, **how):
 
 @pytest.mark.all
 def test_a_crash_at_every_step_of_a_save(scene, tmp_path, monkeypatch):
-    """Each crash has an interrupt at the start of the run before and after it; the final result is
+    """Each crash comes between two runs that are interrupted at their start; the final result is
     that of a complete run."""
     whole, step, steps = simulate.run_scene(scene), 0, []
     before = tmp_path / "before"

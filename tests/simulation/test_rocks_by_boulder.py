@@ -104,8 +104,8 @@ def test_no_bit_depends_on_lanes(spread, lanes):
 
 @pytest.mark.parametrize("output", [{}, {"maps": None, "trajectories": None}])
 def test_lanes_with_impact_sets_alone(tmp_path, output):
-    """Runs by impact sets alone have a compiled loop of their own: in lanes it is bit-identical
-    too."""
+    """Runs by impact sets alone have a compiled loop of their own, which gives the same bits in
+    lanes."""
     case = case_in(tmp_path, boulder={"mean_radius_sigma": SIGMA}, **place())
     z = rough()
     scene = read_scene(case.replace(output=output), dem=z, transform=grid(z))

@@ -161,7 +161,7 @@ def test_ratios_of_rocks_are_interpolated_likewise(tmp_path):
 
 def test_strength_and_relief_go_with_the_size_as_the_ground_says(tmp_path):
     """With a strength proportional to R_b, every size uses the same columns. With a relief of
-    exponent 0.6, a boulder four times as large has a relief smaller by 4^-0.4."""
+    exponent 0.6, the relief of a boulder four times as large is divided by 4^0.4."""
     ground = YieldingGround(
         38.0, STRENGTH, strength_radius=0.5, relief=18.0, relief_radius=0.5, hurst=0.6
     )
