@@ -247,8 +247,8 @@ def test_few_values_or_weights_give_no_upper_limit():
 
 @pytest.mark.all
 def test_intervals_hold_the_quantile():
-    """Each limit is right in more than 96 % of 1,000 trials. Boulders have three weights; those
-    with the highest, which are few, have the highest values."""
+    """Each limit is right in more than 96 % of 1,000 trials. Boulders have three weights; the few
+    boulders with the highest weight have the highest values."""
     random, low_held, high_held, trials = np.random.default_rng(2), 0, 0, 1000
     weights = np.repeat([3.2, 0.5, 0.02], [100, 1000, 3000])
     scales = np.repeat([3.0, 1.0, 1.0], [100, 1000, 3000])

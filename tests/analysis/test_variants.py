@@ -182,8 +182,8 @@ def test_the_command(variants, tmp_path, capsys):
 
 
 def test_a_line_in_two_places_is_told(variants, tmp_path):
-    """A note reports a line that is 60 m higher in one variant: the difference is not due to
-    protection."""
+    """A note reports a line that is 60 m farther up the slope in one variant: the difference is not
+    due to protection."""
     case = bare(tmp_path)
     (line,) = case.line
     higher = run(case.replace(line=[line | {"y": [y + 60.0 for y in line["y"]]}]))

@@ -143,8 +143,8 @@ def test_a_written_result_is_read_as_it_was(whole, tmp_path):
     ],
 )
 def test_both_programs_give_the_same_bits(batch, tmp_path, way):
-    """Grounds are given by zones with an impact set of their own, by a raster, everywhere, or read
-    in windows."""
+    """Grounds are given by zones with an impact set of their own, by a raster (also read in
+    windows), or everywhere."""
     (tmp_path / "grounds.csv").write_text(OWN)
     (tmp_path / "calm.nml").write_text(CALM_SETS)
     rows = "zone,mean_radius,ground\n4,0.25,{}\n-2,,{}\n77,inf,\n"
