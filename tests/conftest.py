@@ -12,6 +12,7 @@ import pytest
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("ROCKFALL_PROGRESS", "none")  # progress lines would be in messages
+os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")  # layers of tests need not survive a crash
 
 import rockfall
 import slope_case

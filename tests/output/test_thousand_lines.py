@@ -154,8 +154,9 @@ def test_gdal_reads_all_crossings_and_the_map(run, result):
         np.testing.assert_array_equal(found, wanted[name].values if name else wanted.values)
 
 
-@pytest.mark.skipif(not has_qgis(), reason="QGIS is not installed: see ./run qgis")
 def test_qgis_shows_the_map_and_the_exported_crossings(run, result):
+    if not has_qgis():
+        pytest.skip("QGIS is not installed: see ./run qgis")
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")
     rockfall.export(result, "exported", formats=["gpkg"])
     shutil.copy("exported/rockfall.gpkg", "out.gpkg")
