@@ -8,6 +8,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -443,9 +444,14 @@ def _ellipsoidal(system: pyproj.CRS) -> pyproj.CRS:
 
 
 def _pyproj(crs: CRS) -> pyproj.CRS:
+    return _system(json.dumps(crs.to_dict(projjson=True)))
+
+
+@lru_cache  # creating a system takes a millisecond
+def _system(definition: str) -> pyproj.CRS:
     import pyproj
 
-    return pyproj.CRS.from_json_dict(crs.to_dict(projjson=True))
+    return pyproj.CRS.from_json(definition)
 
 
 def _middle(grid: Grid) -> tuple[float, float]:
