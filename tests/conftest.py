@@ -3,6 +3,7 @@
 
 import gc
 import os
+from collections import Counter
 from functools import partial
 from pathlib import Path
 
@@ -26,10 +27,14 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    """Deselect tests marked `all`, and tests that need a browser, unless --all is given."""
-    kept, left = [], []
+    """Deselect tests marked `all`, all but every n-th test marked `family`, and tests that need a
+    browser, unless --all is given."""
+    kept, left, members = [], [], Counter()
     for item in items:
         extra = item.get_closest_marker("all") or "browser" in item.fixturenames
+        if not extra and (family := item.get_closest_marker("family")):
+            extra = members[item.function] % family.args[0]
+            members[item.function] += 1
         (left if extra and not config.getoption("all") else kept).append(item)
     config.hook.pytest_deselected(items=left)
     items[:] = kept

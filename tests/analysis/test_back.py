@@ -212,6 +212,7 @@ def place(tmp_path, monkeypatch):
     Path("seen.csv").write_text(SPEEDS)
 
 
+@pytest.mark.all
 def test_the_posterior_is_what_an_ensemble_draws(place, capsys):
     Path("out").mkdir()
     Path("out/case.nml").write_text("of before")

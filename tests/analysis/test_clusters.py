@@ -92,6 +92,7 @@ def test_its_bounds():
     assert at(Sources.of(np.repeat(np.arange(9), 9)), alike[:81], most=1) == 1
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("sources", [10, 100])
 def test_limits_cover_the_fraction_of_all_sources(sources):
     """In at least 93 % of 200 trials the limits include the true fraction, also for rare boulders
@@ -120,6 +121,7 @@ def test_limits_of_places_are_those_of_each():
     assert count_limits(np.zeros((3, 0), "i4"), 100, np.zeros(0))[0].shape == (3, 0)
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("kind", [pytest.param("all", marks=pytest.mark.all), "sample"])
 def test_a_frequency_has_one_interval(tmp_path, kind):

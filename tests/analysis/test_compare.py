@@ -164,6 +164,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", HOSTILE)
 def test_bad_observations_are_one_line_and_nothing_is_written(name, file_of_result, capfd):
     text, message = HOSTILE[name]

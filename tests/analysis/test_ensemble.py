@@ -94,6 +94,7 @@ def from_boulders(values):
 FIRST, TOTAL = [9, 4, 0, 0, 0], [9, 4, 1, 1, 0]  # first-order and total parts of a variance of 14
 
 
+@pytest.mark.all
 def test_parts_are_those_of_a_model_without_chance_whatever_the_chance():
     """Estimates are unbiased: their mean over 200 ensembles, with a Monte Carlo variance (144 / 10)
     as large as the epistemic variance (14), is within four standard errors of the truth."""
@@ -250,6 +251,7 @@ ALL = {
 }
 
 
+@pytest.mark.all
 def test_every_run_can_be_made_again_from_what_is_kept(tmp_path):
     told = {key: value for key, value in ALL.items() if key[:3] != "dem"}
     volume = {"volume": "normal", "volume_mean": 0.8, "volume_std": 0.1}

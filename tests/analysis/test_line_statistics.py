@@ -128,6 +128,7 @@ def test_boulders_of_a_source_count_as_one_where_they_do_the_same():
         assert limits[0] == pytest.approx(limits[1], rel=1e-9)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("sources", every_third([2, 9, 10, 20]))
 def test_intervals_hold_for_few_sources(sources):
     """Intervals include the truth in at least 93 % of 500 trials, for sources that differ as much
@@ -186,6 +187,7 @@ SKEWED = {  # distributions, with mean and standard deviation
 }  # fmt: skip
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("law", every_third(SKEWED))
 @pytest.mark.parametrize("n", [10, 26, 100])
 def test_intervals_of_few_skewed_values_hold_and_err_on_neither_side(law, n):

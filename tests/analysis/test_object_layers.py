@@ -149,6 +149,7 @@ def test_the_command_takes_several(place, capsys):
     assert [one["name"] for one in case.line] == ["object 1 part 1", "object 2 part 2", "L"]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("given, listed", [
     ({"valeur": [5.0]}, "valeur (value?)"),
     ({"Valeur": [5.0], "vulnerability": [0.5]}, "valeur (value?)"),
@@ -168,6 +169,7 @@ def test_attributes_that_are_not_used_are_listed(tmp_path, given, listed):
     assert mine == [f"{path}: attributes not used: {listed}"] * (listed is not None)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("given, question", [
     ({"width": 90.0}, "width = 90, as in 1 of 1 features: is the value in cm?"),
     ({"aadt": 292_000.0}, "aadt = 292000, as in 1 of 1 features: vehicles per day: is the"),
@@ -190,6 +192,7 @@ CURVE = "name,energy,vulnerability,source\nown,0,0,A.\nown,{half},0.5,A.\nown,{a
 IDLE = "attribute {} has no effect without {}: add it, or correct the name"
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("given, idle", [
     ({"curve": ["own"]}, [("curve", "value")]),
     ({"curve": ["misspelt"]}, [("curve", "value")]),
@@ -238,6 +241,7 @@ def test_units_of_curves_are_questioned(tmp_path, kind, half, all_, doubt):
     assert [doubt in line for line in mine] == [True] * bool(doubt)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("shape, given, sources", [
     (shapely.box(110, 370, 155, 382), {}, 1),
     (shapely.box(110, 370, 190, 392), {}, 2),

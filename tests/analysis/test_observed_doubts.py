@@ -89,6 +89,7 @@ def test_another_unit_at_a_line_is_named(what, kind, result):
         assert found[0].endswith(f" simulated ones: are they in {other}?")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("ratio, other", [
     (1.0, None), (1.4, None), (0.6, None), (3.28, "ft"), (1e-3, "km"),
 ])  # fmt: skip

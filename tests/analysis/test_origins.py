@@ -334,6 +334,7 @@ def test_a_hazard_of_other_inputs_is_refused(hazard):
         )
 
 
+@pytest.mark.all
 def test_the_command_writes_maps_that_sum_up_to_the_frequency(tmp_path, monkeypatch, capsys):
     rasterio, pd = pytest.importorskip("rasterio"), pytest.importorskip("pandas")
     pytest.importorskip("matplotlib", reason="the report extra is not installed")

@@ -286,6 +286,7 @@ def test_values_without_effect_and_objects_that_count_twice_are_told(found, obje
 TRAFFIC = {"aadt": [100.0], "speed": [50.0], "persons_per_vehicle": [1.5]}
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("columns", "message"),
     [

@@ -30,6 +30,7 @@ LINE = [{"name": "L", "x": [0.0, 300.0], "y": [280.0, 280.0]}]
 NEVER = {"name": "never", "x": [0.0, 10.0], "y": [395.0, 395.0]}
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     ("rule", "within"),
     [("fraction@L<3%", 1.0), ("speed.mean@L<1.5%", 1.0), ("speed.q50@L<2.5%", 0.5)],
@@ -76,6 +77,7 @@ def test_heavy_tails_take_no_more_boulders_than_theory_asks():
     assert np.mean(stops) == pytest.approx(1.07, abs=0.15)
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("rule", ["fraction@L<0.7%", "speed.mean@L<1%", "energy_total.std@L<2.5%"])
 def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
     """The number of boulders is within 10 % of the number needed, according to the interval of a
@@ -90,6 +92,7 @@ def test_a_scene_takes_the_boulders_that_its_precision_needs(tmp_path, rule):
     assert verdict.met and found.sizes["boulder"] == pytest.approx(need, rel=0.1)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("of", [2, 5])
 def test_runs_of_few_sources_do_not_end_by_luck(of):
     """Few sources may seem alike by chance: even so, no run has less than 0.8 times the boulders

@@ -227,6 +227,7 @@ def test_without_rows_maps_are_what_is_known(tmp_path):
     assert found.table["corridor_speed_max"].notna().any()
 
 
+@pytest.mark.all
 def test_trajectories_of_boulders_that_are_not_kept_are_named(tmp_path):
     """Trajectories left out because their boulders were not kept are counted, with the advice to
     keep all boulders."""
@@ -419,6 +420,7 @@ def test_refusals(result):
         section_of(bare, SectionLine(DOWN))
 
 
+@pytest.mark.all
 def test_a_layer_and_pairs_are_the_same(result, tmp_path):
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     pairs = [(150.0, 400.0), (150.0, 20.0)]

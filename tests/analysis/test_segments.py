@@ -164,6 +164,7 @@ def test_classes_are_those_of_the_matrix(tmp_path):
     assert set(rows["hazard"][never]) <= {"none", "residual"}
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     ("language", "expected"),
     [

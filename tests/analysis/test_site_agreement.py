@@ -92,6 +92,7 @@ def test_a_run_agrees_with_its_own_boulders_and_not_with_others(seen):
         assert text.key == key and text.values["tested"] > 1
 
 
+@pytest.mark.all
 def test_commands_take_the_files_of_the_case(seen, capsys):
     _, result = seen
     rows = "\n".join(f"{2 * value:.3f}" for value in result["plan_distance"].values[:200])

@@ -285,6 +285,7 @@ def test_tables_hold_where_every_ground_has_a_name(case, made):
     assert np.array_equal(one.simulated, other.simulated)
 
 
+@pytest.mark.all
 def test_a_note_says_where_every_law_has_the_same_ground(case, made):
     seen = read_observed(made[0] / "stops.csv")
     part = with_zones(case, "4,0.2,\n-2,0.2,meadow\n77,0.2,\n")

@@ -552,6 +552,7 @@ STAND = {"uniform_stems": 300.0, "uniform_dbh_mean": 30.0, "uniform_dbh_std": 9.
          "uniform_conifers": 60.0}  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("table", "volume", "said"),
     [

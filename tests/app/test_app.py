@@ -565,6 +565,7 @@ DOCUMENTS = {
 }  # fmt: skip
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     "about",
     [one if one in ("nets", "zones by radius", "settings")
@@ -934,6 +935,7 @@ def test_all_maps_have_names_in_the_language_of_the_page(serve, visit):
     assert [name for name in english if english[name] == german[name]] == []
 
 
+@pytest.mark.all
 def test_variants_are_saved_with_what_they_name(varied, place):
     site, document = open_site(varied)
     drawn = [one._asdict() for one in document.layers["lines"]] + [line(100, id="m", name="M")]
@@ -1124,6 +1126,7 @@ def program(*options, **environment):
             child.kill()
 
 
+@pytest.mark.all
 def test_a_run_to_a_file_has_the_bits_of_the_command_line(serve, visit):
     page = visit(serve())
     assert page.until("unfinished")["runs"] == []

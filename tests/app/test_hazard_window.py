@@ -173,6 +173,7 @@ def is_sheet_of(shown, result):
     return row
 
 
+@pytest.mark.all
 def test_the_check_of_a_net_is_the_sheet_of_the_command_while_it_is_moved(page):
     page.ask(net="net")
     before = is_sheet_of(page.until("net"), rockfall.run(rockfall.read_case("case.nml")))

@@ -106,6 +106,7 @@ def test_any_raster_can_be_one_in_greys_from_its_lowest_to_its_highest(enter):
     assert colour_at(shown, 150, 20)[3] == 0
 
 
+@pytest.mark.all
 def test_a_picture_that_is_given_is_shown_from_the_start(enter):
     Path("far").mkdir()
     picture = write_picture("far/photo.tif", halves())

@@ -46,6 +46,7 @@ def numbers_agree(shown, cut):
             assert values == [None if np.isnan(value) else value for value in ends]
 
 
+@pytest.mark.all
 def test_a_section_of_a_live_run_has_the_numbers_of_the_command(enter):
     page = enter("case.nml")
     page.until("batch", complete=True)

@@ -49,6 +49,7 @@ def test_parts_of_both_programs_join_to_the_run(of, batch, tmp_path):
         same_results(rockfall.merge(parts), result)
 
 
+@pytest.mark.all
 def test_the_blocks_of_tables_go_with_the_parts_of_both_programs(batch, tmp_path):
     """A merged result has the block radius of ground with constant strength, and none for classical
     ground."""
@@ -228,6 +229,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("what", HOSTILE)
 def test_a_scene_that_cannot_be_is_refused(what, ready, batch):
     name, about, said = HOSTILE[what]
@@ -268,6 +270,7 @@ def test_sources_that_are_nowhere_are_refused_as_by_python(ready, batch):
     )
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("limit", "told"),
     [(10, "needs at least 1 MB of disk"), (15_000, "needs at least 1 MB"),

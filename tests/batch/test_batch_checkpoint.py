@@ -285,6 +285,7 @@ def test_a_crash_at_every_step(ready):
     assert step > 8  # minimum number of calls of a run with one save
 
 
+@pytest.mark.all
 def test_comments_and_threads_may_differ(stopped, batch):
     case = stopped / "ready/case.nml"
     case.write_text("! again\n" + case.read_text(encoding="utf-8"), encoding="utf-8")

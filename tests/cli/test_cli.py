@@ -158,6 +158,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", HOSTILE)
 def test_bad_input_is_one_line_and_nothing_is_written(name, place, capfd):
     harm, message = HOSTILE[name]

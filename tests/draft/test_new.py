@@ -168,6 +168,7 @@ def test_what_is_not_known_is_left_out_and_said(capsys):
         assert line in said and line in Path("case.nml").read_text()
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", ["haeuser", "Häuser", "bâtiments", "case"])
 def test_houses_are_for_the_commands_of_hazard(name, capsys):
     make_layer(f"{name}.gpkg", [CLIFF], name=["1"])
@@ -223,6 +224,7 @@ SOURCE_LAYERS = {  # file name, shapes, attributes: the number of sources
 }
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", every_third(SOURCE_LAYERS))
 def test_layers_of_sources_are_taken_for_sources(name):
     shapes, columns, sources = SOURCE_LAYERS[name]
@@ -290,6 +292,7 @@ UNUSABLE = {
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", UNUSABLE)
 def test_a_layer_that_would_be_taken_for_something_else_is_refused(name, capsys):
     shapes, columns, said = UNUSABLE[name]

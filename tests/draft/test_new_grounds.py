@@ -89,6 +89,7 @@ def test_a_zone_is_given_by_its_id_where_it_has_no_name():
     assert table == ["zone,mean_radius,ground", "4,0.1,talus", "7,0.2,meadow", "9,0.3,talus"]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "ground", every_third([*GROUNDS, "soil_4", "constant_meadow", "laboratory-spheres"])
 )
@@ -111,6 +112,7 @@ def test_a_draft_does_not_warn_of_the_default_set():
 CHOICES = "rock, rocky-slope, talus, compact, meadow, vegetated-soil, soft-soil"
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -44,6 +44,7 @@ def observed():
     return case.observed, site_observations(read_scene(case))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("name", "columns", "kind"), [
     ("deposits", {"volume": [0.5, 2.0]}, "stops"),
     ("blocks_at_rest", {}, "stops"),

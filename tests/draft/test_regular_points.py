@@ -246,6 +246,7 @@ def test_columns_with_names_are_taken_by_them(head, form, tmp_path):
     np.testing.assert_array_equal(dem.z.ravel(), [z for *_, z in ROWS])
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("shift", "crs", "said"),
     [

@@ -66,6 +66,7 @@ MISTAKES = {
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_gives_its_line_and_no_other(what, tmp_path):
     change, options, words = MISTAKES[what]
@@ -75,6 +76,7 @@ def test_a_mistake_gives_its_line_and_no_other(what, tmp_path):
     assert re.search(words, line), line
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("options", [{}, {"cell": 1.0}, {"cell": 15.0}, {"within": 50.0}])
 def test_sound_surveys_give_none(seed, options, tmp_path):

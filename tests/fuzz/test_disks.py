@@ -161,6 +161,7 @@ def test_a_finished_file_that_cannot_take_its_name_stays_and_is_named(program, f
     same_results(result_of(kept), whole)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize(
     "reserves",

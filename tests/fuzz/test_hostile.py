@@ -133,6 +133,7 @@ def parts(made, files):
     return [Path(shutil.copy(made / f"{k}.nc", f"{k}.nc")) for k in (1, 2, 3)]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
@@ -230,6 +231,7 @@ def test_one_turned_bit_of_a_value_in_a_checkpoint_is_found(half):
         Checkpoint("half.nc", 0.0).restore(start(scene, 1))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [("boulder_last", 41, "boulders"), ("threads", "many", "threads"),
@@ -259,6 +261,7 @@ def change_result(path, change):
         change(file)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -126,6 +126,7 @@ def test_once_it_gives_files_their_names_it_gives_all(result, monkeypatch):
     assert {*os.listdir("tables")} == {*os.listdir("again")} and not list(result.glob(".*"))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("command", ["merge p1.nc p2.nc -o new.nc", "report out.nc -o new.html"])
 def test_no_command_leaves_a_half_file(command, result, monkeypatch):
     """The signal arrives after the file is written, before it is renamed."""

@@ -99,6 +99,7 @@ ETRS_UTM = (
 )
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     ("one", "other", "same"),
     [
@@ -137,6 +138,7 @@ def test_one_system_in_two_spellings_is_one_system(one, other, same):
     assert same_crs(a, b) is same_crs(b, a) is same
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("form", ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019"])
 @pytest.mark.parametrize("code", [31254, 31467, 2056, 25832, 2154, 27700, 3003, 5514, 3035, 2193])
 def test_well_known_text_of_any_dialect_is_the_number(code, form):
@@ -145,6 +147,7 @@ def test_well_known_text_of_any_dialect_is_the_number(code, form):
     assert same_crs(CRS.from_epsg(code), CRS.from_user_input(text))
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("name", every_third(["blocks.gpkg", "blocks.shp", "blocks.fgb"]))
 @pytest.mark.parametrize("system", [GK_WEST + SHIFT, GK_WEST, "EPSG:31254", "EPSG:31254+5778"])
 @pytest.mark.parametrize("dem", ["EPSG:31254", GK_WEST + SHIFT.replace("577", "578")])

@@ -176,6 +176,7 @@ def hatched(space, rings, edges=False, style=0, layer="Fels"):
     return hatch
 
 
+@pytest.mark.family(5)
 @pytest.mark.parametrize("name", every_third(RINGS))
 @pytest.mark.parametrize("edges", [False, True])
 @pytest.mark.parametrize("style", range(3))
@@ -335,6 +336,7 @@ def nowhere(drawing):
     drawing.modelspace().add_line((float("nan"), 0), (1, 1))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

@@ -223,6 +223,7 @@ def made_file(command):
     return found[-1]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("way", every_third(RASTERS))
 def test_heights_in_another_unit_are_refused_and_the_command_mends_them(way):
     unit, write = RASTERS[way]
@@ -254,6 +255,7 @@ IN_PLAN = {
 }
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("way", every_third(IN_PLAN))
 @pytest.mark.parametrize("packing", [None, (0.5, 100.0)])
 def test_plan_in_another_unit_and_the_command_that_mends_both(way, packing):
@@ -315,6 +317,7 @@ GOOD = {
 }
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("way", GOOD)
 def test_heights_in_metres_are_read(way):
     z, grid = read_dem(GOOD[way](plane()))
@@ -505,6 +508,7 @@ def has_20_degrees(command, made):
     assert slope(dem.z[5:-5, 5:-5], dem.grid) == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "keys",
     [
@@ -518,6 +522,7 @@ def test_a_point_cloud_in_metres_has_its_slope(keys):
     assert slope(dem.z[5:-5, 5:-5], dem.grid) == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("head", "projection"),
     [

@@ -50,6 +50,7 @@ def test_a_square_of_five_cells_has_25_wherever_it_lies(grid):
             assert held([shape], grid).sum() == 25
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("seed", range(4))
 def test_triangles_that_share_corners_at_centres_share_no_cell(grid, seed):

@@ -257,6 +257,7 @@ def test_what_netcdf_says_against_itself_is_refused(about, message):
         read_dem("dem.nc")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "stale",
     [
@@ -554,6 +555,7 @@ def test_zones_that_are_no_integers(dem, blocks):
         read_aligned(make_raster("zones.tif", ids), dem, "zones", np.int32)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("value", "kind"), [
     (np.inf, "f8"), (3e9, "f8"), (-2147483648.0, "f8"), (3.4028234663852886e38, "f4"),
     (-3.4028234663852886e38, "f4"), (1e20, "f4"), (1e30, "f8"), (-1.7976931348623157e308, "f8"),
@@ -885,6 +887,7 @@ def test_dataarrays_are_checked_like_files(spoil, message):
 # ---- writing -------------------------------------------------------------------------------------
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("dtype", ["bool", "int64", "float32"])
 def test_geotiff_keeps_values_crs_and_tags(dtype, blocks):
     _, grid = read_dem(make_raster("dem.tif", hill(300, 260)))

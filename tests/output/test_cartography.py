@@ -47,6 +47,7 @@ def texts_of(figure):
     return [(one.get_text(), one.get_window_extent()) for one in seen]
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     ("name", "shape"), [("passages", "upright"), ("stops", "upright"), ("energy_max", "broad")]
 )

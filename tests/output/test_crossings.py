@@ -165,6 +165,7 @@ def test_crossings_that_stay_in_the_file_are_those_in_memory(result, in_file, tm
     assert chosen["crossing_line"].equals(result["crossing_line"][7:300:3])
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "name, at, value",
     [("row_size", 0, 1), ("crossing_line", -1, 0), ("crossing_boulder", 5, 2**20),

@@ -241,6 +241,7 @@ def test_the_pages_are_few_and_signed(made, monkeypatch, language):
     assert language == "en" or "boulders" not in words
 
 
+@pytest.mark.all
 @pytest.mark.parametrize(
     ("high", "coarsest", "number"),
     [
@@ -595,6 +596,7 @@ def test_places_beyond_the_terrain_are_said_on_the_pages(case, tmp_path, languag
     assert expected in said and "(hut)" in said
 
 
+@pytest.mark.all
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_points_without_a_width_have_the_frequencies_of_their_hazard(case, tmp_path):
     """Differences at points without a width have no interval, and are therefore undecided."""

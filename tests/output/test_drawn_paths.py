@@ -140,6 +140,7 @@ VIEWS = {
 }
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("view", VIEWS)
 def test_no_view_draws_a_boulder_higher_than_it_jumped(view, drawn):
     """Drawn heights are at most the kernel's maximum, and never below the ground."""

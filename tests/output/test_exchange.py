@@ -256,6 +256,7 @@ def test_without_the_cad_extra_one_line_and_nothing_written(result, tmp_path, mo
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -490,6 +490,7 @@ def test_the_impact_set_is_drawn_where_it_is_still_the_same(place):
 # ---- command and refusals
 
 
+@pytest.mark.all
 def test_the_command_writes_every_figure_and_says_so(place, capsys, monkeypatch):
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
     monkeypatch.setattr("rockfall.plots.figures.set_of", lambda _: None)

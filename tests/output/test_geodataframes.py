@@ -104,6 +104,7 @@ def test_a_case_without_attributes_hands_out_places(case):
     same(rockfall.run(case, **PLACE), rockfall.run(case, sources=frame, **PLACE))
 
 
+@pytest.mark.all
 def test_layers_of_a_hazard_have_its_frequencies(case, tmp_path):
     with refused("road: a run has no annual frequencies: add &scenario groups to the case, "
                  "and use rockfall.hazard"):  # fmt: skip

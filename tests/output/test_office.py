@@ -256,6 +256,7 @@ def test_documents_are_in_the_language(site, language, heading):
     assert "net" in docx.Document(f"in_{language}/design.docx").tables[-2].cell(1, 0).text
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "words, message",
     [

@@ -29,6 +29,7 @@ def scene_of(folder, sources, each, maps=MAPS, **about):
     return read_scene(case, dem=Z, transform=grid(Z), cells=cells)
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(("sources", "each", "few"), [(100, 30, 300), (500, 5, 250), (3, 800, 200)])
 def test_the_cells_that_all_boulders_reach(tmp_path, monkeypatch, sources, each, few):
     scene = scene_of(tmp_path, sources, each, maps=["passages"])

@@ -215,6 +215,7 @@ def test_without_terrain_there_is_no_relief_and_it_is_said(site, capsys):
     assert not Path("flat/elevation_m.tif").exists()
 
 
+@pytest.mark.all
 def test_a_refused_project_leaves_nothing(project, capsys):
     assert main(["export", "out.nc", "new", "--hazard", "hazard_hazard/hazard.nc"]) == 2
     assert capsys.readouterr().err == "rockfall: --hazard requires --qgis\n"

@@ -472,6 +472,7 @@ def test_nothing_is_taken_from_elsewhere(page):
     )
 
 
+@pytest.mark.all
 def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])  # tested separately
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)  # tested separately
@@ -833,6 +834,7 @@ def test_the_report_on_paper(result, monkeypatch, tmp_path):
     assert path.read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("arguments", "package", "message"),
     [

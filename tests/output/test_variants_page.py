@@ -97,6 +97,7 @@ def test_what_cannot_be_is_one_line(results, tmp_path):
     assert not path.exists()
 
 
+@pytest.mark.all
 def test_the_command_writes_the_page(results, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, result in results.items():

@@ -53,6 +53,7 @@ def test_the_balance_closes_for_every_boulder(tmp_path, ground):
     assert {"stopped_by_tree", "stopped_by_barrier"} < {*status(result)}
 
 
+@pytest.mark.all
 def test_in_the_standalone_program_too(tmp_path):
     case = everything(tmp_path, "soil_4")
     prepare(case, tmp_path / "ready")

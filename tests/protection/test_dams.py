@@ -120,6 +120,7 @@ def test_cells_of_the_size_that_is_named_give_no_warning(tmp_path):
     assert scene.dams[0].face_cells > FINE and implausible(scene) == []
 
 
+@pytest.mark.all
 def test_check_run_report_shards_and_the_program_tell_the_same(
     tmp_path, capsys, monkeypatch, blank_figures
 ):

@@ -88,6 +88,7 @@ def test_lines_of_a_layer_cost_linear_time(case):
         case.replace(line=twice)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", every_third(FORMATS))
 def test_layers_give_the_bits_of_typed_coordinates(case, name):
     make_layer(f"road{name[4:]}", [line(ROAD)], name=["B 12"])

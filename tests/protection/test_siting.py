@@ -340,6 +340,7 @@ def test_a_single_scenario_is_as_its_boulders(case):
     assert found.advice.today[0] == pytest.approx(0.2 * same.advice.today[0])
 
 
+@pytest.mark.all
 def test_scenarios_run_in_turn_find_the_same(case):
     case, how = scenarios(case), {"every": 100.0, "to": 200.0, **TERRAIN}
     found = site(case, "road", **how)

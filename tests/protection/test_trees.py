@@ -143,6 +143,7 @@ def test_a_result_is_read_as_it_was_written(wooded, tmp_path):
     same(read_result(tmp_path / "wooded.nc"), wooded)
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("memory", [20_000, 60_000])
 def test_windows_of_the_terrain_change_nothing(case, tmp_path, memory):
     make_raster(tmp_path / "dem.tif", rough(), TRANSFORM, None)
@@ -199,6 +200,7 @@ def test_maps_of_trees_without_trees_are_empty(bare):
     assert all(np.isnan(bare[name].values).all() for name in MAPS[1:])
 
 
+@pytest.mark.all
 def test_the_standalone_program_gives_the_same_bits(tmp_path):
     forest = STAND | {"stem_height": 12.0, "turn_frontal": [3.0, 2.0, 1.0]}
     case = make_full_case(tmp_path, forest=forest, output={"energy_balance": True})
@@ -220,6 +222,7 @@ def test_another_forest_needs_another_scene_file(tmp_path, key):
     assert done.returncode == 2 and f"&forest {next(iter(key))}: differs from" in done.stderr
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [("tree_x", np.nan, "tree_x, or tree_y,"), ("tree_y", 1e13, "tree_x, or tree_y,"),

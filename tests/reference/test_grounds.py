@@ -73,6 +73,7 @@ def test_each_model_contact_by_contact(tmp_path, ground):
     assert (result["rebounds_forced"] == result["rebounds"]) == (ground == "flat")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("turning", ["to_aspect", "lab"])
 def test_a_patchwork_of_all_grounds_and_of_rocks(tmp_path, turning):
     """Cells alternate between impact sets, classical rebounds and a lake. Obstacles are by method

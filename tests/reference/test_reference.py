@@ -96,6 +96,7 @@ def test_the_numbers_of_the_reference():
         assert math.isclose(reference.quantile(Decimal(tail)), norm.isf(tail), rel_tol=1e-13)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("field", "off"), [("x", 1e-10), ("in_n", 1e-11),
                                             ("out_w", 1e-10), ])  # fmt: skip
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, field, off):
@@ -138,6 +139,7 @@ def test_across_a_valley_where_boulders_turn_back(tmp_path, turning):
     assert result.rebounds_redrawn > 20
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("climb", [3.0, 18.0])
 def test_released_uphill_into_the_slope_and_falling_back(tmp_path, climb):
     """Flights land against their initial direction, so that boulders roll backwards."""
@@ -187,6 +189,7 @@ def test_mean_radius_that_changes_from_cell_to_cell(tmp_path):
          arrays={"mean_radius": rocks})  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "boulder",
     [{"volume": "lognormal", "volume_mean": 1.0, "volume_std": 1.0},
@@ -228,6 +231,7 @@ def test_sets_without_an_admissible_draw(tmp_path):
     assert result.rebounds_forced > 0.9 * result.rebounds > 0
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("turning", TURNINGS)
 def test_on_a_plane_the_first_heading_lies_along_the_aspect(tmp_path, turning):
     """Rounding errors of the heading must not turn all boulders to the same side."""

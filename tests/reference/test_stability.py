@@ -19,6 +19,7 @@ def broken(rows):
     return [row for row in rows if not row.holds]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", every_third(SCENES))
 def test_scenes_hold(name, tmp_path):
     """Boulders have an expected status, no NaN and no gain of energy; flights follow their

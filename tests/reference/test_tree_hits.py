@@ -161,6 +161,7 @@ def test_down_a_slope_through_trees(tmp_path, forest, impact):
     assert judged > 30 and undecided <= 1
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("column", "off"), [(0, 1e-10), (3, 1e-11), (4, 1e-8), (6, 1e-8)])
 def test_an_error_that_is_hardly_there_is_seen(tmp_path, column, off):
     """An error of 1e-11 to 1e-8 in position, time or velocity of the first hit is noticed."""

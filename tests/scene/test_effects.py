@@ -223,6 +223,7 @@ ATTRIBUTES = [
 ]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("key, layer, names", ATTRIBUTES, ids=lambda value: str(value)[:14])
 def test_attributes_that_are_not_used_are_listed(key, layer, names):
     case = case_of({"forest": STEMS} if key == "clearings" else {})
@@ -253,6 +254,7 @@ ONES = {
 }
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("key, shape, name, values", MARKED, ids=lambda value: str(value))
 def test_numbers_for_missing_ones_are_questioned(key, shape, name, values):
     """A value far above all others is questioned in every column that has a range."""

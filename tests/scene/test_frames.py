@@ -38,6 +38,7 @@ def case(tmp_path, monkeypatch):
     return make_full_case(tmp_path, case={"boulders": 5}).replace(line=[])
 
 
+@pytest.mark.all
 def test_frames_give_the_bits_of_files(case):
     case = case.replace(forest=dict.fromkeys(case.forest, None))
     for name, (shapes, columns) in LAYERS.items():

@@ -57,6 +57,7 @@ def zones(tmp_path, rows, head="zone,mean_radius,ground\n"):
 # ---- the shipped table
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("name", SHIPPED.rows)
 def test_every_shipped_ground_runs_and_names_its_source(tmp_path, name):
     row = SHIPPED.rows[name]

@@ -49,6 +49,7 @@ HOLES = {  # cells without elevation, and number of 400 source cells that cannot
 }
 
 
+@pytest.mark.family(4)
 @pytest.mark.parametrize("name", HOLES)
 @pytest.mark.parametrize("by", ["polygons", "cells", "an array"])
 def test_source_cells_without_elevation_are_counted(tmp_path, name, by):
@@ -120,6 +121,7 @@ PARTS = {  # polygons, names: expected remark
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", PARTS)
 def test_parts_of_polygons_without_a_cell_are_named(tmp_path, name):
     parts, names, said = PARTS[name]
@@ -131,6 +133,7 @@ def test_parts_of_polygons_without_a_cell_are_named(tmp_path, name):
     assert all(LOST in text for text in texts)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("shapes", "said"),
     [
@@ -165,6 +168,7 @@ ZONES = {  # polygons: expected remark
 }  # fmt: skip
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", ZONES)
 def test_zones_without_a_cell_or_beyond_the_dem_are_counted(tmp_path, name):
     shapes, said = ZONES[name]

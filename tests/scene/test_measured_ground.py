@@ -195,6 +195,7 @@ def test_a_table_of_scars(place):
         rockfall.measure_ground("scars.csv")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_scars_on_the_page_of_grounds_are_those_of_their_strengths(name):
     """The scar on the page, in whole centimetres, is that of a block of R_b = 0.4 m after a fall of

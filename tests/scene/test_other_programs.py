@@ -144,6 +144,7 @@ def test_unknown_and_misspelt_attributes_are_listed(tmp_path):
     assert grounds(tmp_path / "out")["soil_1"]["r_n"] == "0.15"
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("name", "text", "file", "message"),
     [

@@ -443,6 +443,7 @@ MISTAKES = {
 }  # fmt: skip
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("what", MISTAKES)
 def test_a_mistake_gives_its_line_and_no_other(site, what):
     """The scene of a mistake gives one line, which is translated in each language."""
@@ -506,6 +507,7 @@ WINDOWED = [
 ]
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("what", WINDOWED)
 def test_terrain_in_windows_is_told_alike(site, what):
     MISTAKES[what][0](site)
@@ -629,6 +631,7 @@ def elevations(name):
     }[name]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "name",
     ["dead sea", "plane of integers", "ridge of integers", "terraces", "sea", "Everest", "flat",

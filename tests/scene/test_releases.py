@@ -78,6 +78,7 @@ def csv(path, **columns):
     path.write_text("\n".join([",".join(names), *lines]) + "\n")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", ["p.gpkg", "p.shp", "p.geojson", "p.csv", "q.gpkg"])
 def test_points_of_layers_give_the_bits_of_typed_ones(case, name):
     if name == "p.csv":
@@ -203,6 +204,7 @@ def released(scene):
     return np.array([len(scene.numbers_of(k)) for k in range(scene.x.size)])
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("n", [1, 3, 4, 10, 80, 203])
 def test_a_total_is_shared_evenly_or_by_frequency(case, n):
     each = released(read_scene(total(case, n)))

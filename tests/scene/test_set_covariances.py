@@ -102,6 +102,7 @@ def test_the_product_of_a_root_is_the_nearest_covariance(name):
     assert (abs(np.diag(found) - 1) < 1e-4).all()  # variances
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", every_third(SINGULAR))
 def test_kernel_and_planes_draw_with_the_covariance(name, tmp_path):
     """Covariances of V_out in 4,000 rebounds of the kernel, and of the planes, are within 4.5

@@ -145,6 +145,7 @@ def test_species_of_a_stand(tmp_path):
 LEFT, RIGHT = shapely.box(0, 0, 160, 400), shapely.box(150, 0, 300, 400)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("shapes", "changes", "said"),
     [

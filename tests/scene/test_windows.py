@@ -89,6 +89,7 @@ def refused(pattern):
     return pytest.raises(RockfallError, match=pattern)
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(  # [bytes]; the DEM has 79,200
     ("surface", "size"), [(None, 10_000), (make_zones, 25_000), (make_sizes, 60_000)]
 )
@@ -108,6 +109,7 @@ def test_windows_of_other_files(tmp_path, kind):
     same(run_scene(scene), rockfall.run(case))
 
 
+@pytest.mark.all
 def test_windows_of_boulders_that_break(tmp_path):
     """A boulder is counted only if all its fragments stay in the window; others are run again."""
     breakage = {"at": "both", "release_fall": 8.0, "max_fragments": 20}
@@ -155,6 +157,7 @@ def test_steep_cells_and_their_surface(tmp_path, cells, slope):
     same(run_scene(scene), rockfall.run(case))
 
 
+@pytest.mark.all
 def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
     case = case_in(tmp_path)
     scene = read_scene(case, memory=20_000)

@@ -88,6 +88,7 @@ def test_the_report_lists_them(case):
     assert [tuple(row) for row in table.rows] == [("talus", "1", "0.25"), ("lake", "2", "absorbs")]
 
 
+@pytest.mark.all
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_gives_the_same_bits(case):
     zoned = polygons(case, **GROUND)
@@ -97,6 +98,7 @@ def test_the_standalone_program_gives_the_same_bits(case):
     same_results(join(["a.part1of1"]).dataset(), rockfall.run(zoned))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("columns", "message"),
     [

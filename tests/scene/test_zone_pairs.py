@@ -171,6 +171,7 @@ OWN = {"ground_strength": 3e5, "ground_relief": 12.5}
 NO_ZONES = {"zones": None, "table": None}
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("groups", [
     {"surface": {"ground": "talus"}}, {"impact": {"form": "table", "table": "talus", "sets": None}},
 ], ids=["ground", "table"])  # fmt: skip
@@ -197,6 +198,7 @@ def test_zones_that_name_no_ground_have_them(case):
     assert [rule.name for rule in scene.grounds] == [NAMES[0], "meadow"]
 
 
+@pytest.mark.all
 @pytest.mark.skipif(not find_program(), reason="no rockfall-batch")
 def test_the_standalone_program_has_them_too(case):
     whole = case.replace(surface=NO_ZONES | {"ground": "talus"} | OWN)

@@ -250,6 +250,7 @@ def test_a_stage_notes_what_it_looks_at(case):
     assert case.path("dem.tif") in watched.states
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -331,6 +332,7 @@ class Frame(pd.DataFrame):
         return pd.Series(list(self["geom"]), name="geom")
 
 
+@pytest.mark.all
 def test_frames_may_be_given_and_changed(case, monkeypatch):
     shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
     pytest.importorskip("pyogrio", reason="the vector extra is not installed")

@@ -122,6 +122,7 @@ def test_each_boulder_goes_as_in_a_run_of_its_shape(mixed):
     assert result["ground"].values.tolist() == alone["platy"]["ground"].values.tolist()
 
 
+@pytest.mark.all
 def test_the_order_of_the_shapes_and_the_unit_share_do_not_matter(mixed):
     case, result = mixed
     turned = {"block_shape": BLOCK_SHAPES[::-1], "block_shape_share": SHARES[::-1]}
@@ -164,6 +165,7 @@ def test_the_result_names_the_shapes(mixed, tmp_path):
     assert shape.attrs["flag_values"].dtype == shape.dtype
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", every_third([0, 1, 2, 3]))
 def test_no_bit_depends_on_lanes(mixed, lanes):
     case, result = mixed
@@ -190,6 +192,7 @@ def full_case(folder, **boulder):
     return case
 
 
+@pytest.mark.all
 def test_both_programs_give_the_same_and_join(tmp_path):
     case = full_case(tmp_path)
     whole = rockfall.run(case)
@@ -499,6 +502,7 @@ def test_sources_must_all_give_their_shape_where_the_case_has_none(tmp_path):
 # ---- output of shapes
 
 
+@pytest.mark.all
 def test_numbers_at_lines_split_by_shape(mixed, tmp_path, capsys):
     _, result = mixed
     table = rockfall.line_statistics(result, by="shape", quantities=["speed"])
@@ -625,6 +629,7 @@ def with_shape(number):
     return change
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "change, message",
     [
@@ -646,6 +651,7 @@ def test_a_part_with_other_shapes_is_refused(gallery, tmp_path, change, message)
         rockfall.merge(names)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "name, value",
     [("shape_ground", 9), ("shape_ground", 0), ("source_shape", 4), ("source_shape", -1)],
@@ -666,6 +672,7 @@ TABLES_APART = "case.nml: arrays table_... are inconsistent with each other or w
 DAMAGED_TABLE = "is a damaged impact table"
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -69,6 +69,7 @@ def bare(folder):
     return run(case(folder, obstacles=False, breakage=BOTH))
 
 
+@pytest.mark.all
 def test_threads_chunks_and_shards_change_nothing(folder, broken, tmp_path):
     assert int(broken["fragments"].sum()) > 1000 and len(np.unique(broken["status"])) > 1
     same(run(case(folder, breakage=BOTH), threads=2, chunk=7), broken)
@@ -78,6 +79,7 @@ def test_threads_chunks_and_shards_change_nothing(folder, broken, tmp_path):
     same_numbers(rockfall.merge([tmp_path / f"part{k}.nc" for k in (2, 1)]), broken)
 
 
+@pytest.mark.all
 def test_both_programs_have_the_same_bits(batch, tmp_path):
     """A run in two parts by rockfall-batch, the second beginning within a source, is bit-identical
     to one in Python, with every output and obstacle."""

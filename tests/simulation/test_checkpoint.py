@@ -159,6 +159,7 @@ def test_a_checkpoint_of_another_run_is_refused(scene, tmp_path):
     differs(read_scene(scene.case, dem=Z + 1, transform=grid(Z)), "dem")
 
 
+@pytest.mark.all
 def test_threads_may_differ_and_a_finished_checkpoint_flies_nothing(scene, tmp_path, monkeypatch):
     whole = simulate.run_scene(scene, checkpoint=Checkpoint(tmp_path / "c", 0.0))
     monkeypatch.setattr(simulate, "_run_range", None)

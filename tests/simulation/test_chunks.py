@@ -109,6 +109,7 @@ def test_runs_of_one_scene_at_once_do_not_disturb_each_other(tmp_path):
     same(rockfall.merge(parts), run_scene(scene))
 
 
+@pytest.mark.all
 def test_a_process_whose_threads_have_run_scenes_ends(place):
     """OpenMP releases the data of a thread as it ends: the process ends without a fault."""
     code = """if True:

@@ -91,6 +91,7 @@ TABLES = [*itertools.product(GROUNDS, BLOCK_SHAPES), ("rocky-slope", "compact")]
 SIZES = [(RADIUS, DENSITY), (0.45, 2700.0), (0.6, 1900.0), (0.3, 3300.0)]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("name", "shape", "size"),
     [(*table, SIZES[0]) for table in TABLES]

@@ -53,6 +53,7 @@ PROGRAMS = {"rockfall": by_python, "rockfall-batch": by_batch}
 SAME = ([], ["--overwrite"], ["--threads", "2"], ["--checkpoint", "0"])
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("shard", [(), ("--shard", "20/20")])
 def test_a_finished_output_is_left_as_it_is(program, shard, case, capfd):
@@ -77,6 +78,7 @@ def test_parts_of_the_other_program_are_finished_too(shard, case, capfd):
     assert capfd.readouterr().err == f"rockfall: a.nc: {said}\n"
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize("change", [
     ["--seed", "8"], ["--shard", "1/2"], "case", "dem", "damaged",

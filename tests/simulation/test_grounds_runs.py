@@ -50,6 +50,7 @@ def whole(tmp_path_factory):
     return case, rockfall.run(case, **terrain())
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", [0, 1])
 def test_no_bit_depends_on_lanes(whole, lanes):
     case, result = whole
@@ -105,6 +106,7 @@ def test_threads_and_chunks_change_nothing(whole):
     same(rockfall.run(case, threads=3, chunk=17, **terrain()), result)
 
 
+@pytest.mark.all
 def test_parts_join_to_the_run(whole, tmp_path):
     case, result = whole
     parts = [rockfall.run(case, shard=(k, 3), **terrain()) for k in (1, 2, 3)]
@@ -128,12 +130,14 @@ def test_a_run_goes_on_from_its_checkpoint(whole, tmp_path):
     same(run_scene(scene, checkpoint=Checkpoint(tmp_path / "out.nc", 60)), result)
 
 
+@pytest.mark.all
 def test_a_written_result_is_read_as_it_was(whole, tmp_path):
     _, result = whole
     rockfall.write_result(result, tmp_path / "out.nc")
     same(rockfall.read_result(tmp_path / "out.nc"), result)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "way",
     [

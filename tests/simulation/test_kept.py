@@ -130,6 +130,7 @@ def test_rows_kept_are_those_of_all_and_the_rest_of_the_result_is_the_same(case,
     assert rockfall.line_statistics(many).equals(rockfall.line_statistics(full))
 
 
+@pytest.mark.all
 def test_neither_chunks_threads_nor_parts_change_a_bit(case):
     case = case.replace(output={"kept": 70})
     whole = run(case)
@@ -146,6 +147,7 @@ def killed(scene, output, monkeypatch, chunks):
     return Checkpoint(output, np.inf)
 
 
+@pytest.mark.all
 def test_a_run_that_is_killed_goes_on(tmp_path, monkeypatch, case):
     case = case.replace(output={"kept": 70})
     scene = read_scene(case, dem=Z, transform=grid(Z))

@@ -56,6 +56,7 @@ def slope(folder, line=LINES, barrier=(), **groups):
     return read_scene(case, dem=z, transform=grid(z))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", [NARROW, WIDE, MASKED])
 @pytest.mark.parametrize(
     "how", [{"threads": 1}, {"threads": 4}, {"threads": 1, "chunk": 7}, {"threads": 4, "chunk": 65}]
@@ -68,6 +69,7 @@ def test_no_number_depends_on_lanes(tmp_path, lanes, how):
     same_numbers(carried(scene, lanes, **how), alone)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     "groups",
     [
@@ -117,6 +119,7 @@ def test_what_is_asked_for_is_the_same_in_lanes(tmp_path, groups):
         same_numbers(carried(scene, lanes), alone)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("name", every_third(EXTREMES))
 def test_extreme_scenes_are_the_same_in_lanes(name, tmp_path):
     extreme = EXTREMES[name]

@@ -199,6 +199,7 @@ def make_shapefile(folder):
 PLACE = Affine(5.0, 0.0, 0.0, 0.0, -5.0, 400.0)
 
 
+@pytest.mark.family(5)
 @pytest.mark.parametrize("memory", [None, 20_000])
 @pytest.mark.parametrize(
     ("change", "what"),

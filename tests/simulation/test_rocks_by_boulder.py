@@ -93,6 +93,7 @@ def spread(tmp_path_factory):
     return case, arrays, rockfall.run(case, **arrays)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_no_bit_depends_on_lanes(spread, lanes):
     case, arrays, result = spread
@@ -102,6 +103,7 @@ def test_no_bit_depends_on_lanes(spread, lanes):
     same(run_scene(scene), result)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("output", [{}, {"maps": None, "trajectories": None}])
 def test_lanes_with_impact_sets_alone(tmp_path, output):
     """Runs by impact sets alone have a compiled loop of their own, which gives the same bits in
@@ -120,6 +122,7 @@ def test_lanes_with_impact_sets_alone(tmp_path, output):
     assert not np.array_equal(usual["stop_x"], results[0]["stop_x"])
 
 
+@pytest.mark.all
 def test_threads_chunks_and_parts_change_nothing(spread):
     case, arrays, result = spread
     same(rockfall.run(case, threads=3, chunk=17, **arrays), result)

@@ -114,6 +114,7 @@ def descent(z, cell, source, length=400.0):
     return np.array(points)
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("cell", every_third([1.0, 2.0, 5.0, 10.0]))
 @pytest.mark.parametrize(
     ("s", "slopes", "foot"),
@@ -174,6 +175,7 @@ def test_without_the_key_nothing_changes(tmp_path):
             np.testing.assert_array_equal(usual[name], result[name])
 
 
+@pytest.mark.all
 def test_parts_and_windows_find_the_same_apex(tmp_path):
     z = slope()
     make_raster(tmp_path / "dem.tif", z.astype("f4"), transform=(5.0, 0, 0, 0, -5.0, SIDE),

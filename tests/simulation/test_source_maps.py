@@ -70,6 +70,7 @@ def test_sources_of_each_cell_are_those_of_brute_force(tmp_path, n, of):
         same(rockfall.run(case, **arrays, **how), whole)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("n", "of"), [(1, 100), (700, 3)])
 def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts=11):
     case, arrays = case_of(tmp_path, n), scattered(of)
@@ -80,6 +81,7 @@ def test_parts_joined_in_any_order_are_the_run(tmp_path, n, of, parts=11):
     same(rockfall.merge(flown[::-1]), rockfall.run(case, **arrays))
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("only", [["sources"], ["reach_probability_by_source"]])
 def test_one_of_the_maps_alone(tmp_path, only):
     case, arrays = case_of(tmp_path, 50, only), scattered(6)

@@ -45,6 +45,7 @@ def test_every_bit_is_that_of_a_run_in_memory(scene, tmp_path):
     same(rockfall.read_result(tmp_path / "spilled.nc"), rockfall.read_result(tmp_path / "kept.nc"))
 
 
+@pytest.mark.all
 def test_slices_are_those_of_the_whole(scene, tmp_path):
     contents = simulate(scene, chunk=30, spill=tmp_path)
     for name in ("crossing_boulder", "crossing_omega", "crossing_outcome", "crossing_volume"):

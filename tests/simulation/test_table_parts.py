@@ -111,6 +111,7 @@ def weights(values, x):
 # ---- part for a boulder
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("part", every_third([0.0, 0.2, 0.5, 0.9]))
 @pytest.mark.parametrize("between", [0, 1])
 def test_boulders_take_the_columns_beside_their_size_linearly_in_its_logarithm(
