@@ -76,7 +76,8 @@ class _Drawn(NamedTuple):
     of_site: bool  # `observed` comes from the case
 
     def warn(self) -> None:
-        """Issue warnings about omitted contents, attributed to the caller's caller."""
+        """Issue a warning for each error, with the parts it prevents, attributed to the calling
+        function."""
         for text in self.left.notes():
             warnings.warn(text, stacklevel=2)
 

@@ -14,7 +14,8 @@ SHOWN = {"1": ("%", 100.0), "J": ("kJ", 1e-3), "m s-1": ("m/s", 1.0), "rad s-1":
 
 class Quantity(NamedTuple):
     """Description of a quantity: `key` is the message id of its label, `units` are the units in
-    results, `decimals` apply to the display unit, `symbol` is a symbol or a message id."""
+    results, `decimals` apply to the display unit. `symbol` is a symbol or its message id; "" if
+    there is none."""
 
     key: str
     units: str

@@ -71,7 +71,7 @@ class Layer:
         return kinds.pop() if len(kinds) == 1 else ""
 
     def attribute(self, key: str) -> str | None:
-        """Name of the attribute for a key."""
+        """Name of the attribute for a key; None if the layer lacks it."""
         names = (key, key[:SHORT], SYMBOLS.get(key))
         return next((name for name in names if name in self.columns), None)
 

@@ -64,7 +64,8 @@ def _colour(layer: Any, colour: tuple[int, int, int]) -> None:
 
 
 def _colours(style: Style | None) -> dict[str, tuple[int, int, int]]:
-    """Colour for each value of a style's field; "" for a uniform style; none for intervals."""
+    """Colour for each value of a style's field; "" for a uniform style; no colours for a style by
+    intervals."""
     if style is None or style.kind == "graduatedSymbol":
         return {}
     return {str(value): paint(symbol) for value, _, symbol in style.symbols}

@@ -236,8 +236,8 @@ def _source_layer(hazard: xr.Dataset) -> tuple:
 
 
 def _with_sources(hazard: xr.Dataset) -> Iterator[tuple[str, int]]:
-    """Yield kind and index of the lines and objects with known sources: the most frequently hit
-    ones of each kind."""
+    """Yield kind and index of lines and objects with known sources: at most `MOST_PLACES` of each
+    kind, the most frequently hit."""
     for kind in SOURCES:
         if f"{kind}_source_frequency" in hazard:
             unknown = np.isnan(hazard[f"{kind}_source_frequency"].values).any(axis=1)

@@ -431,7 +431,8 @@ def usual_name(case: Case) -> str:
 
 
 def usual_ground(case: Case) -> GroundRule:
-    """Default ground of a case: its impact sets or its impact table. Refuses unknown tables."""
+    """Default ground of a case: its impact sets or its impact table. Raises a RockfallError for an
+    unknown table."""
     if case.impact["form"] == "matrix":
         return GroundRule(case.impact["sets"])
     name = case.impact["table"]
@@ -445,8 +446,8 @@ def usual_ground(case: Case) -> GroundRule:
 
 
 def table_ground(case: Case, name: str) -> GroundRule:
-    """Ground with the impact table of a name known to `find_operator`. Refuses longer names than
-    the kernel stores."""
+    """Ground with the impact table of a name known to `find_operator`. Raises a RockfallError for a
+    name longer than the kernel stores."""
     path = own_table(case, name)
     if path is None:
         return shipped_rows().ground(name, case)

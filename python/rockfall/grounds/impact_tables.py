@@ -275,8 +275,8 @@ def tables_of_all_shapes() -> list[str]:
 
 @lru_cache(maxsize=64)
 def _read_table(place: str, path: str | Path, state: tuple[int, int]) -> ImpactTable:
-    """Read a table from a file; the first and last arguments are only cache keys. Refuses other
-    files."""
+    """Read a table from a file; the first and last arguments are only cache keys. Raises a
+    RockfallError for a file that is not such a table."""
     try:
         data = load_dataset(path)
     except RockfallError:

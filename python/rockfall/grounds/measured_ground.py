@@ -319,7 +319,7 @@ def _scars(scars: Scars) -> list[Scar]:
 
 
 def _scar(row: Row) -> Scar:
-    """Scar from a table row, in SI units; implausible values are refused."""
+    """Scar from a table row, in SI units. Raises a RockfallError for implausible values."""
 
     def either(first: str, second: str, low: float, high: float, low2: float, high2: float
                ) -> tuple[float, float]:  # fmt: skip

@@ -92,7 +92,7 @@ class Import:
 
 
 def only(paths: Iterable[Path], folder: Path, what: str) -> Path:
-    """The only path; none or several raise an error."""
+    """Return the only path; raises a RockfallError for none or several."""
     several = sorted(paths)
     if len(several) != 1:
         names = ", ".join(path.name for path in several) or "none"

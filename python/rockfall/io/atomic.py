@@ -144,8 +144,9 @@ def not_replaced(error: OSError) -> str:
 
 
 def keep_next_to(path: Path, new: Path) -> Path:
-    """Move a file or folder that cannot replace `path` next to it, as NAME-2, NAME-3, ... On a
-    file system that cannot rename, it stays in place."""
+    """Move a file or folder that could not replace `path` next to `path`, as NAME-2, NAME-3, ...,
+    and return its new path. On a file system that cannot rename, leave it in place and return
+    `new`."""
     names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     kept = next(name for name in names if not os.path.lexists(name))
     try:

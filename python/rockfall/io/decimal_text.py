@@ -71,8 +71,8 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
 
 
 def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shortest decimals of single-precision reals >= 0: integers (n,), to be divided by ten to the
-    power of the second array, the numbers of decimals."""
+    """Shortest decimals that identify single-precision reals >= 0: integers (n,), and numbers of
+    decimals (n,). A value is its integer divided by ten to the power of its number of decimals."""
     exact = single.astype("f8")
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
     places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)

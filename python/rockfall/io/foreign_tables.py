@@ -23,7 +23,8 @@ _TRAJECTORIES = (".rts", ".pts")
 
 
 def check_table(path: str | Path) -> None:
-    """Refuse a file of a known type that is not a table; unreadable files pass this check."""
+    """Refuse trajectory files, and files of a known type that are not tables. Missing files and
+    folders pass this check; a file that cannot be read raises a RockfallError."""
     if not Path(path).is_file():
         return
     if Path(path).suffix.lower() in _TRAJECTORIES:

@@ -36,8 +36,8 @@ _MAX_TAG = 65536  # bytes
 
 
 def plain_file(path: str | Path) -> str:
-    """Return the absolute path of a file. Refuses an empty file, files (also companions) that are
-    not regular, and masks that are no GeoTIFF.
+    """Return the absolute path of a file. Refuses missing and empty files, folders, paths under
+    /vsi, files (also companions) that are not regular, and masks other than GeoTIFF.
 
     GDAL never reads an absolute path as a command such as `WMS:...`.
     """
@@ -96,7 +96,8 @@ def tiff_numbers(path: str | Path, tag: int) -> tuple[int, ...]:
 
 
 def _tiff_tag(path: str | Path, tag: int, kind: int) -> tuple[bytes, str]:
-    """Bytes of a tag of the given type, with their byte order."""
+    """Bytes of a tag of the given type, with their byte order; no bytes if the file is
+    truncated."""
     with open(path, "rb") as file:
         try:
             return _tag_bytes(file, os.path.getsize(path), tag, kind)

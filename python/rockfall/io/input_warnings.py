@@ -18,7 +18,8 @@ class InputWarning(NamedTuple):
 
     @classmethod
     def of(cls, stored: Sequence[Any]) -> InputWarning:
-        """Warning from the attribute `input_warnings` of a file."""
+        """Warning from a row of the attribute `input_warnings`: place, English text, and
+        message."""
         where, text, data = stored
         return cls(str(where), unpacked(data, text))
 

@@ -115,7 +115,8 @@ def read_table(path: str | Path) -> tuple[str, list[str], Iterator[Row]]:
 def read_columns(
     path: str | Path, needed: Iterable[str]
 ) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Return the position of each row (for messages), and the texts by column (object arrays)."""
+    """Return the position of each row (for messages), and the texts by column (object arrays).
+    Refuse a table without the `needed` columns, or with a repeated column."""
     where, columns, rows = read_table(path)
     check_needed(where, columns, needed)
     check_columns(where, columns, columns)

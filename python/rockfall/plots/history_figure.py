@@ -85,7 +85,8 @@ def _curve(
     axes: Axes, n: list[int], rows: list[dict[str, float]], name: str, scale: float
 ) -> float:
     """Plot a statistic with its 95 % band. Return the upper axis limit: twice the highest value or,
-    if higher, the end of the last band; bands from few boulders are unbounded."""
+    if larger, just above the last band. Earlier bands may exceed it, because those of few boulders
+    are wide or unbounded."""
     value, low, high = (
         np.array([scale * row.get(f"{name}{end}", np.nan) for row in rows]) for end in ENDS
     )

@@ -41,7 +41,8 @@ class Crossings(NamedTuple):
 
 
 def crossings(result: xr.Dataset, line: int) -> Crossings:
-    """Crossings at the line with this index."""
+    """Crossings at the line with this index. Raises a RockfallError for a result without boulder
+    rows."""
     check_rows(result, "a quantity of each boulder at a line")
     at = at_line(result, line)
     numbers = (at.values(name) for name in Crossings._fields[2:])

@@ -283,7 +283,8 @@ def _verdict(
 def _along(
     result: xr.Dataset, line: str, came: Crossings, width: float, min_boulders: int, *how: Any
 ) -> Iterator[dict[str, Any]]:
-    """Requirements of the standard in windows along a line; blank where few boulders pass."""
+    """Requirements of the standard in windows of `width` [m] along a line; blank where fewer than
+    `min_boulders` boulders pass."""
     edges, window = windows(result, line_number(result, line), width)
     window = window[window >= 0]
     for k, (start, end) in enumerate(itertools.pairwise(edges)):

@@ -129,7 +129,8 @@ def _choices(
 
 
 def _check(hazard: xr.Dataset, k: int, allowed: float) -> dict[str, Any]:
-    """Check of the barrier at a line, from the boulders that pass it."""
+    """Row of `checks` for the barrier at a line: the boulders that pass it [1/year], whether they
+    are at most `allowed`, and whether that is certain."""
     behind = hazard["line_behind"].values[:, k]
     value, low, high = (float(limit) for limit in yearly(hazard, "line", k, behind))
     names = ("height", "capacity")

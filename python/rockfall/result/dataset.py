@@ -79,7 +79,7 @@ def feature_names(scene: Any) -> dict[str, str]:
 
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a netCDF result without decoding: counts stay integers, times stay seconds. Raises a
-    RockfallError for other files."""
+    RockfallError for a folder, a file that cannot be opened as netCDF, or a part of a run."""
     if Path(path).is_dir():
         names = ", ".join(sorted(each.name for each in Path(path).glob("*.nc"))[:5])
         raise RockfallError(f"{path}: is a folder: give one of its files, {names or 'OUT.nc'}")
@@ -102,7 +102,7 @@ def open_result(path: str | Path) -> xr.Dataset:
 def read_result(path: str | Path) -> xr.Dataset:
     """Read the result of a run from its netCDF file, in the form that `rockfall.run` returns. More
     than a million line crossings stay in the file and are read on demand until the result is
-    closed. Raises a RockfallError if it cannot be read.
+    closed. Raises a RockfallError for a file that cannot be read, or is not a valid result.
 
     >>> import rockfall
     >>> rockfall.write_result(rockfall.run(rockfall.read_case("case.nml")), "result.nc")

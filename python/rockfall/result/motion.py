@@ -61,8 +61,8 @@ class Motion(NamedTuple):
 
 
 def spread(recorded: list[_Kept], number: int | None) -> list[_Kept]:
-    """Select at most `number` of the recorded trajectories, evenly spaced; they are sorted by
-    source."""
+    """Select at most `number` (None: all) of the recorded trajectories, evenly spaced in their
+    order, which is by source."""
     if number is None or len(recorded) <= number:
         return recorded
     return [recorded[k * len(recorded) // number] for k in range(number)]

@@ -57,8 +57,8 @@ def import_rockyfor3d(
     """Write a case for a Rockyfor3D folder to the folder `out`.
 
     `crs` (such as EPSG:2056) is the CRS of the rasters, whose format cannot store one; the case
-    then has a DEM with a CRS. Returns a line for each input that was not imported, or with changes.
-    Raises a RockfallError for an input that cannot be used.
+    then has a DEM with a CRS. Returns a line for each input that was not imported, or was imported
+    with changes. Raises a RockfallError for an input that cannot be used.
 
     >>> import rockfall
     >>> left_out = rockfall.import_rockyfor3d("folder", "imported", crs="EPSG:2056")

@@ -71,8 +71,8 @@ class FrameFiles:
 def frame_files(
     frames: Mapping[str, Any], store: FrameFiles | None = None
 ) -> Iterator[dict[str, Path]]:
-    """Write frames to files; yield the files by name. They are removed after the block, or with
-    `store`. In errors, the names of frames replace those of files."""
+    """Write frames to files; yield the files by name. The files are removed after the block or, if
+    a `store` is given, with the store. In errors, the names of frames replace those of files."""
     own = store or FrameFiles()
     try:
         files = own.write(frames)

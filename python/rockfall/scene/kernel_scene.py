@@ -112,7 +112,7 @@ def _elevations(rasters: Rasters) -> np.ndarray:
 
 @contextmanager
 def terrain_of(rasters: Rasters) -> Iterator[int]:
-    """Kernel handle of the elevations only."""
+    """Yield the kernel handle of a scene with only the elevations; it is closed after the block."""
     handle = _new_scene(rasters, {"elevation": _elevations(rasters)})
     yield handle
     _core.close_scene(handle)

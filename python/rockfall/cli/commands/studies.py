@@ -93,7 +93,7 @@ def back_command(arguments: argparse.Namespace) -> int:
 
 
 def _grid(case: Case, observed: Iterable[Path]) -> Grid | None:
-    """Terrain grid, if layers must be read on it."""
+    """Terrain grid if an observation is a layer, which is read on the grid; else None."""
     if "dem" not in case.terrain or not any(map(is_point_layer, observed)):
         return None
     return dem_header(case.path(case.terrain["dem"]))[0]

@@ -29,7 +29,8 @@ _NEAR = 1e-3  # maximum difference of equal coordinates [m]
 
 
 def crs_name(crs: CRS) -> str:
-    """Short name of a system: EPSG:25832, its title if it has no code, or its projection."""
+    """Short name of a system: its EPSG code, as in EPSG:25832; without a code, its name; without a
+    name, its projection and ellipsoid."""
     return _short_name(_pyproj(crs))
 
 
@@ -39,7 +40,7 @@ def _short_name(system: pyproj.CRS) -> str:
 
 
 def _title(system: pyproj.CRS) -> str:
-    """Name of a system, or its projection and ellipsoid."""
+    """Name of a system; its projection and ellipsoid if it has no name."""
     source = _source(system)
     if not _NAMELESS.match(system.name) or source.coordinate_operation is None:
         return system.name
@@ -212,7 +213,9 @@ def check_metres(
     grid: Grid, path: str, stated: Iterable[Stated] = (), cure: Cure | None = None
 ) -> None:
     """Refuse units other than the metre, contradictory elevation units, depths, and systems without
-    plan coordinates. `stated`: elevation units that the file gives in addition to its CRS."""
+    plan coordinates. `stated`: elevation units that the file gives in addition to its CRS. `cure`
+    returns the command that converts to a plan CRS (None: unchanged) and multiplies elevations by a
+    factor."""
     system = None if grid.crs is None else _pyproj(grid.crs)
     plan = METRE
     if system is not None:

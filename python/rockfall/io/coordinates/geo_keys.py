@@ -64,7 +64,8 @@ def check_plan(path: str, keys: Sequence[Key]) -> None:
 
 @cache
 def _axis_unit(code: int, directions: tuple[str, ...]) -> Unit | None:
-    """Unit of the first axis of a system with one of these directions."""
+    """Unit of the first axis of a system with one of these directions; None for an unknown code, or
+    without such an axis."""
     import pyproj
 
     try:

@@ -65,7 +65,8 @@ def elevation_dtype(stored: np.dtype | str, name: str) -> np.dtype:
 
 
 def check_elevations(name: str, z: np.ndarray) -> None:
-    """Refuse rasters with too few cells for a patch, implausible elevations, or no elevations."""
+    """Refuse rasters smaller than 2 x 2 cells, implausible elevations, and rasters without
+    elevations."""
     ny, nx = z.shape
     if min(nx, ny) < 2:
         raise RockfallError(f"{name}: {nx} x {ny} cells: must be at least 2 x 2")
@@ -179,7 +180,7 @@ def _crs(attrs: Mapping[str, Any]) -> CRS | None:
 
 
 def _exact(grid: Grid, attrs: Mapping[str, Any]) -> Grid:
-    """Grid from the GeoTransform, if it agrees with the coordinates."""
+    """Grid from the GeoTransform, if it agrees with the coordinates; else `grid` unchanged."""
     try:
         west, cell, _, north, _, step = map(float, str(attrs["GeoTransform"]).split())
     except (KeyError, ValueError):

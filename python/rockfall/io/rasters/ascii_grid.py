@@ -204,7 +204,7 @@ def _parse(text: bytes, path: str, line: int) -> np.ndarray:
 
 
 def _first_bad_token(text: bytes) -> tuple[int, str]:
-    """First token that is not a number, and the number of lines before it."""
+    """Number of lines before the first token that is not a number, and this token."""
     for number, row in enumerate(text.split(b"\n")):
         for token in row.split():
             try:

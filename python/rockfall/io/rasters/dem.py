@@ -52,7 +52,7 @@ def packing_note(path: str | Path) -> list[str]:
 
 
 def read_elevations(path: str | Path, box: Box) -> np.ndarray:
-    """Read the elevations of some cells [m], NaN where missing."""
+    """Read the elevations [m] of the cells in a box, NaN where missing."""
     with open_raster(path) as raster:
         return _elevations(raster, box)
 
@@ -80,7 +80,8 @@ def _check_dem(raster: RasterFile) -> None:
 
 
 def add_packing_note(raster: RasterFile, remarks: list[str] | None) -> None:
-    """Add the `packing_note` to `remarks`, unless it is None."""
+    """Add a remark on the scale and offset of a raster to `remarks`, if it has any and `remarks` is
+    not None."""
     if remarks is None or not isinstance(raster.cells, GdalCells):
         return
     scale, offset = raster.cells.packing

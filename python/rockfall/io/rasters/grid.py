@@ -97,7 +97,8 @@ class Grid:
         return Affine(self.cell, 0.0, self.west, 0.0, -self.cell, self.north)
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of the cells at points [m]; the far edges belong to the last cells."""
+        """Rows and columns of the cells at points [m]; points outside the grid get the nearest
+        cell."""
         row = np.floor((self.north - y) / self.cell).astype(int).clip(0, self.ny - 1)
         return row, np.floor((x - self.west) / self.cell).astype(int).clip(0, self.nx - 1)
 

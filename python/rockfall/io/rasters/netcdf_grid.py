@@ -71,7 +71,8 @@ class NetcdfCells:
 
 @contextmanager
 def open_grid_file(file: str) -> Iterator[netCDF4.Dataset]:
-    """Open a file after checking its dimensions, because GDAL reads all coordinates first."""
+    """Open a netCDF file after checking its dimensions, because GDAL reads all coordinates first.
+    Refuses dimensions of more than `_MAX_SIDE` values."""
     with open_netcdf(file) as data:
         data.set_auto_maskandscale(False)
         for group in (data, *data.groups.values()):

@@ -233,7 +233,8 @@ def read_points(
 
 
 def attribute(columns: dict[str, np.ndarray], name: str) -> np.ndarray | None:
-    """Column with this name, ignoring case; may be truncated as in shapefiles. None if missing."""
+    """Column with this name, ignoring case, or with the name as shapefiles truncate it; None if
+    missing."""
     lower = {own.lower(): column for own, column in columns.items()}
     return columns.get(name, lower.get(name.lower(), lower.get(name[:SHORT].lower())))
 

@@ -78,7 +78,6 @@ def read_clouds(
 
 
 def _chunks(path: str | Path, classes: Sequence[int]) -> Chunks:
-    """Yield chunks of a file of any kind."""
     return _laser_chunks(path, classes) if _is_laser(path) else text_chunks(path)
 
 

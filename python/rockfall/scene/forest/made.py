@@ -182,7 +182,7 @@ def _shares(inputs: Inputs, percent: np.ndarray) -> np.ndarray:
 
 
 def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
-    """Values at the trees, from a raster or uniform."""
+    """Values of a key at the trees: from its raster, or its uniform value."""
     values = np.empty(cells.row.size)
     for rows, block in _blocks(inputs, key):
         in_rows = slice(*np.searchsorted(cells.row, [rows.start, rows.stop]))
@@ -191,7 +191,7 @@ def _at_trees(inputs: Inputs, key: str, cells: Cells) -> np.ndarray:
 
 
 def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
-    """Yield blocks of rows of a raster, or of the uniform value."""
+    """Yield blocks of rows of a key's raster, or of its uniform value."""
     uniform = inputs.case.forest.get(f"uniform_{key}")
     if uniform is None:
         yield from inputs.blocks(key, f"values of {key}", np.float32)
@@ -201,7 +201,7 @@ def _blocks(inputs: Inputs, key: str) -> Iterator[tuple[slice, np.ndarray]]:
 
 
 def _check(inputs: Inputs, key: str, values: np.ndarray) -> None:
-    """Raise an error for invalid values in cells that get trees."""
+    """Raise a RockfallError for invalid values in cells that get trees."""
     low, high, rule = LIMITS[key]
     good = (values >= low) & (values <= high)
     if good.all():

@@ -49,7 +49,8 @@ def has_idle_shapes(sources: Sources, grounds: Iterable[GroundRule]) -> bool:
 
 
 def refuse_by_area(case: Case, sources: Sources, what: str) -> None:
-    """Raise an error for an option that requires the same number of boulders from each source."""
+    """Raise a RockfallError if the sources may release unequal numbers of boulders; `what` requires
+    equal numbers."""
     if sources.frequency is not None:
         raise RockfallError(
             f"{case.name}: sources have a frequency: {what} requires equal numbers of boulders "
@@ -315,7 +316,7 @@ def _at_sources(inputs: Inputs, sources: Sources, key: str, what: str, dtype: An
 def _check(
     case: Case, sources: Sources, key: str, values: np.ndarray, good: np.ndarray, rule: str
 ) -> None:
-    """Raise an error for invalid boulder properties of a source."""
+    """Raise a RockfallError that names the first source with an invalid boulder property."""
     if good.all():
         return
     k = np.flatnonzero(~good)[0]

@@ -10,8 +10,8 @@ from rockfall.scene.scene import Scene
 
 
 def check_effects(scene: Scene) -> None:
-    """Raise an error for rebound keys that no ground uses, and for a minimum fragment larger than
-    every boulder."""
+    """Raise a RockfallError for rebound keys that no ground uses, and for a minimum fragment larger
+    than every boulder."""
     case = scene.case
     given = given_groups(case)
     models = {ground.model for ground in scene.grounds} or {IMPACT_SETS}

@@ -59,7 +59,8 @@ def implausible(scene: Scene) -> list[str]:
 
 
 def warn_of(scene: Scene) -> None:
-    """Issue the warnings as Python warnings at the line that called the caller."""
+    """Issue the warnings about a scene as Python warnings, attributed to the caller of the calling
+    function."""
     for line in implausible(scene):
         warnings.warn(line, stacklevel=3)
 
