@@ -182,8 +182,8 @@ class Scene(Sources):
         return self.frequency if total and self.frequency is not None else self.area
 
     def survey(self) -> Survey:
-        """Data about the terrain that a run needs. Raises an error for a source from which no
-        boulder can start."""
+        """Data about the terrain that a run needs. Raises a RockfallError for a source from which
+        no boulder can start."""
         if self.windows:
             return self.windows.survey
         uses = (self.rasters.z,)

@@ -210,7 +210,8 @@ def _read_zones(
 def _check_sizes(
     inputs: Inputs, rasters: Rasters, columns: tuple[str, ...], places: list[str]
 ) -> None:
-    """Check that used materials have the sizes their grounds require; other missing sizes: 0."""
+    """Check that used materials have the sizes that their grounds require; set missing sizes of
+    other materials to 0."""
     for k, ground in sorted(_used(rasters)):
         need = rasters.grounds[ground].rocks if rasters.grounds else 2
         missing = np.isnan(rasters.sizes[k]).any()

@@ -219,7 +219,8 @@ class Session:
         self._stages, self._scene = stages, scene
 
     def _warn(self, before: set[str]) -> None:
-        """Issue new warnings at the line that called the caller."""
+        """Issue the warnings that are not in `before`, attributed to the caller of the calling
+        function."""
         for line in self.warnings:
             if line not in before:
                 warnings.warn(line, stacklevel=3)

@@ -123,7 +123,8 @@ def write_jobs(
 
 
 def _batch(path: str | Path) -> str:
-    """Path of rockfall-batch for the jobs; the case must be prepared."""
+    """Path of rockfall-batch for the jobs, quoted for the shell. Raises a RockfallError if it is
+    not on the PATH, or if the case is not prepared."""
     program = shutil.which("rockfall-batch")
     if not program:
         raise RockfallError("--program batch: rockfall-batch is not on the PATH")

@@ -177,7 +177,8 @@ def threshold_variable(case: Case) -> dict[str, tuple]:
 
 
 def map_variable(name: str, tally: Tally, per_cluster: int) -> tuple:
-    """Create a map from its tallies, which are consumed; NaN where undefined."""
+    """Create a map from its tallies, which are consumed unless the run continues; NaN where
+    undefined."""
     values, fewest, thin = _map(name, tally, per_cluster)
     counts = {"min_passages": fewest if fewest > 1 else 0, "thin_below": thin}
     if name.endswith(("_low", "_high")) and per_cluster > 1:

@@ -84,7 +84,7 @@ class Advice:
 
 class _Came(NamedTuple):
     """Mask (boulders,) of a run's boulders that reach the line, with their outcome at the barrier
-    (0 if they did not meet it before), heights [m] and energies [J] there."""
+    (0 if they did not meet it before the line), heights [m] and energies [J] there."""
 
     comes: np.ndarray
     outcome: np.ndarray

@@ -29,12 +29,12 @@ MAPS = re.compile(r"(energy|speed|jump_height|passing_height)_(mean|max|max_map|
 def difference_maps(results: Mapping[str, xr.Dataset]) -> dict[str, xr.DataArray]:
     """Maps of the differences between each variant and the first, by name: the fraction of boulders
     that pass a cell, a verdict (-1 less, 1 more, 0 undecided), and the common maps of energy, speed
-    and height where boulders pass in both variants. Raises a RockfallError for other sites,
-    boulders or cells, and without passage maps.
+    and height where boulders pass in both variants. Raises a RockfallError for variants with
+    different sites, boulders or cells, or without passage maps.
 
     Results do not record which boulders pass a cell, so the fractions are treated as independent.
-    With common random numbers the intervals are then too wide: a cell may be undecided where a
-    line shows a difference, but not the reverse.
+    With common random numbers the intervals are then too wide: a cell may be undecided where a line
+    shows a difference, but not the reverse.
     """
     check_variants(results)
     if not have_passages(results):

@@ -290,7 +290,8 @@ def _test_sizes(cells: Rasters, test: Callable[[np.ndarray], np.ndarray]) -> np.
 def with_rocks(
     scene: Scene, small: GroundRule, large: GroundRule, varied: Collection[str] = ()
 ) -> Scene:
-    """Scene in which grounds for small and large rocks replace the `varied` grounds."""
+    """Scene in which grounds for small and large rocks replace the `varied` grounds (default: the
+    case's default ground)."""
     cells = scene.rasters
     varied = varied or {usual_name(scene.case)}
     others = [ground for ground in scene.grounds if ground.name not in varied]

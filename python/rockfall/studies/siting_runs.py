@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Boulders at candidate alignments: from a run, or pooled by frequency from one per scenario."""
+"""Boulders at candidate alignments: from a single run, or from a run of each scenario, pooled by
+frequency."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ from rockfall.studies.study import ROWS_ONLY
 
 
 class Population(NamedTuple):
-    """Boulders of a run: its scene, and its frequency [1/year] (1 without scenarios)."""
+    """Scene of a run, and the annual frequency of its boulders [1/year] (1 without scenarios)."""
 
     scene: Scene
     yearly: float

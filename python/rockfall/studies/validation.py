@@ -186,7 +186,7 @@ def run_out_numbers(
     observed: Sample, simulated: Sample, one_frame: bool = False
 ) -> dict[str, Number]:
     """Statistics of stopping distances, and of lateral offsets if each source has several boulders
-    or all share a frame."""
+    or all share a coordinate frame."""
     share = weights(observed, simulated)
     numbers = distribution_numbers(observed.values[:, 0], simulated.values[:, 0], share)
     alike = len(observed.source) if one_frame else np.unique(observed.source, return_counts=True)[1]

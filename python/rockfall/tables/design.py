@@ -153,12 +153,12 @@ def factor_lines(factors: Factors) -> Iterator[Text]:
 
 
 def shown(row: Mapping[Any, Any], name: str, factor: float = 1.0, *, up: bool = False) -> Estimate:
-    """Number with its interval, if any."""
+    """Cell with a number and its interval, if any."""
     return Estimate.of(row, name, factor, digits=3, up=up)
 
 
 def needed(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> Estimate:
-    """Required value, rounded up."""
+    """Cell with a required value and its interval, rounded up."""
     return shown(row, name, factor, up=True)
 
 

@@ -293,7 +293,7 @@ def _number(hazard: xr.Dataset, place: Place, name: str) -> float:
 
 
 def _level(hazard: xr.Dataset, place: Place, name: str, at: int, factor: float) -> Any:
-    """Level at a place for a return period."""
+    """Cell with the level at a place for a return period; "-" if unknown."""
     names = [f"{place.kind}_{name}_by_period{end}" for end in ENDS]
     if names[0] not in hazard:
         return "-"

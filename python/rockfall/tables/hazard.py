@@ -171,7 +171,7 @@ def object_table(hazard: xr.Dataset) -> Table:
 
 def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
     """Tables of the segments of a line, in its direction: their frequencies, class, energies and
-    heights, and their energies by return period. None without segments."""
+    heights, and their energies by return period. No table without segments."""
     if has_segments(hazard):
         order = np.flatnonzero(hazard["segment_name"].values == line)
         if order.size:
@@ -243,7 +243,7 @@ def class_number(row: Mapping[str, Any]) -> str:
 
 
 def class_legend() -> Text:
-    """Explanation of the class numbers."""
+    """Explanation of the numbers of the individual-risk classes."""
     low, middle, high = (Number(f"{end:.0e}".replace("e-0", "e-")) for end in CLASS_ENDS)
     return say("hazard.risk_classes", low=low, middle=middle, high=high)
 

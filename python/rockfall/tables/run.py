@@ -96,7 +96,7 @@ def _requested(dam: DamShape, k: int) -> Text:
 
 
 def stand_tables(stands: Sequence[Stand], most: int | None = None) -> Iterator[Table]:
-    """Table of forest stands with their stems. Stands beyond the first `most` are summed. None
+    """Table of forest stands with their stems. Stands beyond the first `most` are summed. No table
     without stands."""
     rows: list[tuple[object, ...]] = [
         (stand.name, Number(f"{stand.area:.3g}"), stand.stems, stand.density, stand.stated)
@@ -182,7 +182,7 @@ def _impact_set(result: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 
 def _noted(noted: str) -> str:
-    """Checksum of a file, with a note on its CRS."""
+    """Checksum of a file, with a note on its reprojection, if any."""
     checksum, _, remark = noted.partition(f", {REPROJECTED} ")
     if not remark:
         return checksum

@@ -15,7 +15,7 @@ from rockfall.system import NO_FOLLOW, lock, remove_locked
 def locked(output: Path, say: Callable[[str], None]) -> Iterator[None]:
     """Lock an output against other processes, including rockfall-batch, with an empty file next to
     it. The operating system releases the lock when the process ends, however it ends. Raises a
-    RockfallError if it cannot be written, or if another run holds it."""
+    RockfallError if the file cannot be written, or if another run holds the lock."""
     path = output.with_name(f"{output.name}.lock")
     try:
         descriptor = _open(path)

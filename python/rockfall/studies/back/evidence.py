@@ -339,8 +339,9 @@ def shares(data: list[Evidence], result: xr.Dataset) -> np.ndarray:
 def predictive_p(
     data: Evidence, runs: np.ndarray, weight: np.ndarray, random: np.random.Generator
 ) -> float:
-    """Posterior predictive probability that as many simulated boulders as observed deviate from the
-    prediction at least as much as these (Gelman, Meng and Stern 1996); NaN if all are equal."""
+    """Posterior predictive probability that simulated boulders, as many as observed, deviate from
+    the prediction at least as much as the observed boulders (Gelman, Meng and Stern 1996); NaN if
+    all deviations are equal."""
     picked = random.choice(weight.size, REPLICATES, p=weight)
     observed, again = data.discrepancy(runs, picked, weight, random)
     if np.array_equal(observed, again):  # nothing to compare

@@ -100,8 +100,9 @@ def back_analysis(
     Members are drawn and run until the effective number reaches `enough`, or another round would
     exceed `members`. The prior is the distribution of the ensemble. Terrain errors, and rocks that
     no boulder reaches, are drawn for each member but are not parameters (docs/back_analysis.md).
-    Invalid numbers, unusable observations, and members that all miss them raise a RockfallError.
-    Ctrl-C raises `Interrupted`; its `result` is the posterior from the completed rounds.
+    Invalid numbers, unusable observations, and observations that no member can explain raise a
+    RockfallError. Ctrl-C raises `Interrupted`; its `result` is the posterior from the completed
+    rounds.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")
