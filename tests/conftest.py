@@ -18,6 +18,7 @@ os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")  # layers of tests need n
 import rockfall
 import slope_case
 from gallery import Gallery
+from made import draw_no_hazard
 from programs import MANY, find_program, make_prepared, run_program
 from warning_filters import pytest_configure  # noqa: F401
 
@@ -93,10 +94,9 @@ def blank_figures(monkeypatch):
     monkeypatch.setattr(figure.Figure, "savefig", blank)
     for name in ("page.history_figure", *map("front.{}_figure".format, ("map", "stops", "zones"))):
         monkeypatch.setattr(f"rockfall.html_report.{name}", empty)
-    for name in ("html_report.page.figures", "html_report.page.hazard_figures",
-                 "cli.commands.hazard.hazard_figures"):  # fmt: skip
-        monkeypatch.setattr(f"rockfall.{name}", lambda *_: [])
-    monkeypatch.setattr("rockfall.cli.commands.hazard.hazard_sheet", empty)
+    for name in ("figures", "hazard_figures"):
+        monkeypatch.setattr(f"rockfall.html_report.page.{name}", lambda *_: [])
+    draw_no_hazard(monkeypatch)
     monkeypatch.setattr("rockfall.plots.figures.DRAWN", ("speed",))
 
 

@@ -142,6 +142,14 @@ def write_few_maps(patch):
     patch.setattr(hazard_files, "_put_maps", lambda hazard, folder: put(hazard[few], folder))
 
 
+def draw_no_hazard(patch):
+    """Let the command write a hazard without figures and with a blank sheet."""
+    figure = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
+    patch.setattr("rockfall.cli.commands.hazard.hazard_figures", lambda *_: [])
+    sheet = "rockfall.cli.commands.hazard.hazard_sheet"
+    patch.setattr(sheet, lambda *_: figure.Figure(figsize=(1, 1)))
+
+
 def leave_pictures_blank(patch):
     """Make figures of pages blank but of their true size, because drawing takes longest and has its
     own tests. Texts of figures are still translated."""

@@ -16,7 +16,7 @@ import pytest
 import rasterio
 
 import rockfall
-from made import UTM, make_layer, refused, write_few_maps
+from made import UTM, draw_no_hazard, make_layer, refused, write_few_maps
 from programs import (
     PROGRESS,
     SAYS_PROGRESS,
@@ -40,7 +40,6 @@ from slope_case import write_slope
 
 pyogrio = pytest.importorskip("pyogrio", reason="the vector extra is not installed")
 shapely = pytest.importorskip("shapely", reason="the vector extra is not installed")
-matplotlib = pytest.importorskip("matplotlib.figure", reason="the report extra is not installed")
 
 POINT = "&release x = 600060.0, y = 4999980.0, drop_height = 2.0 /"
 POINTS = "&release x = 600040., 600060., 600080., y = 3*4999990., drop_height = 10.0 /"
@@ -56,9 +55,7 @@ ARGUMENTS = ["hazard", "case.nml", "-o", "out", "--objects", "objects.gpkg", "--
 @pytest.fixture(scope="module", autouse=True)
 def no_figures():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rockfall.cli.commands.hazard.hazard_figures", lambda *_: [])
-        sheet = "rockfall.cli.commands.hazard.hazard_sheet"
-        patch.setattr(sheet, lambda *_: matplotlib.Figure(figsize=(1, 1)))
+        draw_no_hazard(patch)
         yield
 
 

@@ -14,7 +14,7 @@ import pytest
 
 import rockfall
 import slope_case
-from made import make_layer
+from made import draw_no_hazard, make_layer, write_few_maps
 from rockfall.cli import main
 from rockfall.language import speaking
 from rockfall.qgis_project.layout import MAP_HIGH, MAP_WIDE, bar_unit, paper_extent, scale_of
@@ -49,7 +49,10 @@ def site(tmp_path_factory):
     Path("case.nml").write_text(text)
     Path("hazard.nml").write_text(text + SCENARIO)
     assert main(["run", "case.nml", "-o", "out.nc", "--quiet"]) == 0
-    assert main(["hazard", "hazard.nml", "--quiet"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        draw_no_hazard(patch)
+        write_few_maps(patch)
+        assert main(["hazard", "hazard.nml", "--quiet"]) == 0
     yield folder
     os.chdir(before)
 
