@@ -52,6 +52,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.family(2)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     "name",

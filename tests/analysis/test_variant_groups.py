@@ -208,6 +208,7 @@ def test_the_standalone_program_runs_a_variant_that_is_prepared(here):
         (here / "a.part1of1").unlink()
 
 
+@pytest.mark.all
 def test_check_lists_every_variant(here, capsys):
     site(here, GROUPS)
     assert main(["check", "case.nml"]) == 0

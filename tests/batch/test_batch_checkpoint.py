@@ -194,6 +194,7 @@ def test_what_cannot_be_read_is_refused(stopped):
     refused(stopped, f"a.nc.checkpoint: {unreadable}")
 
 
+@pytest.mark.all
 def test_values_that_no_run_has_are_refused(stopped, subtests):
     good = (stopped / "a.nc.checkpoint").read_bytes()
     wrong = {

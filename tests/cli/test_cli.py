@@ -286,6 +286,7 @@ def test_check_says_what_would_run_and_writes_nothing(place, capsys):
     assert re.search(r"of CPU, .* \(estimated from 20 boulders\)", rows["time"])
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("more", [0, 1, pytest.param(5, marks=pytest.mark.all)])
 def test_the_terminal_shows_twenty_lines_and_says_how_to_get_the_others(place, more, capsys):
     lines = [{"name": f"L{k}", "x": [600000.0, 600120.0], "y": [4999930.0 - k] * 2}

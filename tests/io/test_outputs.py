@@ -374,6 +374,7 @@ WORDS = {
 }
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(one, marks=pytest.mark.all) if one in ("export", "figures") else one

@@ -575,6 +575,7 @@ def test_what_arrives_at_a_net_and_what_passes_it_have_their_own_rows(case):
     assert "frequency_behind" not in {*road["quantity"]}
 
 
+@pytest.mark.family(2)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize(
     ("language", "expected"),

@@ -236,6 +236,7 @@ def test_many_lines_are_drawn_a_few_at_a_time(tmp_path):
     assert [f"along_{k + 1}" in some for k in range(19)] == [k in which for k in range(19)]
 
 
+@pytest.mark.all
 def test_a_map_names_the_lines_passed_by_most_boulders(tmp_path):
     """All of 24 lines are drawn; 20 have names, also on the profile of passing boulders."""
     y = [375.0 - 3 * k for k in range(24)]
@@ -319,6 +320,7 @@ def test_captions_and_scales_say_where_a_number_needs_more_boulders(tmp_path):
     assert "blank" not in shown["map_energy_max"].caption
 
 
+@pytest.mark.all
 def test_a_name_is_no_formula(full, tmp_path):
     from matplotlib.cbook import is_math_text
 

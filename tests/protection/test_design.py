@@ -127,6 +127,7 @@ def test_the_free_border_is_half_a_metre_of_small_blocks():
     assert row["m_d"] == pytest.approx(265.2)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("volume", "is_far"), [(500.0, True), (0.001, True), (2.0, False)])
 def test_a_design_block_far_from_the_boulders_is_told(result, volume, is_far):
     told = [text for text in design(result, volume=volume).warnings if "block" in text]
@@ -351,6 +352,7 @@ def test_prices_decide_on_the_cheapest(tmp_path):
     assert read_costs(Path(rockfall.__file__).parent / "data" / "design_costs_example.csv")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(("language", "cost"), [
     ("en", "cost per metre"), ("de", "Kosten je Meter"), ("fr", "coût par mètre"),
     ("it", "costo al metro"),

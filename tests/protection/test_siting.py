@@ -195,6 +195,7 @@ def test_runs_in_turn_find_the_same(case, found):
             site(case, "road", every=40.0, to=220.0, **given, **TERRAIN)
 
 
+@pytest.mark.all
 def test_lines_are_let_go_between_runs(case, monkeypatch):
     """Only one result is in memory at a time, apart from the small result of the advised barrier,
     which has only the lines of the case."""

@@ -169,6 +169,7 @@ def test_other_numbers_of_boulders_from_the_same_tiles(tmp_path):
     same(until, run_until(case, rules, 15))
 
 
+@pytest.mark.all
 def test_parts_and_checkpoints(tmp_path):
     case = case_in(tmp_path)
     whole = rockfall.run(case)

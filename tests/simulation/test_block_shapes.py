@@ -213,6 +213,7 @@ def test_terrain_in_windows_gives_the_same(tmp_path):
         assert same_bits(row_of(one, name), row_of(other, name)), name
 
 
+@pytest.mark.all
 def test_fragments_have_the_shape_of_their_boulder(tmp_path):
     case = full_case(tmp_path, block_shape=["platy", "elongated"], block_shape_share=None)
     case = case.replace(

@@ -128,6 +128,7 @@ def test_a_result_that_was_interrupted_is_not_finished(case, monkeypatch, capsys
     assert "not overwritten" in capsys.readouterr().err
 
 
+@pytest.mark.all
 def test_a_second_merge_changes_nothing(case, capfd):
     for k in (1, 2):
         assert by_python("-o", f"part{k}of2", "--shard", f"{k}/2") == 0

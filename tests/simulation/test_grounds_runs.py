@@ -253,6 +253,7 @@ def test_a_check_says_what_rebounds_follow(tmp_path):
     assert "R_m 0.1 m" in text
 
 
+@pytest.mark.all
 def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, blank_figures):
     make_full_case(tmp_path, surface={"zones": None, "table": None, "ground": "road"})
     assert main(["run", str(tmp_path / "case.nml"), "-o", str(tmp_path / "out.nc")]) == 0
@@ -263,6 +264,7 @@ def test_the_summary_and_the_page_have_a_row_for_each_ground(tmp_path, capsys, b
     assert "Rebounds by ground" in page and "<td>constant</td>" in page.replace("th>", "td>")
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", [pytest.param(0, marks=pytest.mark.all), 1])
 @pytest.mark.parametrize("form", ["matrix", "table"])
 def test_slow_boulders_rest_where_their_ground_holds_them(tmp_path, form, lanes):

@@ -279,6 +279,7 @@ def test_a_design_says_from_which_boulders_it_is(case, tmp_path, capsys, blank_f
     assert note in capsys.readouterr().out
 
 
+@pytest.mark.all
 @pytest.mark.parametrize("maps", [["passages"], pytest.param(None, marks=pytest.mark.all)])
 def test_variants_of_other_rows_are_refused_in_one_line(case, tmp_path, capsys, maps):
     def result(kept):

@@ -57,6 +57,7 @@ def check(result, sources, released):
     assert np.array_equal(found, share.astype("f4"), equal_nan=True)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize(
     ("n", "of"), [(1, 400), pytest.param(7, 50, marks=pytest.mark.all), (2000, 2)]
 )

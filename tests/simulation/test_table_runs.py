@@ -60,6 +60,7 @@ def rebounds(result):
     return rows[:, np.abs(rows[:3]).sum(axis=0) > 0]
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", every_third([0, 1, 2, 3]))
 def test_no_bit_depends_on_lanes(whole, lanes):
     case, result = whole

@@ -39,6 +39,7 @@ def misfit(**impact):
     return ((fraction - near) ** 2 / variance).mean()
 
 
+@pytest.mark.all
 def test_reach_rises_with_the_volume_within_noise():
     assert misfit() < 1 + 5 * np.sqrt(2 / VOLUMES)
 

@@ -58,6 +58,7 @@ def spread(tmp_path_factory):
     return case, arrays, rockfall.run(case, **arrays)
 
 
+@pytest.mark.family(2)
 @pytest.mark.parametrize("lanes", [0, 1, 2, 3])
 def test_no_bit_depends_on_lanes(spread, lanes):
     case, arrays, result = spread
@@ -149,6 +150,7 @@ def test_no_sigma_is_a_sigma_of_zero(tmp_path):
     same_numbers(told.drop_vars("ground_block_radius"), other)
 
 
+@pytest.mark.family(3)
 @pytest.mark.parametrize("name", shipped_rows().yielding)
 def test_a_users_row_equal_to_a_shipped_one_gives_the_same(tmp_path, name):
     """A user's copy of a shipped row, the row by name, and the impact table of that name give equal
