@@ -10,13 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 
 GROUP = 4  # digits per table lookup
-FOUR = np.frombuffer(b"".join(b"%04d" % k for k in range(10**GROUP)), "u4")
+FOUR = np.frombuffer(b"".join(b"%04d" % k for k in range(10**GROUP)), "u1").reshape(-1, GROUP)
 DIGITS = 9  # digits that identify any single-precision number
 MAX_DECIMALS = 16
-TEN = 10 ** np.arange(MAX_DECIMALS + 1)
+TEN = 10.0 ** np.arange(MAX_DECIMALS + 1)  # exact
 DECIMALS, COARSE = 4, 1000.0  # decimals of a double; above COARSE, single precision has fewer
 SMALL, LARGE = 1e-7, 1e11  # NumPy formats non-zero numbers outside this range
 ZERO, MINUS, POINT, COMMA, NEWLINE = b"0-.,\n"
+NO_LEADING = FOUR * np.maximum.accumulate(FOUR != ZERO, axis=1)
+NO_TRAILING = FOUR * np.maximum.accumulate(FOUR[:, ::-1] != ZERO, axis=1)[:, ::-1]
 
 
 def csv_rows(columns: Sequence[np.ndarray]) -> bytes:
@@ -55,13 +57,12 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
         places[is_coarse] = DECIMALS
         whole[is_coarse] = np.rint(exact[is_coarse] * TEN[DECIMALS])
     groups = max(1, -(-int(places.max(initial=0)) // GROUP))
-    above = whole // TEN[places]
+    above = np.floor(whole / TEN[places])  # exact below 2**53
     below = (whole - above * TEN[places]) * TEN[GROUP * groups - places]
-    after = _digits(below, groups)
-    zeros = np.where(below == 0, GROUP * groups - 1, np.argmax(after[:, ::-1] != ZERO, axis=1))
-    after *= _up_to(GROUP * groups)[::-1] >= zeros.astype("u1")[:, None]
+    after = _digits(below.astype("i8"), groups, NO_TRAILING)
+    after[:, 0] = np.maximum(after[:, 0], ZERO)
     point = np.full((exact.size, 1), POINT, "u1")
-    column = np.hstack([_sign(np.signbit(numbers)), _whole(above), point, after])
+    column = np.hstack([_sign(np.signbit(numbers)), _whole(above.astype("i8")), point, after])
     column[~as_digits] = 0
     if (others := np.flatnonzero(~as_digits & ~missing)).size:
         words = word_column(numbers[others].astype(str).tolist(), np.arange(others.size))
@@ -71,18 +72,19 @@ def real_column(numbers: np.ndarray) -> np.ndarray:
 
 
 def _shortest(single: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shortest decimals that identify single-precision reals >= 0: integers (n,), and numbers of
-    decimals (n,). A value is its integer divided by ten to the power of its number of decimals."""
+    """Shortest decimals that identify single-precision reals >= 0: whole numbers (n,), and numbers
+    of decimals (n,). A value is its whole number divided by ten to the power of its decimals."""
     exact = single.astype("f8")
     place = np.floor(np.log10(np.where(exact > 0, exact, 1))).astype(int)
-    places = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)
-    whole = np.rint(exact * TEN[places])
-    for fewer in (1, 2, 3):  # remove trailing zeros
-        scale = TEN[np.maximum(places - fewer, 0)]
-        shorter = np.rint(exact * scale)
-        restored = (shorter / scale).astype("f4") == single
-        whole = np.where(restored, shorter * (TEN[places] // scale), whole)
-    return whole.astype("i8"), places
+    most = np.clip(DIGITS - 1 - place, 0, MAX_DECIMALS)
+    places, whole = most, np.rint(exact * TEN[most])
+    for fewer in (1, 2, 3):  # remaining zeros at the end are removed as text
+        decimals = np.maximum(most - fewer, 0)
+        shorter = np.rint(exact * TEN[decimals])
+        restored = (shorter / TEN[decimals]).astype("f4") == single
+        whole = np.where(restored, shorter, whole)
+        places = np.where(restored, decimals, places)
+    return whole, places
 
 
 def _sign(negative: np.ndarray) -> np.ndarray:
@@ -91,21 +93,23 @@ def _sign(negative: np.ndarray) -> np.ndarray:
 
 def _whole(numbers: np.ndarray) -> np.ndarray:
     """Digits (n, width) of integers >= 0 without leading zeros."""
-    digits = _digits(numbers, -(-len(str(numbers.max(initial=0))) // GROUP))
-    first = np.where(numbers == 0, digits.shape[1] - 1, np.argmax(digits != ZERO, axis=1))
-    digits *= _up_to(digits.shape[1]) >= first.astype("u1")[:, None]
+    digits = _digits(numbers, -(-len(str(numbers.max(initial=0))) // GROUP), NO_LEADING)
+    digits[:, -1] = np.maximum(digits[:, -1], ZERO)
     return digits
 
 
-def _up_to(width: int) -> np.ndarray:
-    return np.arange(width, dtype="u1")
-
-
-def _digits(numbers: np.ndarray, groups: int) -> np.ndarray:
-    """ASCII codes (n, 4 * groups) of the last 4 * `groups` digits of integers >= 0."""
+def _digits(numbers: np.ndarray, groups: int, trimmed: np.ndarray) -> np.ndarray:
+    """ASCII codes (n, 4 * groups) of the last 4 * `groups` digits of integers >= 0, blank for zeros
+    at the end that `trimmed`, NO_LEADING or NO_TRAILING, removes."""
+    table = np.vstack([FOUR, trimmed]).view("u4").ravel()
     digits = np.empty((numbers.size, groups), "u4")
+    is_end = np.ones(numbers.size, bool)
     for k in reversed(range(groups)):
         rest = numbers // 10**GROUP
-        digits[:, k] = FOUR[numbers - rest * 10**GROUP]
+        group = (numbers - rest * 10**GROUP).astype("i8")
+        if trimmed is NO_LEADING:
+            is_end = rest == 0
+        digits[:, k] = table[group + len(FOUR) * is_end]
+        is_end = is_end & (group == 0)
         numbers = rest
     return digits.view("u1")
