@@ -55,7 +55,8 @@ def follow(folder: Path) -> Iterator[tuple[str, str, str]]:
 
 
 def run(command: str) -> str:
-    """Output of a command, without trailing spaces; raises an error if it is unknown or fails."""
+    """Output of a command, without trailing spaces. Raises a ValueError for an unknown command, and
+    a RuntimeError or CalledProcessError for a command that fails."""
     name, *arguments = shlex.split(command, comments=True) or [""]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

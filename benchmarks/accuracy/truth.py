@@ -40,7 +40,8 @@ shared = {}  # data for forked processes
 
 
 def vaujany(name: str, boulders: int) -> Scene:
-    """Case of the experimental slope that records every trajectory."""
+    """Scene of the experimental slope, from the case file `name`, that records the trajectories of
+    all `boulders`."""
     case = rockfall.read_case(VAUJANY / name)
     output = {"trajectories": boulders, "maps": None, "rebounds": False}
     return read_scene(case.replace(case={"boulders": boulders}, output=output))

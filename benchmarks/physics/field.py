@@ -302,7 +302,6 @@ PAGES = {IMPACTS: ROOT / "docs/validation/field/impacts.md"}  # other sites: TAB
 
 
 def _of_site(name: str, given: argparse.Namespace) -> Iterator[str]:
-    """Tables of a site."""
     if name == IMPACTS:
         yield from impacts.page(fetch("chant_sura_esurf2019", given.data)["impacts.csv"])
     else:

@@ -51,7 +51,8 @@ def relief(
 
 
 def steep_cells(z: np.ndarray, number: int, random: np.random.Generator) -> np.ndarray:
-    """Cells drawn from those steeper than 50 degrees, away from the edges (uint8)."""
+    """Mask (uint8) of at most `number` random cells steeper than 50 degrees, away from the
+    edges."""
     north, east = np.gradient(z[100:-100, 100:-100], CELL)
     steep = np.flatnonzero(np.pad(np.hypot(north, east) > np.tan(np.radians(50)), 100))
     cells = np.zeros(z.size, "u1")

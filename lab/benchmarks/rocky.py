@@ -108,7 +108,8 @@ def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> flo
 
 
 def neutral_slope(data: xr.Dataset, ratio: float, slopes: list[float]) -> float:
-    """Slope on which half of the boulders pass [degree]; NaN if outside the slopes."""
+    """Slope on which half of the boulders pass [degree]; NaN if it is outside the range of
+    `slopes`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "table.nc"
         save_table(table_of([data]), path)

@@ -58,7 +58,6 @@ def _defaults() -> dict[str, dict[str, Any]]:
 
 
 def _throw_defaults() -> dict[str, Any]:
-    """Defaults for the group &throw."""
     boulder = dict(zip(names("boulder"), _lab.defaults("boulder").tolist(), strict=False))
     limits = dict(zip(names("throw"), _lab.defaults("throw").tolist(), strict=False))
     throws, on_layer, contacts, max_depth = _lab.defaults("throws")[:4].tolist()

@@ -228,8 +228,8 @@ def _parts(both: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _leap(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited such that
-    the covariance remains valid."""
+    """Squared extrapolation from two steps (Varadhan & Roland 2008, scheme S3), limited so that the
+    covariance remains valid."""
     change, bend = first - start, second - 2 * first + start
     length = np.linalg.norm(change) / max(float(np.linalg.norm(bend)), 1e-300)
     while length > 1:

@@ -113,7 +113,7 @@ def run_impacts(
 
     With `path`, the dataset is also written to a file every half minute, at the end, and on Ctrl-C,
     which raises KeyboardInterrupt; `resume` continues from such a file, and raises a RockfallError
-    for one of another case or version. The result does not depend on threads, interruptions or
+    for a file of another case or version. The result does not depend on threads, interruptions or
     resumptions.
     """
     check_team(threads)

@@ -256,8 +256,8 @@ def _dispersion(dates: np.ndarray, years: float) -> float:
 
 
 def _power_law(survey: Survey, fit: Fit, rate: Rate) -> PowerLaw:
-    """Maximum-likelihood power law above the threshold (Hill 1975): the GPD with scale = shape x
-    threshold, with a likelihood-ratio test."""
+    """Maximum-likelihood power law above the threshold (Hill 1975), which is the GPD with scale =
+    shape x threshold, and its p-value in a likelihood-ratio test against the general GPD."""
     from scipy.stats import chi2
 
     u, n = fit.threshold, fit.exceedances

@@ -60,7 +60,7 @@ def bind(port: int) -> socket.socket:
 
 
 def check_page(page: Path) -> None:
-    """Raise an error if the page is missing: it is built, not stored in the repository."""
+    """Raise a RockfallError if the page is missing: it is built, not stored in the repository."""
     if not (page / "app.js").is_file():
         raise RockfallError("the page of the window is not built: run `./run page`")
 

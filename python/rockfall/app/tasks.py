@@ -128,7 +128,6 @@ class Task:
             checkpoint.remove()
 
     def _run(self, case: Case) -> Any:
-        """Run a case and return its result."""
         clock = _Clock(self._phase, say("app.server_simulating"))
         with open_session(case) as session:
             for batch in session.run(cancel=self._cancel, batch_seconds=TELL_SECONDS):

@@ -120,7 +120,6 @@ def namelist_text(groups: Mapping[str, Any], indent: int = 4) -> str:
 
 
 def _group_text(name: str, values: Mapping[str, Any], indent: str) -> str:
-    """Text of a group."""
     lines = [f"&{name}"]
     for key, value in sorted(values.items()):
         line = f"{indent}{key} = "

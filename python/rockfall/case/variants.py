@@ -61,7 +61,7 @@ def chosen_variant(case: Case, name: str | None) -> Case:
 
 
 def check_single(case: Case) -> None:
-    """Raise an error for a case with variants: a run needs a single variant."""
+    """Raise a RockfallError for a case with variants: a run needs a single variant."""
     if case.variant:
         names = ", ".join(variant["name"] for variant in case.variant)
         raise RockfallError(
@@ -112,7 +112,7 @@ def naming_variant(case: Case, name: str) -> Iterator[None]:
 
 
 def _named(case: Case, group: str, names: list[str], where: str) -> list[dict[str, Any]]:
-    """Groups with these names; an unknown name raises an error."""
+    """Groups with these names; raises a RockfallError for an unknown name."""
     own = [(_name(item), item) for item in getattr(case, group)]
     called = list(dict.fromkeys(name for name, _ in own if name))
     for name in names:

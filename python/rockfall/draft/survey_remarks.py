@@ -67,8 +67,8 @@ def place_remarks(points: np.ndarray) -> Iterator[Text]:
 
 
 def spike_remarks(points: np.ndarray, errors: np.ndarray, spacing: float) -> Iterator[Text]:
-    """Remark on points (n, 3) [m] that are higher or lower than all neighbours by more than any
-    rock; `errors` are leave-one-out errors of evenly selected points."""
+    """Remark on points (n, 3) [m] that are higher or lower than all neighbours by more than the
+    height of any rock; `errors` are leave-one-out errors of evenly selected points."""
     from scipy.spatial import cKDTree
 
     limit = max(SPIKE[0], SPIKE[1] * spacing)

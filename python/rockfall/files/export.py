@@ -494,7 +494,7 @@ def _strings(owner: np.ndarray, coordinates: list[np.ndarray]) -> np.ndarray:
 
 
 def crs_wkt(data: xr.Dataset) -> str | None:
-    """Horizontal CRS from the variable `crs`, or None."""
+    """Well-known text of the horizontal CRS in the variable `crs`; None if there is none."""
     return data["crs"].attrs.get("crs_wkt") or None if "crs" in data.variables else None
 
 

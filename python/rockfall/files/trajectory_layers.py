@@ -44,9 +44,10 @@ def trajectory_features(
 
 
 def flight_features(sampled: Sampled) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Motion between contacts as LineString ZM, unless its duration is zero: number of the first
-    contact (from 1), time stamps from `EPOCH`, time since release and duration [s], and speeds
-    [m/s] after the first and before the next contact. The duration of a slide includes waiting."""
+    """Lines (LineString ZM) of the motion between contacts, except those of zero duration, and
+    their columns: boulder number, number of the first contact (from 1), time stamps from `EPOCH`,
+    time since release and duration [s], and speeds [m/s] after the first and before the next
+    contact. The duration of a slide includes waiting."""
     strings = sampled.strings(sampled.motion.vertex)
     begin, end = np.array([(string[0, 3], string[-1, 3]) for string in strings]).T
     _, first = np.unique(sampled.motion.vertex, return_index=True)

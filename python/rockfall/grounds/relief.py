@@ -79,8 +79,8 @@ def measure(
     the number of independent waves in the patch.
 
     A patch with missing heights, smaller than four times the longest wavelength, or too coarse for
-    the shortest, raises an error; `name` is the file name for messages. The power is computed with
-    a Hann window, after removing the best-fitting plane.
+    the shortest, raises a RockfallError; `name` is the file name for messages. The power is
+    computed with a Hann window, after removing the best-fitting plane.
     """
     if not np.isfinite(heights).all():
         raise RockfallError(f"{name}: has cells without an elevation: cut out a complete patch")

@@ -112,7 +112,7 @@ def _temporary(parent: Path) -> Iterator[tuple[Path, list[Path]]]:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents; after an error, remove the new ones."""
+    """Create a folder and its parents; after an error, remove the folders that were created."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -104,7 +104,7 @@ def read_factors(conditions: Conditions, path: str | Path | None = None) -> Fact
 
 
 def _rows(path: str | Path, standard: str) -> dict[str, dict[str, tuple[float, str]]]:
-    """Values and sources by factor and condition."""
+    """Values and sources by factor and condition. Refuses repeated rows and invalid values."""
     where, columns, rows = read_table(path)
     check_columns(where, columns, COLUMNS)
     check_needed(where, columns, COLUMNS)

@@ -88,7 +88,7 @@ def least_heights(
 
 
 def cheapest(choices: Iterable[Choice]) -> Choice | None:
-    """Barrier with the lowest cost, or the lowest class at equal cost; None if no cost is known."""
+    """Barrier with the lowest cost (the first if several have it); None if no cost is known."""
     priced = [choice for choice in choices if not math.isnan(choice.cost)]
     return min(priced, key=lambda choice: choice.cost, default=None)
 

@@ -51,7 +51,8 @@ NOT_IN_LEGEND = "lines"  # the map shows their names
 
 
 class _Layers(NamedTuple):
-    """GeoPackage layers by name, and maps by file stem."""
+    """Layers of a project: of the GeoPackages `result` and `hazard` by name, of maps by file stem,
+    and of the terrain."""
 
     result: dict[str, Layer]
     hazard: dict[str, Layer]

@@ -187,7 +187,7 @@ def _forest(made: _Import) -> Iterator[Group]:
 
 
 def _nets(made: _Import) -> Iterator[Group]:
-    """A barrier group for each net."""
+    """Yield a barrier group for each net; none if a raster of nets is missing."""
     missing = made.rasters.missing(NETS)
     if len(missing) == len(NETS):
         return

@@ -50,7 +50,6 @@ class FrameFiles:
         return {name: self._known[name][1] for name in frames}
 
     def remove(self) -> None:
-        """Remove the files."""
         if self._folder is not None:
             self._remove()
             self._folder = None

@@ -95,7 +95,6 @@ class Scene(Sources):
 
     @cached_property
     def kernel(self) -> KernelScene:
-        """The scene in the kernel."""
         own = self.source_boulders
         arrays: dict[str, Any] = {
             "impact_sets": np.frombuffer(self.sets.text, "i1"),
@@ -160,12 +159,10 @@ class Scene(Sources):
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """Coefficients of the case's impact sets."""
         return self.sets.read(self.case.impact["turning"])[0]
 
     @cached_property
     def ground(self) -> Ground:
-        """Statistics of the terrain and ground."""
         if self.windows:
             return self.windows.ground
         rasters, box, at = self.rasters, self.grid.box, (self.x, self.y)

@@ -219,7 +219,7 @@ def _layers(name: str, tally: Tally) -> np.ndarray | None:
 
 
 def _bins() -> dict[str, Any]:
-    """Bins of the histograms."""
+    """Variables with the centres and bounds of the histogram bins."""
     data: dict[str, Any] = {}
     bins, widths = map(kernel_numbers, ("histogram_bins", "histogram_widths"))
     for k, (name, quantity) in enumerate(variables.HISTOGRAM.items()):

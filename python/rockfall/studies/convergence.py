@@ -87,10 +87,10 @@ def converge(
     The study simulates the first boulders of the case (as Bourrier et al. 2009 do for their site):
     by default 10,000 from each source, or a million in total if that is fewer. Statistical errors
     are measured on `reference` boulders from each source (default: a million in total) in blocks,
-    relative to as many boulders with different seeds. Numerical errors are changes of the results
-    for a tenth of the boulders, the same boulders on each terrain. Only values at the lines need
-    memory: 24 bytes per line and boulder. Invalid numbers, and cases without lines, raise a
-    RockfallError.
+    relative to an equal number of boulders with different seeds. Numerical errors are changes of
+    the results for a tenth of the boulders, the same boulders on each terrain. Only values at the
+    lines need memory: 24 bytes per line and boulder. Invalid numbers, and cases without lines,
+    raise a RockfallError.
 
     >>> import rockfall
     >>> case = rockfall.read_case("case.nml")

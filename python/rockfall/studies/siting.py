@@ -104,7 +104,7 @@ class Siting:
 
     @property
     def result(self) -> xr.Dataset:
-        """Run of the case, or of its first scenario."""
+        """Result of the case, or of its first scenario."""
         return next(iter(self.results.values()))
 
 

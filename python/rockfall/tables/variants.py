@@ -192,7 +192,8 @@ def _digits(value: object) -> str:
 
 
 def _forest(case: Case) -> str:
-    """Text with the origin of the trees, the remaining fraction, and the layer of clearings."""
+    """Text with the origin of the trees, the remaining fraction, and the layer of clearings; "-"
+    without trees."""
     if not case.has_forest:
         return "-"
     forest = case.forest

@@ -45,7 +45,7 @@ def settings() -> np.ndarray:
 
 
 def add_settings(values: np.ndarray) -> None:
-    """Append settings to the existing ones."""
+    """Append rows of settings to the file `SETTINGS`, which is created if missing."""
     if not SETTINGS.exists():
         SETTINGS.write_text(",".join(PARAMETERS) + "\n", encoding="utf-8")
     with SETTINGS.open("a", encoding="utf-8") as file:

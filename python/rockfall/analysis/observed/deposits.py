@@ -73,7 +73,6 @@ class Rest(NamedTuple):
     shape: np.ndarray | None = None
 
     def of(self, chosen: np.ndarray | slice) -> Rest:
-        """Selected boulders."""
         shape = None if self.shape is None else self.shape[chosen]
         return Rest(self.place[chosen], self.volume[chosen], shape)
 
@@ -333,8 +332,8 @@ def outside(kernel: Kernel, near: np.ndarray) -> np.ndarray:
 
 class Agreement(NamedTuple):
     """Comparison of a source's blocks at rest with a result: mean log-density at the blocks; its
-    mean and 5 % quantile for samples of as many simulated boulders; number of blocks outside all
-    deposits."""
+    mean and 5 % quantile for samples of an equal number of simulated boulders; number of blocks
+    outside all deposits."""
 
     source: str
     blocks: int

@@ -195,7 +195,7 @@ def log_density(
 
 def log_reach(crossed: np.ndarray, boulders: int) -> np.ndarray:
     """Logarithm of the probability that at least one of `boulders` blocks arrives at a mark, if
-    `crossed` of as many simulated boulders do.
+    `crossed` of an equal number of simulated boulders do.
 
     >>> np.exp(log_reach(np.array([0.0, 1.0]), 1000)).round(2).tolist()
     [0.39, 0.78]

@@ -198,7 +198,7 @@ def _ways(result: xr.Dataset, seen: Observed) -> tuple[Sample, Sample] | None:
 
 
 def _in_frame(ways: Sample, across: np.ndarray) -> Sample:
-    """Distances and lateral offsets of vectors [m]."""
+    """Lengths of vectors [m], and their offsets in the direction `across` (a unit vector) [m]."""
     return Sample(np.column_stack([np.hypot(*ways.values.T), ways.values @ across]), ways.source)
 
 
@@ -303,8 +303,8 @@ def observed_boulders(result: xr.Dataset, seen: Observed) -> Sample | None:
 
 
 def _observed_ways(seen: Observed, origins: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (n, 2) [m] from observed releases to stops, and the source group nearest to each
-    release."""
+    """Vectors (n, 2) [m] from the observed releases, or from the first place of `origins` if none
+    were observed, to the stops, and the source group nearest to each release."""
     assert seen.stops is not None
     given = seen.starts
     given = origins.places[:1].repeat(len(seen.stops), axis=0) if given is None else given

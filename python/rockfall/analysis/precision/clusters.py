@@ -26,7 +26,6 @@ class Clusters:
 
     @classmethod
     def of(cls, result: xr.Dataset) -> Clusters:
-        """Clusters of a result's boulders."""
         starts = (result[f"start_{axis}"].values for axis in "xy")
         return cls(sources(result), boulders_per_cluster(case_of(result), *starts))
 

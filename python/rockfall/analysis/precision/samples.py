@@ -58,9 +58,9 @@ class Sample(ABC):
         """Order statistics that enclose a quantile, as in `between_ranks`."""
 
     def fitted_between(self, level: float, effective: float) -> tuple[float, float]:
-        """Estimates of the order statistics that enclose a quantile, from a fit of log values in a
-        wider range against normal scores. In a tail, the error of the distance between two order
-        statistics is twice that of the fitted distance."""
+        """Estimates of the order statistics that enclose a quantile, from a fit of the values in a
+        wider range (of their logarithms if all are positive) against normal scores. In a tail, the
+        error of the distance between two order statistics is twice that of the fitted distance."""
         ranks = np.clip(ranks_around(self.n, level, effective), 0.5, self.n + 0.5)
         middle = 1 + level * (self.n - 1)
         ends = np.clip(middle + FITTED * (ranks - middle), 1, self.n)

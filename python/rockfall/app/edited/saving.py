@@ -101,7 +101,8 @@ def _with_variants(
 
 
 def _check_layers(site: Site, saved: dict[str, Case]) -> None:
-    """Raise an error if a variant with its own file would get the layer name of the saved file."""
+    """Raise a RockfallError if a variant with its own file would get the layer name of the saved
+    file."""
     for name, key, _ in _files_of_variants(site):
         layer = f"{key.name}_layer"
         before, after = (getattr(cases[name], key.group) for cases in (site.variants.cases, saved))

@@ -117,8 +117,8 @@ def _open(
     path: str | Path, table: str | Path | None, *endings: str
 ) -> tuple[xr.Dataset, list[Path]]:
     """Result with lines, and the paths of its tables: `table` for the suffix "", and files of the
-    same name with other suffixes. Paths that cannot be written raise an error before the work
-    starts. Without `table` there are no paths."""
+    same name with other suffixes. Raises a RockfallError, before the work starts, for a result
+    without lines and for paths that cannot be written. Without `table` there are no paths."""
     first = table and _csv(Path(table))
     result = read_result(path)
     if not line_names(result):

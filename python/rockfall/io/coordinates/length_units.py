@@ -18,7 +18,6 @@ class Unit(NamedTuple):
 
     @property
     def is_metre(self) -> bool:
-        """Return True for the metre."""
         return abs(self.factor - 1.0) <= 1e-9
 
 

@@ -64,7 +64,6 @@ class Classes(NamedTuple):
 
     @property
     def labels(self) -> list[str]:
-        """Labels of the classes."""
         between = [
             f"{low} to {high}" for low, high in zip(self.ticks, self.ticks[1:], strict=False)
         ]

@@ -88,7 +88,8 @@ class Checkpoint:
             self.save(tally)
 
     def save(self, tally: Tally) -> None:
-        """Write the completed boulders, if there are new ones and checkpoints are enabled."""
+        """Write the completed boulders, if checkpoints are enabled and more boulders are completed
+        than at the last save. After a failure, no further checkpoints are written."""
         if np.isinf(self.every) or tally.done == self.saved:
             return
         begun = time.monotonic()

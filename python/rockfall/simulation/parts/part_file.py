@@ -165,9 +165,9 @@ def boulders_in(path: Path) -> int | None:
 
 
 def read_part(part: Held | str | Path) -> Part:
-    """Read a part from a Dataset or a file; raises a RockfallError for other files, and for
-    variables with other shapes. Files are read directly, because xarray would take several times
-    as long."""
+    """Read a part from a Dataset or a file; raises a RockfallError if it is not a part, or if
+    variables have unexpected shapes. Files are read directly, because xarray would take several
+    times as long."""
     if not isinstance(part, str | Path):
         head = _head(part.attrs, part["crs"].attrs if "crs" in part else {}, "a part")
         held: Mapping[Any, Any] = part.variables

@@ -99,8 +99,8 @@ class Deposited(Witnesses):
     def discrepancy(
         self, runs: np.ndarray, picked: np.ndarray, weight: np.ndarray, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Negative log-densities of the blocks, and of as many boulders from the same run:
-        parameter-dependent discrepancies (Gelman, Meng and Stern 1996)."""
+        """Negative log-densities of the blocks, and of an equal number of boulders from the same
+        run: parameter-dependent discrepancies (Gelman, Meng and Stern 1996)."""
         near, _, boulders = self._sums(runs[picked])
         densities = np.log((near + self._floor) / (boulders + ANYWHERE)).sum(axis=1)
         which = random.integers(self.AGAIN, size=picked.size)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Likelihood of observations given the boulders of a run, and a test whether a run explains them.
+"""Likelihood of observations given the boulders of a run, and a test of whether a run explains
+them.
 
 Quantiles of the observed boulders define bins. Bin k contains s_k of the S simulated boulders and
 c_k observed boulders. Bin frequencies are known only from the simulated boulders, so with

@@ -28,7 +28,7 @@ FEW = 20  # a mark that fewer boulders pass gets a remark
 class Marked(Witnesses):
     """Marks with their lines in the case. Data kept from a run: for each mark, sums of kernels,
     their squares and distribution functions, and the number of boulders that pass; then AGAIN
-    log-densities of all marks, and as many of simulated hits in their place."""
+    log-densities of all marks, and AGAIN log-densities of simulated hits in their place."""
 
     SUMS, AGAIN = 4, 8
 
