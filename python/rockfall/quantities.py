@@ -5,6 +5,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from rockfall.language import Number, Text, say, say_count
 from rockfall.result.variables import HISTOGRAM, LINE
 
@@ -163,6 +166,15 @@ def percent(fraction: float) -> Number:
 def first_of(items: Sequence[Any], most: int) -> list[Any]:
     """First items of a list for a message, followed by "..." if there are more."""
     return [*items[:most], *["..."][: len(items) > most]]
+
+
+def worst_first(*loads: ArrayLike) -> list[int]:
+    """Indices of places by their best rank in any load (highest first; NaN last), then by the first
+    load: if a table ends after a few places, it contains the highest of each load."""
+    ranks = [
+        np.unique(-np.nan_to_num(np.asarray(load, "f8")), return_inverse=True)[1] for load in loads
+    ]
+    return [int(k) for k in np.lexsort((ranks[0], np.min(ranks, axis=0)))]
 
 
 def part_of_boulders(part: int, whole: int) -> Text:

@@ -14,7 +14,14 @@ from rockfall.kernel_rules import barrier_outcomes
 from rockfall.result.variables import OUTCOME
 from rockfall.table import Estimate
 from rockfall.tables.design import design_text
-from rockfall.tables.yearly_design import advice, times_more, verdicts, yearly_design_text
+from rockfall.tables.yearly_design import (
+    advice,
+    choice_tables,
+    demands,
+    times_more,
+    verdicts,
+    yearly_design_text,
+)
 
 Z, GRID = scenes.cut_below(scenes.rough(gradient=0.6, relief=0.3), 180.0)
 PLACE = {"dem": Z, "transform": GRID}
@@ -135,3 +142,13 @@ def test_each_design_names_the_criterion_of_the_other(case, hazard):
     result = rockfall.run(case.replace(scenario=[]), **PLACE)
     text = " ".join(design_text(rockfall.design(result)).split())
     assert "`design` of a hazard, judge them by boulders that pass per year" in text
+
+
+def test_the_strongest_barrier_comes_first(tmp_path):
+    lower = {"name": "lower", "x": [0.0, 300.0], "y": [190.0, 190.0]}
+    case = make_case(tmp_path, line=[LINE, lower])
+    sheet = rockfall.yearly_design(rockfall.hazard(case, **PLACE))
+    levels = {line: demand.levels for line, demand in demands(sheet).items()}
+    assert [*levels] == ["road", "lower"] and levels["lower"] > levels["road"]
+    assert "Net on lower" in next(advice(sheet))
+    assert next(choice_tables(sheet)).caption.startswith("lower")

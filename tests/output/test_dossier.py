@@ -12,6 +12,7 @@ from html import unescape
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import rockfall
 import scenes
@@ -29,7 +30,7 @@ from rockfall.plots.hazard.hazard_figures import places_extent
 from rockfall.quantities import part_of_rebounds
 from rockfall.result.crossings import line_names, line_values, outcomes_at
 from rockfall.result.dataset import write_result
-from rockfall.result.variables import OUTCOME
+from rockfall.result.variables import ENDS, OUTCOME
 from rockfall.simulation import simulate
 from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.dossier import Designs, Dossier, Second, read_dossier, run_dossier
@@ -45,7 +46,7 @@ from rockfall.tables.dossier import (
     second_demands,
     second_tables,
 )
-from rockfall.tables.hazard import places_of
+from rockfall.tables.hazard import period_tables, places_of
 
 for package in ("shapely", "weasyprint", "openpyxl", "docx", "matplotlib", "jinja2"):
     pytest.importorskip(package, reason="an extra is not installed")
@@ -354,6 +355,28 @@ def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
     folder, page = made
     released = float(read_hazard(folder / "hazard_today.nc")["frequency"].sum())
     assert f"assumed: {released:.2g} boulders per year" in " ".join(first_page(page).split())
+
+
+def test_the_first_places_have_the_highest_frequency_energy_and_height():
+    """The first of 30 lines has the most boulders, the last two the highest height and energy."""
+    levels = np.zeros((30, 5))
+    energy, height = levels.copy(), levels.copy()
+    energy[-1, -1], height[-2, -1] = 9e5, 7.0
+    hazard = xr.Dataset(
+        {
+            "line_barrier_height": ("line", np.full(30, np.nan)),
+            "line_frequency": ("line", np.linspace(0.3, 0.1, 30)),
+            **{
+                f"line_{name}_by_period{end}": (("line", "event_period"), values)
+                for name, values in (("energy", energy), ("height", height))
+                for end in ENDS
+            },
+        },
+        {"line": [f"L{k}" for k in range(30)], "event_period": [10.0, 30.0, 100.0, 300.0, 1000.0]},
+    )
+    assert [place.name for place in places_of(hazard)[:4]] == ["L0", "L28", "L29", "L1"]
+    captions = [table.caption for table in period_tables(hazard)]
+    assert all("20 of 30 places" in caption for caption in captions) and len(captions) == 2
 
 
 def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):

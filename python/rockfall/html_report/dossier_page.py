@@ -5,6 +5,7 @@ then the barrier, the variants, all places, the inputs, and the hazard map sheet
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +38,7 @@ from rockfall.tables.dossier import (
     answer_table,
     around_ends,
     barrier_answers,
+    barrier_verdicts,
     model_texts,
     models_apart,
     remaining_tables,
@@ -226,8 +228,12 @@ def answers(dossier: Dossier, designs: Designs) -> Iterator[str]:
     for _, k, name in objects[:HOUSES]:
         yield _of_object(hazard, k, name)
     yield from () if apart else second_answer(dossier)
-    yield from barrier_answers(designs)[:ADVICE]
-    yield from second_demands(dossier, designs)
+    on_barriers = (
+        barrier_answers(designs), barrier_verdicts(designs), [*second_demands(dossier, designs)]
+    )  # fmt: skip
+    yield from chain.from_iterable(texts[:ADVICE] for texts in on_barriers)
+    if left := sum(len(texts[ADVICE:]) for texts in on_barriers):
+        yield say("dossier.more_on_barriers", n=left, section=say("section.protection"))
     for name, own in dossier.hazards.items():
         for text in around_ends(own):
             yield say("join.colon", before=name, after=text) if name else text

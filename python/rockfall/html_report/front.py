@@ -25,7 +25,7 @@ from rockfall.result.maps.passages import passed_map
 from rockfall.result.samples import has_rows
 from rockfall.result.trajectories import Terrain
 from rockfall.table import Table, in_line
-from rockfall.tables.lines import Rows, most_passed
+from rockfall.tables.lines import Rows, worst_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,7 +107,7 @@ def front_of(
     used += MORE * sum(map(bool, (more_warnings, more_answers)))
     used += BOX if warnings else 0.0
     places = {line: k for k, line in enumerate(rows)}
-    order = [places[line] for line in most_passed(rows)]
+    order = [places[line] for line in worst_of(rows)]
     shown, more_tables = _cut(tables, order, int((SHEET - used - LOWEST[beside]) / ROW))
     used += ROW * sum(HEAD + sum(map(_high, row.rows)) for row in shown)
     high = min(TALLEST, max(LOWEST[beside], SHEET - used)) / MM

@@ -80,6 +80,7 @@ from rockfall.tables.lines import (
     line_tables,
     precision_table,
     rows_of,
+    worst_of,
 )
 from rockfall.tables.models import (
     missing_spread,
@@ -187,12 +188,13 @@ def _report(inputs: ReportInputs, result: xr.Dataset) -> str:
     left = inputs.left
     drawn = figures(result, terrain, observed, inputs.look, DRAWN_LINES, left)
     shown = [figure for figure in drawn if figure.name not in zoomed]
-    names, which = line_names(result), most_crossed(result, MOST_LINES)
+    names = line_names(result)
+    add_steps(len(names))
+    key = key_rows(result)
+    which = sorted(map(names.index, worst_of(key)[:MOST_LINES]))
     designed = [names[k] for k in sorted({*which, *barriers_of(result)})]
-    add_steps(
-        len(names) + 2 * len(which) + len(designed) + len(shown) + min(len(which), DRAWN_LINES)
-    )
-    key, rows, levels = key_rows(result), rows_of(result, which), return_levels(result, lines=which)
+    add_steps(2 * len(which) + len(designed) + len(shown) + min(len(which), DRAWN_LINES))
+    rows, levels = rows_of(result, which), return_levels(result, lines=which)
     sheet = (
         design(result, line=designed, factors=inputs.factors) if rows and has_rows(result) else None
     )

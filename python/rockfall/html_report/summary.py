@@ -30,7 +30,7 @@ from rockfall.tables.ensemble import (
     orders_reversed,
 )
 from rockfall.tables.hazard import places_of
-from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers, most_passed
+from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers, worst_of
 
 YEARS = 100.0  # return period on page 1
 MOST_LINES = 3  # maximum lines with a sentence
@@ -47,10 +47,10 @@ def question(rows: Rows, has_hazard: bool) -> str:
 
 
 def answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line, most passages first; then boulders that pass around barriers, and
+    """A sentence for each line, the worst first; then boulders that pass around barriers, and
     the run-out."""
     nets = {line_names(result)[k] for k in barriers_of(result)}
-    lines = (_line(line, rows[line], line in nets) for line in most_passed(rows))
+    lines = (_line(line, rows[line], line in nets) for line in worst_of(rows))
     return [*lines, *around_ends(result, rows), *run_out(result)]
 
 
@@ -105,10 +105,10 @@ def yearly_answers(hazard: xr.Dataset | None, years: float = YEARS) -> Iterator[
 
 
 def range_answers(result: xr.Dataset, rows: Rows) -> list[str]:
-    """A sentence for each line (range over the draws, value of the unchanged case), most passages
+    """A sentence for each line (range over the draws, value of the unchanged case), the worst
     first; then the run-out."""
     answers = []
-    for line in most_passed(rows):
+    for line in worst_of(rows):
         passing, energy, height, _ = headline_numbers(result, line)
         values = dict(zip(("low", "high", "fraction"), passing, strict=True))
         values |= zip(("e_low", "e_high", "energy"), energy, strict=True)

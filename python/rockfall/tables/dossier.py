@@ -38,6 +38,7 @@ from rockfall.tables.hazard import (
     scenario_table,
     segment_table,
     total,
+    worst_caption,
 )
 from rockfall.tables.models import apart
 from rockfall.tables.run import hazard_inputs
@@ -48,7 +49,6 @@ from rockfall.tables.yearly_design import (
     choice_tables,
     demands,
     loads_table,
-    verdicts,
 )
 from rockfall.terrain.polyline import lengths, spaced
 
@@ -109,27 +109,36 @@ def _protection(dossier: Dossier, designs: Designs) -> Section:
         for table in check_tables(sheet):
             caption = say("join.colon", before=name, after=table.caption) if name else table.caption
             tables.append(table._replace(caption=caption))
-    notes = [*barrier_answers(designs), *second_demands(dossier, designs), say("yearly.criterion")]
+    notes = [*barrier_answers(designs), *barrier_verdicts(designs)]
+    notes += [*second_demands(dossier, designs), say("yearly.criterion")]
     return Section("protection", say("section.protection"), notes, tables)
 
 
 def barrier_answers(designs: Designs) -> list[Text]:
-    """Sentences on the advised barrier, then on the barriers of the variants."""
+    """Sentences on the advised barriers of the first variant, the strongest first."""
     first = next(iter(designs.by_variant.values()), None)
-    texts = list(advice(first)) if first else []
-    for name, sheet in designs.by_variant.items():
-        for text in verdicts(sheet):
-            texts.append(say("join.colon", before=name, after=text) if name else text)
-    return texts
+    return list(advice(first)) if first else []
+
+
+def barrier_verdicts(designs: Designs) -> list[Text]:
+    """Sentences on the barriers of the variants: first those that do not suffice."""
+    held = [
+        (demand.levels, say("join.colon", before=name, after=demand.text) if name else demand.text)
+        for name, sheet in designs.by_variant.items()
+        for line, demand in demands(sheet).items()
+        if line in {*sheet.checks["line"]}
+    ]
+    return [text for _, text in sorted(held, key=lambda pair: pair[0], reverse=True)]
 
 
 def second_demands(dossier: Dossier, designs: Designs) -> Iterator[Text]:
-    """Sentences on lines and barriers of the first variant where the second model demands more."""
+    """Sentences on lines and barriers of the first variant where the second model demands more, the
+    highest demands first."""
     if designs.second and dossier.second:
-        own = demands(next(iter(designs.by_variant.values())))
-        for line, other in demands(designs.second).items():
+        own, model = demands(next(iter(designs.by_variant.values()))), _shown(dossier.second.model)
+        others = demands(designs.second).items()
+        for line, other in sorted(others, key=lambda item: item[1].levels, reverse=True):
             if other.exceeds(own[line]):
-                model = _shown(dossier.second.model)
                 yield say("join.colon", before=model, after=other.text)
 
 
@@ -257,8 +266,8 @@ def _highest(hazard: xr.Dataset) -> Risk:
 def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> Table:
     """Table of frequency, return period, energy, height and hazard class at each place."""
     at = hazard["event_period"].values.tolist().index(period)
-    rows = []
-    for place in places_of(hazard)[:most]:
+    rows, places = [], places_of(hazard)
+    for place in places[:most]:
         rates = [_number(hazard, place, f"frequency{end}") for end in ENDS]
         energy, height = (
             _level(hazard, place, name, at, factor) for name, factor in LEVELS.items()
@@ -272,7 +281,8 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
         say("variants.energy_by_period", years=f"{period:g}"),
         say("dossier.height_by_period", years=period), say("hazard.hazard"),
     )  # fmt: skip
-    return Table.of(say("dossier.answer_caption"), heads, rows)
+    caption = worst_caption(say("dossier.answer_caption"), len(places), len(rows))
+    return Table.of(caption, heads, rows)
 
 
 def years_between(value: float, low: float, high: float) -> Estimate:
@@ -328,12 +338,14 @@ def _cells_on(hazard: xr.Dataset, line: str) -> tuple[np.ndarray, np.ndarray]:
 
 def variants_table(dossier: Dossier, most: int | None = None) -> Table:
     """Table of boulders per year at each place, with a column for each variant."""
+    places = places_of(dossier.first)
     rows = [
         (place.name, *(_frequency(hazard, place) for hazard in dossier.hazards.values()))
-        for place in places_of(dossier.first)[:most]
+        for place in places[:most]
     ]
     heads = say("hazard.place"), *dossier.hazards
-    return Table.of(say("dossier.variants_caption"), heads, rows)
+    caption = worst_caption(say("dossier.variants_caption"), len(places), len(rows))
+    return Table.of(caption, heads, rows)
 
 
 def _frequency(hazard: xr.Dataset, place: Place) -> Estimate:

@@ -20,7 +20,7 @@ from rockfall.files.segment_files import has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
 from rockfall.language import Number, Text, say, unpacked, word
-from rockfall.quantities import QUANTITIES, number, percent, small
+from rockfall.quantities import QUANTITIES, number, percent, small, worst_first
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, between, stacked
@@ -31,7 +31,7 @@ RELEASED_HEADS = {  # message ids
     "drop_height": "hazard.drop_height",
     "release_speed": "hazard.release_speed",
 }
-MOST = 20  # maximum objects or segments in a table
+MOST = 20  # maximum places in a table
 NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # segment columns
 
 
@@ -85,20 +85,20 @@ def class_table(hazard: xr.Dataset) -> Table:
 
 
 def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
-    """Tables of energies and heights by return period at the named places (default: lines, and the
-    most frequently hit objects and segments). No table if all levels are unknown."""
-    places = [
-        (kind, int(k))
-        for kind in PLACES
-        if f"{kind}_energy_by_period" in hazard
-        for k in np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
-        if not np.isnan(hazard[f"{kind}_energy_by_period"].values[k]).any()
+    """Tables of energies and heights by return period at the named places (default: the worst
+    lines, objects and segments). No table if all levels are unknown."""
+    with_levels = [
+        (place.kind, place.k)
+        for place in places_of(hazard, barriers=True)
+        if f"{place.kind}_energy_by_period" in hazard
+        and not np.isnan(hazard[f"{place.kind}_energy_by_period"].values[place.k]).any()
     ]
-    named = [place for name in names if (place := find_place(hazard, name)) in places]
-    places = named if names else places[:MOST]
+    named = [place for name in names if (place := find_place(hazard, name)) in with_levels]
+    places = named if names else with_levels[:MOST]
     if not places:
         return
     names_of = {kind: place_names(hazard, kind) for kind in dict(places)}
+    left = 0 if names else len(with_levels)
     years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]
     for quantity, factor in ("energy", 1e-3), ("height", 1.0):
         names = [f"{quantity}_by_period{end}" for end in ENDS]
@@ -106,7 +106,15 @@ def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
         for kind, k in places:
             levels = np.array([hazard[f"{kind}_{name}"].values[k] for name in names]) * factor
             rows.append((names_of[kind][k], *map(level_cell, *levels.tolist())))
-        yield Table.of(say(f"tables.{quantity}_by_period"), [say("hazard.place"), *years], rows)
+        caption = worst_caption(say(f"tables.{quantity}_by_period"), left)
+        yield Table.of(caption, [say("hazard.place"), *years], rows)
+
+
+def worst_caption(caption: Text, places: int, most: int = MOST) -> Text:
+    """Caption of a table that shows at most `most` of `places` places, the worst first."""
+    if places <= most:
+        return caption
+    return say("tables.worst", caption=caption, part=most, n=places)
 
 
 class Place(NamedTuple):
@@ -117,21 +125,29 @@ class Place(NamedTuple):
     name: str
 
 
-def places_of(hazard: xr.Dataset) -> list[Place]:
-    """Lines in the order of the case, then objects and segments by decreasing frequency; barriers
-    are omitted."""
-    places = []
+def places_of(hazard: xr.Dataset, *, barriers: bool = False) -> list[Place]:
+    """Lines (without the case's barriers, unless `barriers`), objects and segments, the worst
+    first: by frequency, and by energy and height in the longest return period."""
+    places, loads = [], []
     for kind in PLACES:
-        if kind not in hazard.dims:
-            continue
-        order = np.arange(hazard.sizes[kind])
-        if kind == "line":
-            order = np.flatnonzero(np.isnan(hazard["line_barrier_height"].values))
-        else:
-            order = np.argsort(-hazard[f"{kind}_frequency"].values, kind="stable")
-        names = place_names(hazard, kind)
-        places += [Place(kind, int(k), names[k]) for k in order]
-    return places
+        if kind in hazard.dims:
+            names = place_names(hazard, kind)
+            is_shown = np.full(len(names), True)
+            if kind == "line" and not barriers:
+                is_shown = np.isnan(hazard["line_barrier_height"].values)
+            places += [Place(kind, int(k), names[k]) for k in np.flatnonzero(is_shown)]
+            loads.append(_loads(hazard, kind)[:, is_shown])
+    return [places[k] for k in worst_first(*np.hstack(loads))] if places else []
+
+
+def _loads(hazard: xr.Dataset, kind: str) -> np.ndarray:
+    """Frequency, and energy and height in the longest return period, of all places of a kind;
+    NaN if unknown."""
+    frequency = hazard[f"{kind}_frequency"].values
+    names = f"{kind}_energy_by_period", f"{kind}_height_by_period"
+    unknown = np.full(frequency.shape, np.nan)
+    levels = (hazard[name].values[:, -1] if name in hazard else unknown for name in names)
+    return np.array([frequency, *levels])
 
 
 def place_names(hazard: xr.Dataset, kind: str) -> list[str]:
@@ -152,10 +168,11 @@ def level_cell(value: float, low: float, high: float) -> Estimate | float:
 
 
 def object_table(hazard: xr.Dataset) -> Table:
-    """Table of objects, by decreasing risk if known, else by decreasing frequency."""
+    """Table of objects, the worst first: by risk if known, frequency, energy and height."""
     frame = objects_of(hazard)
     key = "risk" if "risk" in frame else "frequency"
-    frame = frame.iloc[np.argsort(-frame[key].to_numpy(), kind="stable")][:MOST]
+    first = [frame["risk"]] if "risk" in frame else []
+    frame = frame.iloc[worst_first(*first, *_loads(hazard, "object"))[:MOST]]
     names, titles = _frequencies(hazard)
     risk, layer = ["risk"] * (key == "risk"), ["layer"] * has_layers(hazard)
     rows = [
@@ -164,9 +181,8 @@ def object_table(hazard: xr.Dataset) -> Table:
         for row in frame.to_dict("records")
     ]  # fmt: skip
     heads = [say("hazard.object"), *map(word, layer), *titles, say("hazard.hazard")]
-    return Table.of(
-        say("tables.objects"), [*heads, *(say("hazard.risk_a_year") for _ in risk)], rows
-    )
+    caption = worst_caption(say("tables.objects"), hazard.sizes["object"])
+    return Table.of(caption, [*heads, *(say("hazard.risk_a_year") for _ in risk)], rows)
 
 
 def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
@@ -181,11 +197,12 @@ def stretch_tables(hazard: xr.Dataset, line: str) -> Iterator[Table]:
 
 
 def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
-    """Table of segments in `order` (default: the most frequently hit first): frequencies, class,
-    energies and heights."""
+    """Table of segments in `order` (default: the worst first): frequencies, class, energies and
+    heights."""
     frame = segments_of(hazard).assign(segment=place_names(hazard, "segment"))
+    places = len(frame) if order is None else 0
     if order is None:
-        order = np.argsort(-frame["frequency"].to_numpy(), kind="stable")[:MOST]
+        order = np.array(worst_first(*_loads(hazard, "segment"))[:MOST])
     names, titles = _frequencies(hazard)
     rows = [
         (row["segment"], *(_estimate(row, name) for name in names), class_within(row),
@@ -194,7 +211,8 @@ def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
     ]  # fmt: skip
     columns = (Column.of(QUANTITIES[name], "q95", short=True) for name in NUMBERS)
     heads = say("hazard.segment"), *titles, say("hazard.hazard")
-    return Table.of(say("tables.segments"), [*heads, *columns], rows)
+    caption = worst_caption(say("tables.segments"), places)
+    return Table.of(caption, [*heads, *columns], rows)
 
 
 def risk_table(hazard: xr.Dataset) -> Table:

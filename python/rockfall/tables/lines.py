@@ -14,7 +14,7 @@ from rockfall.analysis.line_statistics import line_statistics, row_name
 from rockfall.analysis.precision.history import NUMBERS
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, half_width, rounded_up
 from rockfall.language import Number, say
-from rockfall.quantities import DESIGN, QUANTITIES, number, percent, statistic
+from rockfall.quantities import DESIGN, QUANTITIES, number, percent, statistic, worst_first
 from rockfall.table import TOO_FEW, Column, Estimate, Table, stacked
 
 if TYPE_CHECKING:
@@ -51,9 +51,14 @@ def key_rows(result: Held) -> Rows:
     return rows_in(line_statistics(result, quantities=list(quantities)))
 
 
-def most_passed(rows: Rows) -> list[str]:
-    """Names of the lines by decreasing number of passing boulders."""
-    return sorted(rows, key=lambda line: -rows[line]["speed"]["n"])
+def worst_of(rows: Rows) -> list[str]:
+    """Names of the lines, worst first: by passing boulders, largest energy and passing height."""
+    lines = list(rows)
+    loads = [
+        [rows[line][name][number] for line in lines]
+        for name, number in (("speed", "n"), ("energy_total", "max"), ("passing_height", "max"))
+    ]
+    return [lines[k] for k in worst_first(*loads)]
 
 
 def rows_in(statistics: pd.DataFrame) -> Rows:

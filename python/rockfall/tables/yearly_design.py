@@ -50,12 +50,13 @@ def loads_table(sheet: YearlyDesign) -> Table:
 
 
 def choice_tables(sheet: YearlyDesign) -> Iterator[Table]:
-    """Tables of barriers by class, for the lines with an advised barrier."""
+    """Tables of barriers by class, for the lines with an advised barrier, the strongest first."""
     heads = (
         say("yearly.class"), Column(say("yearly.capacity"), "kJ", 0),
         Column(say("yearly.least_height"), "m", 1), say("yearly.behind"), say("yearly.through"), "",
     )  # fmt: skip
-    for line, rows in sheet.choices.groupby("line", sort=False):
+    for line in _strongest(sheet):
+        rows = sheet.choices[sheet.choices["line"] == line]
         if rows["advised"].any():
             cells = [
                 (f"{row['ead_class']:.0f}", row["capacity"] / 1000, row["height"],
@@ -115,14 +116,19 @@ def times_more(rate: Estimate, most: float) -> str:
 
 
 def advice(sheet: YearlyDesign) -> Iterator[Text]:
-    """Sentences for lines without a barrier: the advised barrier, and the reason why no weaker
-    barrier suffices."""
-    held = {*sheet.checks["line"]}
-    for load in sheet.loads.to_dict("records"):
-        line = load["line"]
-        if line not in held:
-            rows = sheet.choices[sheet.choices["line"] == line]
-            yield from _advice(line, load, rows.to_dict("records"), sheet.period)
+    """Sentences for lines without a barrier, the strongest first: the advised barrier, and the
+    reason why no weaker barrier suffices."""
+    loads = {load["line"]: load for load in sheet.loads.to_dict("records")}
+    for line in _strongest(sheet):
+        rows = sheet.choices[sheet.choices["line"] == line]
+        yield from _advice(line, loads[line], rows.to_dict("records"), sheet.period)
+
+
+def _strongest(sheet: YearlyDesign) -> list[str]:
+    """Lines without a barrier, by decreasing class and height of their advised barriers."""
+    held, levels = {*sheet.checks["line"]}, demands(sheet)
+    lines = [line for line in levels if line not in held]
+    return sorted(lines, key=lambda line: levels[line].levels, reverse=True)
 
 
 class Demand(NamedTuple):

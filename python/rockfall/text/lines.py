@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Line tables of a result as text."""
 
-import itertools
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from rockfall.analysis.lines.samples import worst_lines
 from rockfall.analysis.population import scenario_note
 from rockfall.case import case_of
 from rockfall.language import say
@@ -45,7 +45,7 @@ UNCHECKED = (
 
 
 def lines_text(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> str:
-    """Text with statistics and return levels for the first lines of a result."""
+    """Text with statistics and return levels for the worst lines of a result."""
     shown = [*scenario_note(case_of(result)), ABOUT, *_by_line(statistics, levels, result)]
     if is_ensemble(result):
         shown += ["", ensemble_summary(result)]
@@ -76,7 +76,9 @@ def profile_text(profile: pd.DataFrame, line: str, result: xr.Dataset) -> str:
 def _by_line(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset) -> Iterator[str]:
     boulders = simulated(result)
     rows = rows_in(statistics)
-    for line, numbers in itertools.islice(rows.items(), MOST_LINES):
+    names = line_names(result)
+    for line in (names[k] for k in worst_lines(result, MOST_LINES)):
+        numbers = rows[line]
         first = numbers["speed"]
         fraction = estimate(first, "fraction", "fraction")
         of_all = f"{first['n']:,} of {boulders:,} boulders, {fraction.number} % {fraction.interval}"
@@ -86,7 +88,7 @@ def _by_line(statistics: pd.DataFrame, levels: pd.DataFrame, result: xr.Dataset)
             yield from (as_text(table), as_text(level_table(tails, short=True)))
             yield from _bounded(tails)
             yield from _refused(tails)
-    yield from more_lines(len(line_names(result)))
+    yield from more_lines(len(names))
 
 
 def _bounded(tails: pd.DataFrame) -> Iterator[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rockfall.analysis.line_statistics import numbers as line_row
-from rockfall.analysis.lines.samples import LineSamples
+from rockfall.analysis.lines.samples import LineSamples, worst_lines
 from rockfall.analysis.population import scenario_note
 from rockfall.analysis.validity.remarks import model_remarks
 from rockfall.case import case_of
@@ -66,14 +66,14 @@ def summary(result: Held) -> str:
 
 
 def _passages(result: Held) -> Table:
-    """Table of the boulders at the first lines, with mean speed and passing height."""
-    samples, rows = LineSamples(result), []
-    for k, name in enumerate(line_names(result)[:MOST_LINES]):
+    """Table of the boulders at the worst lines, with mean speed and passing height."""
+    samples, rows, names = LineSamples(result), [], line_names(result)
+    for k in worst_lines(result, MOST_LINES):
         numbers = {key: line_row(samples.sample(k, key), key) for key in AT_LINES}
         passed = numbers["speed"]
         fraction = estimate(passed, "fraction", "fraction")
         means = (estimate(row, "mean", key) if row["n"] else "" for key, row in numbers.items())
-        rows.append((name, int(passed["n"]), fraction, *means))
+        rows.append((names[k], int(passed["n"]), fraction, *means))
     heads = (Column.of(QUANTITIES[key], "mean") for key in AT_LINES)
     fraction_head = QUANTITIES["fraction"].title
     return Table.of("", ("line (95 %)", "boulders", fraction_head, *heads), rows)

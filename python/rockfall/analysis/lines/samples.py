@@ -21,12 +21,16 @@ from rockfall.kernel_rules import (
     SAMPLE_TAILS,
     SAMPLE_UNITS,
 )
-from rockfall.result.crossings import AtLine, at_line
+from rockfall.quantities import worst_first
+from rockfall.result.crossings import AtLine, at_line, line_names
 from rockfall.result.samples import check_all_rows, simulated
 from rockfall.result.variables import fields
 
 if TYPE_CHECKING:
     from rockfall.result.contents import Held
+
+
+WORST_BY = "energy_total", "passing_height"
 
 
 class LineSamples:
@@ -161,3 +165,16 @@ class LineSamples:
     def _first(place: int, column: int, columns: int, quantity: int) -> int:
         """Number of the first coarse bin of a quantity, for a line and a part or group."""
         return ((place * columns + int(column)) * SAMPLE_QUANTITIES + quantity) * SAMPLE_COARSE
+
+
+def worst_lines(result: Held, most: int) -> list[int]:
+    """Indices, in order, of at most `most` lines: those with the most passing boulders, and those
+    with the largest energies and passing heights."""
+    lines = range(len(line_names(result)))
+    if len(lines) <= most:
+        return [*lines]
+    samples, loads = LineSamples(result), np.zeros((1 + len(WORST_BY), len(lines)))
+    for k in lines:
+        at = [samples.sample(k, name) for name in WORST_BY]
+        loads[:, k] = at[0].n, *(sample.max() if sample.n else 0.0 for sample in at)
+    return sorted(worst_first(*loads)[:most])

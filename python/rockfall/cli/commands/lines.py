@@ -11,6 +11,7 @@ import xarray as xr
 from rockfall.analysis.hazard.levels import period_table
 from rockfall.analysis.line_statistics import line_statistics
 from rockfall.analysis.lines.profile import line_profile
+from rockfall.analysis.lines.samples import worst_lines
 from rockfall.analysis.return_levels import return_levels
 from rockfall.case.files import files_behind
 from rockfall.cli.messages import DONE
@@ -76,10 +77,10 @@ def _edges(given: str | None) -> list[float] | None:
 
 
 def _print_lines(path: str | Path, table: str | Path | None = None) -> None:
-    """Print line statistics and return levels (without `table`: for at most MOST_LINES lines).
+    """Print line statistics and return levels (without `table`: of the worst MOST_LINES lines).
     `table` is a CSV file for the statistics; NAME_levels.csv next to it gets the levels."""
     result, places = _open(path, table, "", "_levels.csv")
-    shown = None if table else range(min(MOST_LINES, len(line_names(result))))
+    shown = None if table else worst_lines(result, MOST_LINES)
     add_steps(2 * len(line_names(result) if shown is None else shown))
     statistics, levels = line_statistics(result, lines=shown), return_levels(result, lines=shown)
     print(lines_text(statistics, levels, result))
