@@ -472,7 +472,6 @@ def test_nothing_is_taken_from_elsewhere(page):
     )
 
 
-@pytest.mark.all
 def test_the_same_result_gives_the_same_bytes(result, monkeypatch):
     monkeypatch.setattr("rockfall.html_report.page.figures", lambda *_: [])  # tested separately
     monkeypatch.setattr("rockfall.html_report.page.return_levels", no_levels)  # tested separately

@@ -84,7 +84,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
     palette = source.colorinterp[0] == ColorInterp.palette
     how = Resampling.nearest if palette else Resampling.bilinear
     with WarpedVRT(source, width=nx, height=ny, resampling=how, add_alpha=True, **style) as warped:
-        bands = warped.read([1, 2, 3] if warped.count > 3 else [1, 1, 1])
+        bands = warped.read([1, 2, 3] if warped.count > 3 else [1])
         seen = warped.dataset_mask() > 0
     if not seen.any():
         raise RockfallError(f"{path}: does not overlap the area that boulders reached")
@@ -94,7 +94,7 @@ def _warped(source: Any, crs: str, extent: Extent, path: str | Path, dots: int) 
     elif bands.dtype != BYTE:
         seen = seen & np.isfinite(bands).all(axis=0)
         bands = _stretch(bands, seen)
-    return Picture(bands.astype("u1").transpose(1, 2, 0), seen)
+    return Picture(bands.astype("u1").repeat(3 // len(bands), axis=0).transpose(1, 2, 0), seen)
 
 
 def _stretch(bands: np.ndarray, seen: np.ndarray) -> np.ndarray:
