@@ -156,8 +156,8 @@ def main() -> None:
 
 
 def _miss(rows: np.ndarray, end: int) -> float:
-    """Fraction of the repetitions with a limit in which the truth is beyond it; 0 without such
-    repetitions."""
+    """Fraction of the repetitions with the truth beyond their limit, among those that have a limit;
+    0 if none has."""
     return rows[:, 2 + end].sum() / max(1, rows[:, end].sum())
 
 

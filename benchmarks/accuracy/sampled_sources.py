@@ -77,7 +77,6 @@ def main() -> None:
 
 
 def show(about: str, row: np.ndarray) -> None:
-    """Print a row of the table."""
     print(about + "".join("".join(f"{one:7.1f}" for one in three) for three in row), flush=True)
 
 

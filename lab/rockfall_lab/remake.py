@@ -63,7 +63,7 @@ def _is_made_again(path: Path, table: ImpactTable, threads: int, progress: bool)
 
 
 def _contacts(path: Path, table: ImpactTable, threads: int, progress: bool) -> Iterator[xr.Dataset]:
-    """Laboratory contacts from which a table was made, for each of its cases. Raises a
+    """Yield the laboratory contacts of each case behind a table, simulated again. Raises a
     RockfallError for a table without cases."""
     texts = cases_of(table.attrs)
     if not texts:

@@ -9,7 +9,7 @@ ROOM = 2**14  # exceeds the length of every list of constants
 
 
 def kernel_numbers(name: str) -> np.ndarray:
-    """Numerical constants of the kernel, by name."""
+    """Numerical constants in the kernel's list with this name."""
     values, n = _core.constants(name, ROOM)
     return values[:n]
 

@@ -104,7 +104,7 @@ REBOUND = {  # quantities with histograms over all rebounds
 
 
 def statistic(name: str) -> Text:
-    """Label of a statistic."""
+    """Label of a statistic (mean, std, or a quantile such as q95), in the current language."""
     if name in ("mean", "std"):
         return say("statistic.mean" if name == "mean" else "statistic.std")
     return say("statistic.quantile", level=int(name[1:]))

@@ -174,7 +174,8 @@ def _between(off: np.ndarray, group: np.ndarray) -> float:
 
 
 def _numbers(sets: Sets, site: Site, seed: int, how: dict) -> dict[str, float]:
-    """Site statistics, with slope and boulders made from a seed, and neutral slopes of the sets."""
+    """Statistics at the site, whose slope and boulders are generated from a seed, and neutral
+    slopes of the sets."""
     numbers = site.numbers(sets, seed=seed, talus=Talus(seed), **how)
     return numbers | neutral_slopes(sets, seed)
 

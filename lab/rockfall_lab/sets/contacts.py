@@ -222,8 +222,9 @@ def _about(impacts: Impacts) -> str:
 
 
 def contacts_behind(path: Path, text: str) -> Contacts | None:
-    """Contacts from which a set file with this text was made; None if it was made otherwise. Raises
-    a RockfallError if their file is not next to it, or has changed."""
+    """Contacts from which a set file with this text was fitted; None if it was not fitted to
+    contacts. Raises a RockfallError if the file of the contacts is not next to the set file, or has
+    changed."""
     name, checksum = (
         next((line[len(mark) :] for line in text.splitlines() if line.startswith(mark)), "")
         for mark in (CONTACTS_MARK, CHECKSUM_MARK)

@@ -232,7 +232,8 @@ def _refusal(tried: Sequence[Fit], fit: Fit | None, independent: float) -> str |
 
 
 def _rising(levels: dict[int, Level]) -> dict[int, Level]:
-    """Levels made to never decrease with N: some come from the sample, others from its tail."""
+    """Levels raised where necessary, with their limits, so that they never decrease with N; they
+    might, because some come from the sample, others from its tail."""
     least: tuple[float, ...] = (-np.inf,) * 3
     rising = dict(levels)
     for N in sorted(levels):

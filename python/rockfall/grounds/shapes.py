@@ -94,6 +94,6 @@ def refine(surface: Surface, edge: float) -> Surface:
 
 
 def volume(surface: Surface) -> float:
-    """Volume enclosed by a surface."""
+    """Volume enclosed by a surface, in the cubed unit of its coordinates."""
     a, b, c = (surface.vertices[surface.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

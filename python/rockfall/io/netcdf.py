@@ -104,7 +104,7 @@ def load_exact(path: str | Path, what: str) -> xr.Dataset:
 
 
 def write_compressed(data: xr.Dataset, path: str | Path, level: int) -> None:
-    """Write a dataset as compressed netCDF-4."""
+    """Write a dataset as netCDF-4, compressed with zlib at this level (1 to 9)."""
     import xarray as xr
 
     packed = {name: {"zlib": True, "complevel": level} for name in data}

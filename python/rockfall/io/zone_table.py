@@ -144,7 +144,8 @@ def zones_of_polygons(
 
 
 def _own_ids(values: np.ndarray | None, kinds: list[tuple[str, ...]]) -> list[int] | None:
-    """Ids of the polygons; None without 32-bit integers, or if unlike polygons share an id."""
+    """Ids of the polygons; None without 32-bit integers, or if polygons with different attributes
+    share an id."""
     if values is None or values.dtype.kind not in "iu":
         return None
     ids = [int(value) for value in values]

@@ -45,7 +45,8 @@ def barrier_statistics(result: xr.Dataset) -> pd.DataFrame:
 
 
 def barrier_rows(result: Held) -> Iterator[dict[str, Any]]:
-    """Rows of the table `barrier_statistics`."""
+    """Rows of the table `barrier_statistics`. Raises a RockfallError for barriers in a result
+    without boulder rows."""
     if barriers_of(result):
         check_rows(result, "what barriers did")
     for k in barriers_of(result):

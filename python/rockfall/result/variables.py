@@ -57,7 +57,7 @@ def about(group: str, name: str) -> dict[str, str]:
 
 
 def map_dims(name: str) -> tuple[str, ...]:
-    """Dimensions of a map."""
+    """Names of the dimensions of a map."""
     return ("threshold", "y", "x") if name in EXCEEDED else ("y", "x")
 
 

@@ -78,7 +78,7 @@ def _new_scene(rasters: Rasters, arrays: Mapping[str, np.ndarray], draw: int = 0
 
 
 def raster_arrays(rasters: Rasters) -> dict[str, np.ndarray]:
-    """Arrays of the terrain and ground."""
+    """Kernel arrays of the terrain and ground, by name."""
     grounds = rasters.grounds
     names = "\n".join(f"{ground.name}\n{ground.file}" for ground in grounds).encode()
     tables = [ground.table for ground in grounds if ground.table is not None]

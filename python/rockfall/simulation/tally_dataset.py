@@ -171,7 +171,7 @@ def _add_maps(data: dict[str, Any], tally: Tally) -> None:
 
 
 def threshold_variable(case: Case) -> dict[str, tuple]:
-    """Coordinate for counts above thresholds."""
+    """Coordinate `threshold` [J] of the maps of counts above energy thresholds."""
     values = 1000.0 * np.array(case.hazard["thresholds"])
     return {"threshold": ("threshold", values, {"units": "J", "long_name": "threshold of energy"})}
 

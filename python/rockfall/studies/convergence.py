@@ -214,7 +214,8 @@ def _in_blocks(values: np.ndarray, size: int, limit: int) -> np.ndarray:
 def _errors(
     values: np.ndarray, truth: np.ndarray, sources: int, seconds: float, case: Case
 ) -> pd.DataFrame:
-    """Errors of blocks of 100, 200, 500, ... boulders, relative to `truth` (lines, numbers)."""
+    """Table of the root-mean-square relative errors of blocks of 100, 200, 500, ... boulders,
+    compared with `truth` (lines, numbers). Values from too few crossing boulders are omitted."""
     rows = []
     steps = (digit * 10**power for power in count(2) for digit in (1, 2, 5))
     for step in steps:

@@ -354,7 +354,8 @@ def _ks(
 def _test(
     observed: np.ndarray, simulated: np.ndarray, share: np.ndarray
 ) -> tuple[int, int, float, float]:
-    """Sample sizes, statistic and p; the latter are NaN without simulated values."""
+    """Numbers of observed and simulated values, statistic and p; statistic and p are NaN without
+    simulated values."""
     if not simulated.size:
         return observed.size, 0, np.nan, np.nan
     statistic, p = kolmogorov_smirnov(observed, simulated, share)

@@ -369,7 +369,7 @@ def _check_paper_space(path: str, drawing: Drawing, titles: list[str], asked: st
 
 
 def name_of(path: str | Path, layer: str | None) -> str:
-    """File and layer name, for remarks."""
+    """File name, and layer name if given, for remarks."""
     return f"{path}, layer {layer}" if layer else str(path)
 
 

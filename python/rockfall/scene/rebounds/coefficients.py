@@ -50,7 +50,8 @@ class SetFile(NamedTuple):
 
 
 def open_sets(path: Path) -> SetFile:
-    """Open a file of impact sets."""
+    """Read the text of a file of impact sets, without checking it. Raises a RockfallError if the
+    file is not regular or too large."""
     check_text_file(path)
     return SetFile(path.read_bytes(), str(path))
 
