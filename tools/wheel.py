@@ -85,7 +85,8 @@ def make_source(tools: Path) -> Path:
 
 
 def make_wheel(tools: Path, source: Path, folder: Path, zone: str) -> Path:
-    """Make a wheel from the source distribution in a separate folder, and repair it."""
+    """Make a wheel from the source distribution in a separate folder, and repair it; return the
+    path of the repaired wheel."""
     folder.mkdir(parents=True)
     with tarfile.open(source) as archive:
         archive.extractall(folder, filter="data")

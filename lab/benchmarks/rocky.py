@@ -87,7 +87,7 @@ def rows_of(data: xr.Dataset) -> dict[str, str]:
 
 
 def passing(table: Path, ratio: float, slope: float, boulders: int = 400) -> float:
-    """Fraction of boulders that pass 100 m down a plane, by a table."""
+    """Fraction of boulders that pass 100 m down a plane of this slope [degree], by a table."""
     angle = np.radians(slope)
     rows = int((PASSED * np.cos(angle) + 60) / CELL)
     top, width = (rows - ABOVE) * CELL, COLUMNS * CELL

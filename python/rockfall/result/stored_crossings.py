@@ -20,8 +20,8 @@ MOST = 1_000_000  # maximum crossings read into memory at once
 
 def crossings_in_file(data: xr.Dataset, path: str | Path) -> dict[str, xr.Variable]:
     """Crossing variables of an open result, read from its file on demand; {} if there are few
-    crossings. `data` must stay open meanwhile: HDF5 fails on a file that is opened twice and
-    closed once."""
+    crossings. Raises a RockfallError for impossible numbers of crossings. `data` must stay open
+    meanwhile: HDF5 fails on a file that is opened twice and closed once."""
     if data.sizes.get("crossing", 0) <= MOST:
         return {}
     import xarray as xr

@@ -163,7 +163,8 @@ def check_overflow(scene: Scene, survey: Survey) -> None:
 def run_chunks(
     tally: Tally, chunk: int | None, interrupted: Callable[[], bool], advance: Callable[[int], None]
 ) -> None:
-    """Simulate the remaining boulders of a tally, until all are completed or an interrupt."""
+    """Simulate the remaining boulders of a tally, until all are completed or an interrupt
+    occurs."""
     size, total = chunk or FIRST_CHUNK, tally.boulders
     while tally.done < total and not interrupted():
         size = min(size, total - tally.done)

@@ -166,7 +166,8 @@ def _design(a: list[Draw], b: list[Draw]) -> Iterator[list[Draw]]:
 
 
 def _numbers(result: Held) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Results of a run (lines * RESULTS), and their `sobol_indices.deviations`."""
+    """Results of a run (lines * RESULTS), NaN from too few boulders, and the
+    `sobol_indices.deviations` of each."""
     source, values, deviates = sources(result), [], []
     # a single source, because the intervals are unused
     alone = Sources.alone(result.sizes["boulder"])
