@@ -47,7 +47,7 @@ SCENARIOS = [
 
 
 def slope(boulders: int, **groups: Any) -> rockfall.Case:
-    """Slope of cases/vaujany with a group of the case replaced by other groups."""
+    """Case of cases/vaujany with this number of boulders per source and changed `groups`."""
     return rockfall.read_case(VAUJANY).replace(case={"boulders": boulders}, **groups)
 
 

@@ -61,7 +61,7 @@ class Population(NamedTuple):
 
 
 def of_cases(boulders: int) -> Iterator[Population]:
-    """Yield the populations of the long runs."""
+    """Yield the population of each quantity at each line of the long runs."""
     with tempfile.TemporaryDirectory() as folder:
         for file, (ends, northings) in LINES.items():
             case = rockfall.read_case(_with_terrain(ROOT / "cases" / file, Path(folder)))

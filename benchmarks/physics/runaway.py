@@ -35,7 +35,8 @@ RADIUS, LENGTH, CELL, COLUMNS = 0.4, 400.0, 2.5, 160  # [m]
 def beyond(
     law: Law, slope: float, boulders: int, seed: int = 1, radius: float = RADIUS
 ) -> tuple[float, float]:
-    """Fraction of boulders that exceed LIMIT on a plane, and their mean maximum speed [m/s]."""
+    """Fraction of boulders on a plane whose maximum speed exceeds LIMIT times the slope [degree],
+    and the mean of the maximum speeds [m/s]."""
     angle = np.radians(slope)
     rows = int(LENGTH * np.cos(angle) / CELL) + 12
     z = 500 + np.tan(angle) * CELL * np.mgrid[rows - 1 : -1 : -1, 0:COLUMNS][0]

@@ -106,7 +106,8 @@ class Emulator:
 
 
 def process(unit: np.ndarray, values: np.ndarray) -> GaussianProcessRegressor:
-    """Gaussian process of the parameters, with the noise of the fits."""
+    """Gaussian process fitted to `values` at parameters `unit` (scaled to 0 to 1), with a noise
+    term."""
     scales = np.full(unit.shape[1], 2.0)
     smooth = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(scales, (0.5, 10.0))
     kernel = smooth + WhiteKernel(0.1, (1e-2, 2))
