@@ -354,7 +354,9 @@ def test_warnings_of_the_second_model_are_those_of_its_worst_run(made):
 def test_the_release_frequency_that_was_assumed_is_on_page_1(made):
     folder, page = made
     released = float(read_hazard(folder / "hazard_today.nc")["frequency"].sum())
-    assert f"assumed: {released:.2g} boulders per year" in " ".join(first_page(page).split())
+    page_1 = " ".join(first_page(page).split())
+    assert f"the assumed release frequency, {released:.2g} boulders per year" in page_1
+    assert "Uncertainties of terrain, ground, block size and model are not included." in page_1
 
 
 def test_the_first_places_have_the_highest_frequency_energy_and_height():

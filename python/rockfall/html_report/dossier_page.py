@@ -278,7 +278,10 @@ def _figures(dossier: Dossier) -> Iterator[tuple[str, list[Picture]]]:
 def _certainty(dossier: Dossier) -> list[Text]:
     """Sentences on what the intervals include."""
     released = number(float(dossier.first["frequency"].sum()), 2)
-    return [say("office.intervals"), say("dossier.certainty", n=released)]
+    return [
+        say("office.intervals"), say("summary.the_brackets_hold_no_error_of"),
+        say("dossier.assumed_frequency", n=released),
+    ]  # fmt: skip
 
 
 def parts_of(dossier: Dossier, designs: Designs) -> Iterator[Section]:
