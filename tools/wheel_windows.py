@@ -91,7 +91,7 @@ def link(name: str, python: Path) -> Path:
     door, libraries = EXTENSIONS[name]
     folder, kernel = BUILD / name, BUILD / "kernel"
     folder.mkdir(exist_ok=True)
-    run(sys.executable, "tools/f2py_gen.py", name, folder, "fortran/src/base/sizes.f90", door)
+    run(sys.executable, "tools/f2py_gen.py", name, folder, "fortran/src/base/dimensions.f90", door)
     source = Path(numpy.f2py.get_include())
     modules = sorted({path.parent for path in kernel.rglob("*.mod")})
     flags = ["-O2", "-ffp-contract=off", "-fopenmp"]

@@ -14,7 +14,7 @@ import rasterio
 
 import rockfall
 from benchmarks.machine import NOTHING, VAUJANY, machine
-from rockfall_lab.scorecard.talus import CELL, NORTH, ROADS, WEST, Talus, zones
+from rockfall_lab.scorecard.vaujany_slope import CELL, NORTH, ROADS, WEST, Talus, zones
 
 
 @dataclass(frozen=True)

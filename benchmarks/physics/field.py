@@ -62,7 +62,7 @@ from rockfall.studies.validation import (
     over_runs,
     run_out_numbers,
 )
-from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall_lab.scorecard.vaujany_slope import CELL, NORTH, WEST, Talus, zones
 
 TABLES = ROOT / "docs/archive/field_tables.md"
 RELIEFS = 0.7, 1.4  # factors on the relief of the ground

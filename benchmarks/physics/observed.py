@@ -29,7 +29,7 @@ from benchmarks.evidence import record, row
 from benchmarks.machine import NOTHING, ROOT, machine
 from benchmarks.physics.laws import add_laws
 from rockfall.result.crossings import line_values
-from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall_lab.scorecard.vaujany_slope import CELL, NORTH, WEST, Talus, zones
 
 CASES = ROOT / "cases" / "vaujany"
 FIRST = 1000  # seed of the relief; no calibration has used it

@@ -51,7 +51,7 @@ from rockfall.result.crossings import at_lines
 from rockfall.result.motion import motion_of
 from rockfall.scene.rebounds.sets import Sets, read_sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, TANGENTIAL, Site, tangential_above
-from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.scorecard.vaujany_slope import Talus
 from rockfall_lab.sets.fit import ImpactSet
 from rockfall_lab.sets.setfile import write_sets
 

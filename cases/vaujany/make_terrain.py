@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Make the stand-in for the experimental slope: `dem.tif` (m) and `zones.tif` (ids of zones.csv).
 
-The slope is defined in `rockfall_lab.scorecard.talus`, whose parameters the calibration of impact
-sets varies. It is the same on every run, but its last bits may differ with another NumPy or libm.
-The two files are therefore stored next to this script.
+The slope is defined in `rockfall_lab.scorecard.vaujany_slope`, whose parameters the calibration of
+impact sets varies. It is the same on every run, but its last bits may differ with another NumPy or
+libm. The two files are therefore stored next to this script.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rasterio
 
-from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus, zones
+from rockfall_lab.scorecard.vaujany_slope import CELL, NORTH, WEST, Talus, zones
 
 HERE = Path(__file__).parent
 

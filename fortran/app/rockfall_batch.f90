@@ -37,7 +37,7 @@ program rockfall_batch
    use rockfall_scene_file, only: inputs_t, read_scene
    use rockfall_part_file, only: write_part
    use rockfall_crossing_rows, only: crossing_rows_t
-   use rockfall_crossing_store, only: crossing_store_t
+   use rockfall_spilled_crossings, only: spilled_crossings_t
    use rockfall_checkpoint, only: checkpoint_t, check_checkpoint, name_checkpoint, remove_checkpoint
    use rockfall_run_state, only: run_t
    use rockfall_run_loop, only: run_case
@@ -222,7 +222,7 @@ contains
    subroutine summary(case, state, store)
       type(case_t), intent(in) :: case
       type(run_t), intent(in) :: state
-      type(crossing_store_t), intent(in) :: store
+      type(spilled_crossings_t), intent(in) :: store
       integer(i8) :: ended(size(statuses))
       integer :: k
 
@@ -279,7 +279,7 @@ contains
    subroutine line_summaries(lines, state, store)
       type(case_line_t), intent(in) :: lines(:)
       type(run_t), intent(in) :: state
-      type(crossing_store_t), intent(in) :: store
+      type(spilled_crossings_t), intent(in) :: store
       integer(i8) :: n(size(lines))           !! number of boulders
       real(wp) :: total(2, size(lines))       !! sums of speeds [m/s] and of passing heights [m]
       integer :: k
@@ -299,7 +299,7 @@ contains
    !> Sum up the boulders that crossed each line: in one pass over all rows, or from the samples.
    subroutine add_up_crossings(state, store, n, total)
       type(run_t), intent(in) :: state
-      type(crossing_store_t), intent(in) :: store
+      type(spilled_crossings_t), intent(in) :: store
       integer(i8), intent(out) :: n(:)
       real(wp), intent(out) :: total(:, :)
       integer, parameter :: quantity(2) = [findloc(line_quantity, "speed", dim=1), &

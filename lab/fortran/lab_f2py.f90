@@ -3,7 +3,7 @@
 module lab_f2py
    use iso_c_binding, only: c_double, c_int, c_int32_t, c_int64_t
    use rockfall_error, only: error_t, fail, give_error
-   use rockfall_sizes, only: max_message, max_list
+   use rockfall_dimensions, only: max_message, max_list
    use rockfall_random, only: random_key
    use rockfall_text, only: joined
    use rockfall_threads, only: team_size

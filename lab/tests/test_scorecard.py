@@ -30,7 +30,7 @@ from rockfall_lab.scorecard.score import (
     verdict,
 )
 from rockfall_lab.scorecard.site import Site, _turns, tangential_above
-from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.scorecard.vaujany_slope import Talus
 from rockfall_lab.sets.fit import ImpactSet
 from rockfall_lab.sets.setfile import write_sets
 

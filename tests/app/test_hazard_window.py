@@ -14,9 +14,9 @@ import rockfall  # noqa: E402
 from app_messages import decoded  # noqa: E402
 from made import make_layer  # noqa: E402
 from rockfall.analysis.hazard.classes import CLASSES  # noqa: E402
-from rockfall.app.asked import hazard_message, table_entry  # noqa: E402
 from rockfall.app.room import Given  # noqa: E402
 from rockfall.app.show import PAGE  # noqa: E402
+from rockfall.app.study_messages import hazard_message, table_entry  # noqa: E402
 from rockfall.language import speaking  # noqa: E402
 from rockfall.protection.yearly import yearly_design  # noqa: E402
 from rockfall.tables.design import check_tables, choice_table  # noqa: E402

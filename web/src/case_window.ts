@@ -40,7 +40,7 @@ import { Shell, type Mode } from './shell';
 import { say } from './texts';
 import { Toolbar } from './toolbar';
 import { TopBar } from './top_bar';
-import type { Snapshot } from './variants';
+import type { Snapshot } from './snapshots';
 import { VariantList } from './variant_list';
 
 const OPACITY = 0.85; // initial opacity of results

@@ -7,7 +7,7 @@ import { MapView } from './map/map_view';
 import { estimate, percent, QUANTITIES } from './panels/statistics';
 import { hasStatistics, type BackgroundMessage, type Binary, type Estimate, type LineStatistics, type OverlayHeader } from './protocol';
 import { decimal, rounded, say, sayOr, supportedDecimals } from './texts';
-import { difference, type Snapshot } from './variants';
+import { difference, type Snapshot } from './snapshots';
 import type { Shade, Terrain } from './terrain';
 
 class Side {

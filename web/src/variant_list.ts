@@ -8,7 +8,7 @@ import type { Binary, CaseDocument, Wanted, Welcome } from './protocol';
 import type { Results } from './results';
 import type { Mode } from './shell';
 import { say } from './texts';
-import { unrun, withResults, type Snapshot } from './variants';
+import { unrun, withResults, type Snapshot } from './snapshots';
 
 /** The window, as the list of variants uses it. */
 interface Host {

@@ -2,7 +2,7 @@
 !> Error values: an unallocated error means success. Only programs print or stop.
 module rockfall_error
    use, intrinsic :: iso_c_binding, only: c_int
-   use rockfall_sizes, only: max_message
+   use rockfall_dimensions, only: max_message
    implicit none
    private
    public :: error_t, fail, gather, give_error, bad_input, our_fault, fault_mark

@@ -17,7 +17,7 @@ module rockfall_threads
    integer(c_int64_t), parameter :: work_space = 1000*kilobyte  !! memory of a thread apart from its stack [bytes]
    integer(c_int64_t), parameter :: min_stack = 500*kilobyte  !! "ulimit -s 512" is enough [bytes]
 
-   interface  ! room.c
+   interface  ! process_memory.c
       integer(c_int64_t) function c_stack() bind(c, name="rockfall_stack")
          import :: c_int64_t
       end function c_stack

@@ -2,7 +2,7 @@
 !> Nets and walls that intercept boulders below their top edge and absorb energy up to their capacity.
 module rockfall_barrier
    use rockfall_kinds, only: wp
-   use rockfall_sizes, only: n_ead_classes
+   use rockfall_dimensions, only: n_ead_classes
    use rockfall_terrain, only: terrain_t, patch_position
    use rockfall_flight, only: landing_t
    use rockfall_direction, only: unit_vector

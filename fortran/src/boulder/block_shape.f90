@@ -2,7 +2,7 @@
 !> Shapes of the blocks simulated for impact tables, and choice of a shape for each boulder (theory, chapter 3).
 module rockfall_block_shape
    use rockfall_kinds, only: wp, i1
-   use rockfall_sizes, only: n_block_shapes
+   use rockfall_dimensions, only: n_block_shapes
    implicit none
    private
    public :: block_shapes, block_axes, shape_mix_t, shape_mix, drawn_shape, ground_of_shape, shape_of_axes

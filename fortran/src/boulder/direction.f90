@@ -4,7 +4,7 @@
 !> vectors in plan.
 module rockfall_direction
    use rockfall_kinds, only: wp
-   use rockfall_sizes, only: n_lateral_classes, n_lateral_quantiles
+   use rockfall_dimensions, only: n_lateral_classes, n_lateral_quantiles
    use rockfall_math, only: pi, degree, sine_cosine, squared_sine
    use rockfall_terrain, only: steepness_of
    implicit none

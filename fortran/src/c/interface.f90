@@ -4,7 +4,7 @@ module rockfall_c
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_float, c_int, c_int32_t, c_int64_t, c_null_char, &
                                           c_null_ptr, c_ptr, c_loc, c_associated
    use rockfall_error, only: error_t, fault_mark
-   use rockfall_sizes, only: max_message, max_array_row
+   use rockfall_dimensions, only: max_message, max_array_row
    use rockfall_grid, only: grid_t
    use rockfall_case, only: case_t, read_case
    use rockfall_state_table, only: array_t, row_text

@@ -3,7 +3,7 @@
 !> docs/impact_sets.md). For an ensemble, a file may contain several draws of all five sets.
 module rockfall_impact_sets
    use rockfall_kinds, only: wp, i8
-   use rockfall_sizes, only: n_set_numbers, n_incidence_limits
+   use rockfall_dimensions, only: n_set_numbers, n_incidence_limits
    use rockfall_error, only: error_t, fail
    use rockfall_text, only: integer_text, joined
    use rockfall_namelist, only: namelist_t, group_t, parse_namelist

@@ -10,7 +10,7 @@ module rockfall_f2py
    use iso_c_binding, only: c_double, c_float, c_int, c_int8_t, c_int16_t, c_int32_t, c_int64_t, c_ptr, &
                             c_loc, c_f_pointer
    use rockfall_error, only: error_t, give_error
-   use rockfall_sizes, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, &
+   use rockfall_dimensions, only: max_message, max_list, max_array_row, n_boulder_fields, n_boulder_counts, &
                              n_vertex_fields, n_line_quantities, n_impact_sets, n_set_numbers, n_incidence_limits, &
                              n_lateral_classes, n_lateral_quantiles, n_map_counts, n_map_sums, n_map_maxima, n_stacks
    use rockfall_text, only: integer_text, joined, max_text

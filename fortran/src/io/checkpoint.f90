@@ -10,7 +10,7 @@ module rockfall_checkpoint
    use rockfall_scene_file, only: inputs_t
    use rockfall_part_file, only: write_part, read_part, is_finished, row_bytes, boulders_in
    use rockfall_run_state, only: run_t
-   use rockfall_crossing_store, only: crossing_store_t
+   use rockfall_spilled_crossings, only: spilled_crossings_t
    use rockfall_run_loop, only: run_observer_t, save_rest
    implicit none
    private
@@ -23,7 +23,7 @@ module rockfall_checkpoint
       type(inputs_t), pointer :: inputs => null()
       real(wp) :: every = 0                         !! interval between saves [s]; 0 = never
       logical :: resumes = .false., overwrites = .false.  !! options of the command line
-      type(crossing_store_t) :: store               !! stored crossings of the run
+      type(spilled_crossings_t) :: store               !! stored crossings of the run
       procedure(say_to), pointer, nopass :: say => null()
       integer(i8), private :: next = 0              !! time of the next save [ticks]
       integer(i8), private :: kept = 0              !! number of boulders in the last save

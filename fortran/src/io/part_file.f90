@@ -28,7 +28,7 @@ module rockfall_part_file
    use rockfall_state_table, only: array_t, table_t
    use rockfall_run_state, only: run_t, arrays_of, rows_of, settle_run, restore_run, add_crossing_arrays
    use rockfall_crossing_rows, only: crossing_rows_t
-   use rockfall_crossing_store, only: crossing_store_t
+   use rockfall_spilled_crossings, only: spilled_crossings_t
    use rockfall_part, only: part_t, part_lengths_t, pack_part, make_room, unpack_part, part_arrays
    implicit none
    private
@@ -46,7 +46,7 @@ contains
       character(len=*), intent(in) :: text  !! case text, with the command-line options applied
       type(inputs_t), intent(in) :: inputs
       type(run_t), intent(inout), target :: run
-      type(crossing_store_t), intent(in) :: store  !! store with the earlier crossings
+      type(spilled_crossings_t), intent(in) :: store  !! store with the earlier crossings
       type(error_t), allocatable, intent(out) :: error
       type(netcdf_file_t) :: file
       type(part_t), target :: packed
@@ -222,7 +222,7 @@ contains
    subroutine write_blocks(file, run, store)
       type(netcdf_file_t), intent(inout) :: file
       type(run_t), intent(in) :: run
-      type(crossing_store_t), intent(in) :: store
+      type(spilled_crossings_t), intent(in) :: store
       type(crossing_rows_t), target :: rows
       type(table_t) :: table
       integer(i1), pointer, contiguous :: bytes(:)

@@ -14,7 +14,7 @@ module rockfall_scene_file
                                    integers_of
    use rockfall_system, only: end_reading
    use rockfall_terrain, only: max_elevation
-   use rockfall_sizes, only: n_block_shapes
+   use rockfall_dimensions, only: n_block_shapes
    use rockfall_surface, only: method_a
    use rockfall_boulder, only: list_volume
    use rockfall_variables, only: layout => scene_layout

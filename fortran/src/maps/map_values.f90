@@ -3,7 +3,7 @@
 module rockfall_map_values
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use rockfall_kinds, only: wp, sp, i4, i8, i16
-   use rockfall_sizes, only: n_map_counts, n_map_sums, n_map_maxima
+   use rockfall_dimensions, only: n_map_counts, n_map_sums, n_map_maxima
    use rockfall_bins, only: energy, speed, jump_height, passing_height, n_log_bins, log_bin_quantile, log_bin_value
    use rockfall_maps, only: maps_t, per_unit, square_base
    use rockfall_travel_maps, only: steepest_angle, flattest_angle, shortest_time

@@ -4,7 +4,7 @@
 !> on the slope.
 module rockfall_impact
    use rockfall_kinds, only: wp, i8
-   use rockfall_sizes, only: n_impact_sets, n_set_numbers
+   use rockfall_dimensions, only: n_impact_sets, n_set_numbers
    use rockfall_error, only: error_t
    use rockfall_covariance, only: covariance_root
    use rockfall_random, only: random_key_t, normal_table_t, normal, random_words, for_impact, words_per_block, &

@@ -2,7 +2,7 @@
 !> Histograms of all rebounds (Bourrier et al. 2009, section 3.6 and eqs 6-11).
 module rockfall_histogram
    use rockfall_kinds, only: wp, i8
-   use rockfall_sizes, only: n_histograms
+   use rockfall_dimensions, only: n_histograms
    use rockfall_math, only: degree, sine_cosine
    use rockfall_boulder, only: inertia_factor
    implicit none

@@ -3,7 +3,7 @@
 module rockfall_value_rules
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_is_finite
    use rockfall_kinds, only: wp
-   use rockfall_sizes, only: n_block_shapes
+   use rockfall_dimensions, only: n_block_shapes
    use rockfall_text, only: real_text
    use rockfall_grid, only: grid_t
    use rockfall_variables, only: statuses

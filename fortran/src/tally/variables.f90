@@ -2,7 +2,7 @@
 !> Table of all variables of a result, with units and descriptions, used by both programs.
 module rockfall_variables
    use rockfall_kinds, only: i8
-   use rockfall_sizes, only: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
+   use rockfall_dimensions, only: n_boulder_fields, n_boulder_counts, n_line_fields, n_vertex_fields
    implicit none
    private
    public :: variable_t, variable_table, variable_of, variable_text, stored_as, name_in_files

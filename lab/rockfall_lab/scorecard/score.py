@@ -19,7 +19,7 @@ from rockfall.analysis.planes.plane_bounce import neutral_slope, set_rebound
 from rockfall.errors import RockfallError
 from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall_lab.scorecard.site import QUANTITIES, Site
-from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.scorecard.vaujany_slope import Talus
 
 INF = float("inf")
 FIRST_SEED = 1000  # seed of slopes and boulders; no calibration has used seeds from here on

@@ -17,7 +17,7 @@ from rockfall.result.motion import are_met
 from rockfall.scene.rebounds.kernel_rebounds import ratio_class
 from rockfall.scene.rebounds.sets import Sets, restitution
 from rockfall.studies.runs import run
-from rockfall_lab.scorecard.talus import CELL, NORTH, WEST, Talus
+from rockfall_lab.scorecard.vaujany_slope import CELL, NORTH, WEST, Talus
 from rockfall_lab.sets.fit import ImpactSet
 from rockfall_lab.sets.lateral import incidence
 from rockfall_lab.sets.setfile import write_sets

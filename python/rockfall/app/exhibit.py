@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rockfall.app.asked import net_message
 from rockfall.app.edited.document import Document, Site
 from rockfall.app.edited.features import LAYERS
 from rockfall.app.edited.forms import Form, layer_forms, settings_forms
@@ -27,6 +26,7 @@ from rockfall.app.pictures import (
 )
 from rockfall.app.progress import Send
 from rockfall.app.sections import section_message
+from rockfall.app.study_messages import net_message
 from rockfall.app.surroundings import Offer, stands_of
 from rockfall.case import case_of, given_groups
 from rockfall.io.rasters.grid import Grid

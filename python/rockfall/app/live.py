@@ -9,7 +9,6 @@ from typing import Any
 import xarray as xr
 
 from rockfall.analysis.lines.section import PATHS
-from rockfall.app.asked import hazard_message, hazard_of, origins_message, point_of
 from rockfall.app.edited.document import Document, Runnable, Site, runnable, with_output
 from rockfall.app.edited.features import Frame
 from rockfall.app.edited.places import entry_of, without_files
@@ -17,6 +16,7 @@ from rockfall.app.messages import Refused, fault_message, text_message
 from rockfall.app.pictures import BY_SOURCE, Ground, View, background_message
 from rockfall.app.progress import Progress, Send
 from rockfall.app.sections import MAPS
+from rockfall.app.study_messages import hazard_message, hazard_of, origins_message, point_of
 from rockfall.app.surroundings import Offer, stands_of
 from rockfall.case import REPEATABLE, Case, key_table
 from rockfall.case.variants import BASE

@@ -8,11 +8,11 @@ from typing import Any
 
 import xarray as xr
 
-from rockfall.app.asked import net_message
 from rockfall.app.line_table import LineTable
 from rockfall.app.messages import Message, binary_message
 from rockfall.app.pictures import MAX_LINES, Ground, View, batch_message, masses, trajectory_message
 from rockfall.app.sections import section_message
+from rockfall.app.study_messages import net_message
 from rockfall.result.trajectories import Terrain
 from rockfall.session.batch import Batch
 

@@ -21,8 +21,8 @@ from rockfall.app.pictures import View, map_choices
 from rockfall.app.recent import note_recent, recent_files
 from rockfall.app.surroundings import Given, Offers
 from rockfall.app.tasks import EXPORT, REPORT, SIMULATE, Task, outputs, unfinished
+from rockfall.app.view_request import view_of
 from rockfall.app.web_map import web_map
-from rockfall.app.wishes import view_of
 from rockfall.errors import RockfallError
 from rockfall.language import LANGUAGES, say, speaking, texts_of
 from rockfall.result.dataset import read_result

@@ -35,7 +35,7 @@ from scipy.stats import qmc
 from rockfall.analysis.planes.plane_bounce import growth, set_rebound
 from rockfall.scene.rebounds.sets import Sets
 from rockfall_lab.scorecard.site import Site, at_lines
-from rockfall_lab.scorecard.talus import Talus
+from rockfall_lab.scorecard.vaujany_slope import Talus
 from rockfall_lab.spheres.experiment import STATES
 
 VAUJANY = HERE.parents[1] / "vaujany"

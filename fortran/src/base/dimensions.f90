@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Lengths of texts and rows declared by interfaces to other languages; f2py reads them here.
-module rockfall_sizes
+module rockfall_dimensions
    implicit none
    private
    public :: max_message, max_list, max_array_row
@@ -23,4 +23,4 @@ module rockfall_sizes
    integer, parameter :: n_map_counts = 7, n_map_sums = 7, n_map_maxima = 5, n_stacks = 3
    integer, parameter :: n_histograms = 6, n_ead_classes = 8  !! quantities of rebounds; energy classes of EAD 340059
    integer, parameter :: n_block_shapes = 3  !! block shapes of the laboratory
-end module rockfall_sizes
+end module rockfall_dimensions

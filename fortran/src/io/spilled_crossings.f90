@@ -1,19 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Crossings of a long run in an unnamed file in the folder of its output, so that memory does not grow with their
 !> number. Blocks are in the order in which boulders end, as in part files.
-module rockfall_crossing_store
+module rockfall_spilled_crossings
    use rockfall_kinds, only: i8
    use rockfall_error, only: error_t, fail
    use rockfall_system, only: remove_file
    use rockfall_crossing_rows, only: crossing_rows_t, start_rows, make_room, clear_rows, n_reals
    implicit none
    private
-   public :: crossing_store_t, block_crossings
+   public :: spilled_crossings_t, block_crossings
 
    !> Number of crossings in memory above which they are moved to the file.
    integer(i8), parameter :: block_crossings = 1000000
 
-   type :: crossing_store_t
+   type :: spilled_crossings_t
       character(len=:), allocatable :: name       !! name of the file, if the system keeps names of open files
       integer, private :: unit = -1
       integer(i8) :: n = 0                        !! crossings in the file
@@ -21,13 +21,13 @@ module rockfall_crossing_store
       integer(i8), allocatable, private :: at(:)  !! position of each block
    contains
       procedure :: take, read_block, close => close_store
-   end type crossing_store_t
+   end type spilled_crossings_t
 
 contains
 
    !> Move crossings to the store, if there are enough for a block.
    subroutine take(this, rows, error)
-      class(crossing_store_t), intent(inout) :: this
+      class(spilled_crossings_t), intent(inout) :: this
       type(crossing_rows_t), intent(inout) :: rows
       type(error_t), allocatable, intent(out) :: error
       integer(i8) :: at
@@ -65,7 +65,7 @@ contains
 
    !> Read a block; `good` is false if the file lacks it or memory is short.
    subroutine read_block(this, block, like, rows, good)
-      class(crossing_store_t), intent(in) :: this
+      class(spilled_crossings_t), intent(in) :: this
       integer, intent(in) :: block
       type(crossing_rows_t), intent(in) :: like  !! rows with the same columns
       type(crossing_rows_t), intent(inout) :: rows
@@ -90,11 +90,11 @@ contains
 
    !> Discard the blocks and the file.
    subroutine close_store(this)
-      class(crossing_store_t), intent(inout) :: this
+      class(spilled_crossings_t), intent(inout) :: this
       integer :: status
 
       if (this%unit /= -1) close (this%unit, status="delete", iostat=status)
       this%unit = -1
       this%n = 0
    end subroutine close_store
-end module rockfall_crossing_store
+end module rockfall_spilled_crossings
