@@ -32,11 +32,10 @@ from rockfall.result.dataset import put_netcdf
 from rockfall.result.trajectories import Terrain
 from rockfall.scene.layers import file_checksum
 from rockfall.studies.dossier import Designs, Dossier, DossierInputs, read_dossier, run_dossier
-from rockfall.studies.yearly_variants import frequency_file, yearly_table
+from rockfall.studies.yearly_variants import FREQUENCIES, frequency_file, yearly_table
 from rockfall.tables.dossier import model_texts
 
 PAGES = "dossier.pdf"
-FREQUENCIES = "frequencies.csv"
 SECOND = "hazard_by_second_model.nc"
 
 

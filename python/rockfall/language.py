@@ -10,7 +10,7 @@ import gettext
 import importlib.resources
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -184,6 +184,18 @@ def unpacked(data: Any, english: str) -> str:
         return _unpacked(data) if isinstance(data, dict) else str(english)
     except (AttributeError, KeyError, TypeError, ValueError):
         return str(english)
+
+
+def packed_texts(texts: Sequence[str]) -> tuple[str, str]:
+    """Texts as stored in files: one per line, and the JSON from which `unpacked_texts` restores
+    them."""
+    return "\n".join(texts), json.dumps([packed(text) for text in texts])
+
+
+def unpacked_texts(lines: str, data: str) -> list[str]:
+    """Texts stored by `packed_texts`, in the current language."""
+    pairs = zip(json.loads(data), lines.splitlines(), strict=True)
+    return [unpacked(own, english) for own, english in pairs]
 
 
 def _unpacked(data: Any) -> Any:

@@ -79,6 +79,7 @@ QUANTITIES = {
     "position": Quantity("quantity.position", "m", 1, "quantity.along_line"),
     "stopping_distance": Quantity("quantity.stopping_distance", "m", 1),
 }
+AT_LINES = ("speed", "passing_height", "energy_total")  # quantities compared at lines
 DESIGN = {  # loads on a barrier; heights above the ground
     **QUANTITIES,
     "passing_height": _of_line("passing_height", "quantity.centre_vertical", 2),

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from rich.cells import cell_len  # text width in terminal columns; importing all of rich takes long
 
 from rockfall.io import tables
-from rockfall.language import Number, say, translated
+from rockfall.language import Number, Text, say, translated
 from rockfall.quantities import COLUMN_UNITS, QUANTITIES, Quantity, number, statistic, with_unit
 from rockfall.result.variables import ENDS
 
@@ -92,6 +92,15 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         return stacked(self.number, *filter(None, [self.interval]))
+
+
+def open_limits(cells: Iterable[object]) -> Iterator[Text]:
+    """Explanation of limits that too few boulders leave open, if cells have any."""
+    estimates = [cell for cell in cells if isinstance(cell, Estimate)]
+    if any(math.isfinite(cell.low) != math.isfinite(cell.high) for cell in estimates):
+        yield say("summary.where_only_one_limit_is_given")
+    if any(cell.interval == TOO_FEW for cell in estimates):
+        yield say("summary.a_dash_in_brackets_too_few")
 
 
 def in_line(cell: object) -> str:

@@ -111,7 +111,7 @@ def test_the_study_has_the_numbers_of_runs_with_as_many_boulders(found):
         expected = table.set_index(["line", "quantity"]).loc["L"]
         part = measured.study.query("line == 'L' and boulders == @size").set_index(KEYS[1:])
         assert part.loc[("boulders", "fraction"), "value"] == expected["fraction"].iloc[0]
-        for quantity in convergence.QUANTITIES:
+        for quantity in convergence.AT_LINES:
             for name in ("mean", "std", "q95", "max"):
                 row = part.loc[(quantity, name)]
                 assert row["value"] == expected.loc[quantity, name]

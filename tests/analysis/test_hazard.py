@@ -21,7 +21,7 @@ from rockfall.analysis.hazard.classes import (
     intensities,
     unseen,
 )
-from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.hazard.model_warnings import messages_of
 from rockfall.analysis.validity import ends
 from rockfall.analysis.validity.remark import Remark
 from rockfall.kernel_rules import fraction_limits

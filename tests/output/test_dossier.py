@@ -2,7 +2,6 @@
 """Dossier: values on page 1 are in its tables and come from Python, a place has one frequency in
 all products, and pages are few and have a signature in every language."""
 
-import json
 import re
 import shutil
 import warnings
@@ -23,7 +22,7 @@ from rockfall.case.variants import variants
 from rockfall.cli import main
 from rockfall.files.hazard_files import read_hazard
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import LANGUAGES, packed, say, speaking
+from rockfall.language import LANGUAGES, packed_texts, say, speaking
 from rockfall.plots.cartography.sheet import Room
 from rockfall.plots.hazard import close_map
 from rockfall.plots.hazard.hazard_figures import places_extent
@@ -345,7 +344,9 @@ def test_warnings_of_the_second_model_are_those_of_its_worst_run(made):
     other = own.copy(deep=True)
     parts = (3000, 9000)  # of 10,000 rebounds, by scenario
     texts = [say("model.outside_angle", part=part_of_rebounds(part, 10_000)) for part in parts]
-    other["scenario_messages"].values[:] = [json.dumps([packed(text)]) for text in texts]
+    for k, text in enumerate(texts):
+        for name, stored in zip(("warnings", "messages"), packed_texts([text]), strict=True):
+            other[f"scenario_{name}"].values[k] = stored
     dossier = Dossier({"": own}, pd.DataFrame(), second=Second("impact sets, method B", other))
     found = [text for text in dossier_page.dossier_warnings(dossier) if "angle_range" in text]
     assert found == [f"impact sets, method B: {texts[1]}"]

@@ -9,7 +9,7 @@ import xarray as xr
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.section import section_of
-from rockfall.analysis.lines.section_maps import MAPPED
+from rockfall.analysis.lines.section_maps import MAPPED, SHOWN
 from rockfall.analysis.lines.stations import SectionLine
 from rockfall.app.messages import binary_message
 from rockfall.errors import RockfallError
@@ -18,7 +18,6 @@ from rockfall.result.trajectories import Terrain
 
 Places = Sequence[Sequence[float]]
 
-SHOWN = ("energy_total", "passing_height", "speed")
 WITHIN = 10.0  # [m] to either side, the default of the command
 #: Maps that a live run computes while a section is shown.
 MAPS = (

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path
 
-from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.hazard.model_warnings import messages_of
 from rockfall.analysis.validity.warnings import joined_warnings, joint_warnings
 from rockfall.case import case_in
 from rockfall.cli.messages import warn

@@ -9,11 +9,13 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.variables import CLASS_ENDS
+from rockfall.analysis.objects.segment_hits import QUANTITIES
 from rockfall.quantities import SHOWN
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
 
-NUMBERS = ("energy", "passing_height", "upper_edge", "diameter")
+#: Quantities in figures and tables, and their columns in the table of segments.
+SHOWN_COLUMNS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}
 
 
 def has_segments(hazard: xr.Dataset) -> bool:
@@ -44,7 +46,7 @@ def segment_table(hazard: xr.Dataset) -> pd.DataFrame:
             columns[f"return_period{end}"] = np.where(yearly > 0, 1 / yearly, np.nan)
     for end in CLASS_ENDS:
         columns[f"hazard{end}"] = words[hazard[f"segment_hazard_class{end}"].values]
-    for name in NUMBERS:
+    for name in QUANTITIES:
         columns |= dict(_numbers(hazard, name))
     columns["boulders"] = hazard["segment_boulders"].values
     return pd.DataFrame(columns)

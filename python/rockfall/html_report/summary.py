@@ -21,7 +21,7 @@ from rockfall.result.samples import has_rows, is_ensemble, simulated
 from rockfall.result.trajectories import ended_moving
 from rockfall.result.variables import ENDS
 from rockfall.studies.run_until import verdicts_of
-from rockfall.table import TOO_FEW, Estimate, Table
+from rockfall.table import Estimate, Table, open_limits
 from rockfall.tables.ensemble import (
     are_undecided,
     cases_outside,
@@ -34,7 +34,6 @@ from rockfall.tables.lines import Numbers, Rows, estimate, in_unit, key_numbers,
 
 YEARS = 100.0  # return period on page 1
 MOST_LINES = 3  # maximum lines with a sentence
-ONE_SIDED = ("interval.from", "interval.up_to")  # message ids of one-sided intervals
 
 
 def question(rows: Rows, has_hazard: bool) -> str:
@@ -136,7 +135,6 @@ def run_out(result: xr.Dataset) -> Iterator[str]:
 def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
     """Sentences on Monte Carlo and other errors; with `is_inside`, on the range of the model."""
     boulders, samples = simulated(result), LineSamples(result)
-    limits = [cell.interval for numbers in rows.values() for cell in key_numbers(numbers)]
     if is_ensemble(result):  # its answer is the range over the draws
         yield say_count("summary.simulated_in_each_run", samples.sources, boulders=boulders)
         yield say("summary.the_ranges_of_the_draws_hold")
@@ -145,10 +143,7 @@ def certainty(result: xr.Dataset, rows: Rows, is_inside: bool) -> Iterator[str]:
         yield say("summary.one_boulder_is_an_example_it")
     else:
         yield say_count("summary.simulated", samples.sources, boulders=boulders)
-        if any(isinstance(limit, Text) and limit.key in ONE_SIDED for limit in limits):
-            yield say("summary.where_only_one_limit_is_given")
-        if TOO_FEW in limits:
-            yield say("summary.a_dash_in_brackets_too_few")
+        yield from open_limits(cell for row in rows.values() for cell in key_numbers(row))
         if samples.sampled:
             yield say("summary.the_sources_are_taken_for_a")
     crossed = [numbers["speed"] for numbers in rows.values() if numbers["speed"]["n"]]

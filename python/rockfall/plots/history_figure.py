@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from rockfall.analysis.line_statistics import row_name
-from rockfall.analysis.precision.history import NUMBERS, SHOWN, history, sizes
+from rockfall.analysis.precision.history import NUMBERS, history, sizes
 from rockfall.analysis.precision.intervals import sources
 from rockfall.language import localised, say, spoken
 from rockfall.plots.style import BLUE, INK, VERMILION, WIDE, capital, new_figure, styled
-from rockfall.quantities import QUANTITIES, statistic
+from rockfall.quantities import AT_LINES, QUANTITIES, statistic
 from rockfall.result.variables import ENDS
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def history_figure(result: xr.Dataset, line: int) -> Figure:
     figure = new_figure(WIDE, 4.6)
     axes = figure.subplots(2, 2, sharex=True)
     language = spoken()
-    panels = dict(zip(("fraction", *SHOWN), axes.flat, strict=True))
+    panels = dict(zip(("fraction", *AT_LINES), axes.flat, strict=True))
     for quantity, panel in panels.items():
         panel.set_title(capital(QUANTITIES[quantity].title))
         panel.set_xscale("log")

@@ -11,6 +11,7 @@ import pandas as pd
 
 from rockfall.analysis.line_statistics import with_limits
 from rockfall.analysis.lines.section import Section
+from rockfall.analysis.lines.section_maps import SHOWN
 from rockfall.language import say, say_count
 from rockfall.plots.profile_figures import draw_curves, true_scale
 from rockfall.plots.style import (
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = ("energy_total", "passing_height", "speed")
 HEIGHTS = [1.0, 1.4, 1.4, 1.1]  # heights of the panels below the profile [inch]
 TALLEST = 4.0  # maximum profile height that fits on A4 [inch]
 MEAN: dict[str, Any] = {"lw": 0.8, "linestyle": (0, (4, 2))}

@@ -14,12 +14,14 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.line_statistics import limited, line_numbers
+from rockfall.analysis.precision.history import STATISTICS
 from rockfall.analysis.precision.intervals import TARGETS, boulders_needed, sources
 from rockfall.analysis.precision.paired import relative_changes
 from rockfall.analysis.validity.warnings import warn_each
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.kernel_rules import Z
+from rockfall.quantities import AT_LINES
 from rockfall.result.crossings import line_names, line_values
 from rockfall.scene.read import read_scene
 from rockfall.scene.releases.sources import refuse_by_area
@@ -28,10 +30,8 @@ from rockfall.studies.study import ROWS_ONLY, Study, with_numbers
 
 BOULDERS = (100, 1000, 2000, 5000, 10_000)  # boulders per source, as in the paper
 REFERENCE, MIN_REFERENCE = 1_000_000, 20_000  # boulders over all sources
-QUANTITIES = ("speed", "passing_height", "energy_total")
-STATISTICS = ("mean", "std", "q95")
 #: Statistics of a line; the first is the fraction of boulders that cross it.
-NUMBERS = (("boulders", "fraction"), *((q, s) for q in QUANTITIES for s in STATISTICS))
+NUMBERS = (("boulders", "fraction"), *((q, s) for q in AT_LINES for s in STATISTICS))
 KEYS = ["line", "quantity", "statistic"]
 ERRORS = (0.1, 0.01, 0.001)  # relative errors for which a cost is estimated
 
@@ -149,7 +149,7 @@ def _study(result: xr.Dataset, sizes: Sequence[int]) -> pd.DataFrame:
         part = result.isel(boulder=number < size)
         source = sources(part)
         for k, line in enumerate(line_names(part)):
-            for quantity in QUANTITIES:
+            for quantity in AT_LINES:
                 numbers = line_numbers(part, k, quantity, source)
                 for statistic in (*STATISTICS, "max"):
                     rows.append((line, quantity, statistic, size, *limited(numbers, statistic)))
@@ -166,7 +166,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
     sources = scene.x.size
     piece = max(1, PIECE // sources)
     try:
-        values = np.empty((len(scene.case.lines), len(QUANTITIES), boulders * sources))
+        values = np.empty((len(scene.case.lines), len(AT_LINES), boulders * sources))
     except (MemoryError, ValueError) as error:  # NumPy raises ValueError for excessive sizes
         raise RockfallError(
             f"reference: {boulders * sources} boulders do not fit in memory"
@@ -180,7 +180,7 @@ def _sample(study: Study, scene: Scene, boulders: int, seed: int) -> tuple[np.nd
     def keep(done: int, result: xr.Dataset) -> float:
         place = slice(done * sources, done * sources + result.sizes["boulder"])
         for k, of_line in enumerate(values):
-            for quantity, row in zip(QUANTITIES, of_line, strict=True):
+            for quantity, row in zip(AT_LINES, of_line, strict=True):
                 row[place] = line_values(result, quantity, k).reshape(sources, -1).T.ravel()
         return result.attrs["cpu_seconds"]
 

@@ -17,7 +17,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.combined import HazardInputs, ScenarioRun, combined
 from rockfall.analysis.hazard.finished import is_same_case
-from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.hazard.model_warnings import messages_of
 from rockfall.analysis.hazard.origins import SOURCES, origins_at, with_origins
 from rockfall.analysis.hazard.scenarios import (
     Scenario,

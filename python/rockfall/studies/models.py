@@ -4,7 +4,6 @@ numbers."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +25,8 @@ from rockfall.analysis.precision.paired import (
 from rockfall.case import Case
 from rockfall.errors import RockfallError
 from rockfall.io.netcdf import load_exact
-from rockfall.language import packed, say, unpacked
-from rockfall.quantities import percent
+from rockfall.language import packed_texts, say, unpacked_texts
+from rockfall.quantities import AT_LINES, percent
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import has_crossed, line_names, line_values
 from rockfall.result.dataset import put_netcdf
@@ -36,7 +35,6 @@ from rockfall.studies.model_scenes import by_tables, named_notes, variants
 from rockfall.studies.study import ROWS_ONLY, Study
 
 LAYOUT = 1  # version of the file layout
-QUANTITIES = ("speed", "passing_height", "energy_total")
 RUN_OUT = "stopping_distance"
 COLUMNS = ["model", "line", "quantity", "statistic", "n", "value", "low", "high",
            "difference", "difference_low", "difference_high"]  # fmt: skip
@@ -108,8 +106,8 @@ def write_models(models: Models, path: str | Path) -> None:
     }
     crs = {"crs": ((), np.int32(0), models.case["crs"].attrs)}
     own: dict[str, Any] = {"models_layout": LAYOUT, "model_boulders": models.boulders}
-    own |= {"models": "\n".join(models.names), "notes": "\n".join(models.notes)}
-    own["note_messages"] = json.dumps([packed(note) for note in models.notes])
+    own["models"] = "\n".join(models.names)
+    own["notes"], own["note_messages"] = packed_texts(models.notes)
     put_netcdf(Contents(columns | crs, models.case.attrs | own), path, path)
 
 
@@ -119,10 +117,8 @@ def read_models(path: str | Path) -> Models:
     if "models_layout" not in dataset.attrs:
         raise RockfallError(f"{path}: is not a models.nc of `rockfall models`")
     table = dataset[COLUMNS].to_dataframe().reset_index(drop=True)[COLUMNS]
-    names, notes = (tuple(str(dataset.attrs[name]).split("\n")) for name in ("models", "notes"))
-    notes = tuple(filter(None, notes))
-    data = json.loads(dataset.attrs["note_messages"])
-    notes = tuple(unpacked(note, text) for note, text in zip(data, notes, strict=True))
+    names = tuple(str(dataset.attrs["models"]).split("\n"))
+    notes = tuple(unpacked_texts(dataset.attrs["notes"], dataset.attrs["note_messages"]))
     boulders = int(dataset.attrs["model_boulders"])
     title = str(dataset.attrs["title"]) or str(dataset.attrs["case_file"])
     return Models(title, boulders, names, table, notes, dataset[["crs"]])
@@ -136,7 +132,7 @@ def _rows(result: xr.Dataset, first: xr.Dataset) -> Iterator[dict[str, Any]]:
         apart = NONE if result is first else changed_sides(crossed, before, source)
         speeds = line_numbers(result, k, "speed", source)
         yield _row(line, "boulders", "fraction", speeds, apart)
-        for quantity in QUANTITIES:
+        for quantity in AT_LINES:
             numbers = line_numbers(result, k, quantity, source)
             value, other = (line_values(run, quantity, k) for run in (result, first))
             apart = difference_of_means(value, other, source)

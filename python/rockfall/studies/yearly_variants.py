@@ -28,6 +28,7 @@ from rockfall.simulation.parts.checkpoint import Checkpoint
 from rockfall.studies.study import NO_CHECKPOINTS, ROWS_ONLY, Study
 from rockfall.studies.variants import COLUMNS, stopped_at, verdict_on
 
+FREQUENCIES = "frequencies.csv"
 NO_OBJECTS: Mapping[str, np.ndarray] = {}
 VALUES = "value", "value_low", "value_high"
 Three = tuple[float, float, float]  # value and interval limits

@@ -10,7 +10,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.analysis.hazard.levels import PLACES, yearly
-from rockfall.analysis.hazard.messages import messages_of
+from rockfall.analysis.hazard.model_warnings import messages_of
 from rockfall.analysis.hazard.variables import CLASS_ENDS
 from rockfall.analysis.lines.around import MAX_AROUND
 from rockfall.analysis.validity.warnings import joined_warnings, worst_warnings
@@ -23,8 +23,9 @@ from rockfall.quantities import percent
 from rockfall.result.variables import ENDS
 from rockfall.studies.dossier import Designs, Dossier, Run, Second
 from rockfall.studies.model_scenes import BY_SETS, CONSTANT
-from rockfall.table import TOO_FEW, Column, Estimate, Table
+from rockfall.table import Column, Estimate, Table, open_limits
 from rockfall.tables.hazard import (
+    FACTORS,
     Place,
     Risk,
     assumptions,
@@ -54,7 +55,6 @@ from rockfall.terrain.polyline import lengths, spaced
 
 MOST = 8  # maximum number of places on page 1
 CHOICES = 2  # maximum lines with a table of barriers
-LEVELS = {"energy": 1e-3, "height": 1.0}  # factor to the unit shown
 STEPS = 10  # points per cell width at which a line is sampled
 
 
@@ -84,20 +84,11 @@ def sections(dossier: Dossier, designs: Designs) -> Iterator[Section]:
     tables += [segment_table(hazard)] if has_segments(hazard) else []
     tables += [risk_table(hazard)] if has_risk(hazard) else []
     notes = [say("dossier.of_variant", name=name) for name in list(dossier.hazards)[: 1 * several]]
-    yield Section("places", say("dossier.places"), [*notes, *_open_limits(tables)], tables)
+    cells = (cell for table in tables for row in table.rows for cell in row)
+    yield Section("places", say("dossier.places"), [*notes, *open_limits(cells)], tables)
     tables = [scenario_table(hazard), class_table(hazard), hazard_inputs(hazard)]
     notes = [say("hazard.population"), *assumptions(hazard)]
     yield Section("inputs", say("section.inputs"), notes, tables)
-
-
-def _open_limits(tables: Sequence[Table]) -> Iterator[Text]:
-    """Explanation of limits that too few boulders leave open, if the tables have any."""
-    rows = [row for table in tables for row in table.rows]
-    estimates = [cell for row in rows for cell in row if isinstance(cell, Estimate)]
-    if any(np.isfinite(cell.low) != np.isfinite(cell.high) for cell in estimates):
-        yield say("summary.where_only_one_limit_is_given")
-    if any(cell.interval == TOO_FEW for cell in estimates):
-        yield say("summary.a_dash_in_brackets_too_few")
 
 
 def _protection(dossier: Dossier, designs: Designs) -> Section:
@@ -170,7 +161,7 @@ def second_tables(dossier: Dossier) -> Iterator[Table]:
     rows = []
     for place in places_of(own):
         pairs = [[_frequency(hazard, place) for hazard in (own, other)]]
-        for name, factor in LEVELS.items():
+        for name, factor in FACTORS.items():
             pairs.append([_level(hazard, place, name, at, factor) for hazard in (own, other)])
         rows.append((place.name, *chain(*pairs), _governing(pairs, model)))
     years, by_model = dossier.period, say("dossier.by_model", model=model)
@@ -270,7 +261,7 @@ def answer_table(hazard: xr.Dataset, period: float, most: int | None = None) -> 
     for place in places[:most]:
         rates = [_number(hazard, place, f"frequency{end}") for end in ENDS]
         energy, height = (
-            _level(hazard, place, name, at, factor) for name, factor in LEVELS.items()
+            _level(hazard, place, name, at, factor) for name, factor in FACTORS.items()
         )
         rows.append(
             (place.name, _estimate(rates), years_between(*rates), energy, height,

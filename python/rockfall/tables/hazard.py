@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hazard as tables: scenarios, classes, objects, road segments, and risk to objects."""
 
-import json
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -10,16 +9,17 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
+from rockfall.analysis.hazard.combined import RISK_TEXTS
 from rockfall.analysis.hazard.levels import PLACES, find_place
 from rockfall.analysis.hazard.released import EXTENT
 from rockfall.analysis.objects.risk import CLASS_ENDS
 from rockfall.analysis.objects.segments import segment_names
 from rockfall.files.hazard_files import object_table as objects_of
 from rockfall.files.risk_files import class_words, has_risk, risk_columns
-from rockfall.files.segment_files import has_segments
+from rockfall.files.segment_files import SHOWN_COLUMNS, has_segments
 from rockfall.files.segment_files import segment_table as segments_of
 from rockfall.io.rasters.arrays import grid_of
-from rockfall.language import Number, Text, say, unpacked, word
+from rockfall.language import Number, Text, say, unpacked_texts, word
 from rockfall.quantities import QUANTITIES, number, percent, small, worst_first
 from rockfall.result.maps.flat_maps import shown
 from rockfall.result.variables import ENDS
@@ -32,7 +32,7 @@ RELEASED_HEADS = {  # message ids
     "release_speed": "hazard.release_speed",
 }
 MOST = 20  # maximum places in a table
-NUMBERS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # segment columns
+FACTORS = {"energy": 1e-3, "height": 1.0}  # from levels by return period to the unit shown
 
 
 def hazard_tables(hazard: xr.Dataset) -> Iterator[Table]:
@@ -100,7 +100,7 @@ def period_tables(hazard: xr.Dataset, *names: str) -> Iterator[Table]:
     names_of = {kind: place_names(hazard, kind) for kind in dict(places)}
     left = 0 if names else len(with_levels)
     years = [say("hazard.in_years", years=T) for T in hazard["event_period"].values.tolist()]
-    for quantity, factor in ("energy", 1e-3), ("height", 1.0):
+    for quantity, factor in FACTORS.items():
         names = [f"{quantity}_by_period{end}" for end in ENDS]
         rows = []
         for kind, k in places:
@@ -206,10 +206,10 @@ def segment_table(hazard: xr.Dataset, order: np.ndarray | None = None) -> Table:
     names, titles = _frequencies(hazard)
     rows = [
         (row["segment"], *(_estimate(row, name) for name in names), class_within(row),
-         *(_estimate(row, name) for name in NUMBERS.values()))
+         *(_estimate(row, name) for name in SHOWN_COLUMNS.values()))
         for row in frame.iloc[order].to_dict("records")
     ]  # fmt: skip
-    columns = (Column.of(QUANTITIES[name], "q95", short=True) for name in NUMBERS)
+    columns = (Column.of(QUANTITIES[name], "q95", short=True) for name in SHOWN_COLUMNS)
     heads = say("hazard.segment"), *titles, say("hazard.hazard")
     caption = worst_caption(say("tables.segments"), places)
     return Table.of(caption, [*heads, *columns], rows)
@@ -245,9 +245,7 @@ def assumptions(hazard: xr.Dataset) -> list[str]:
     """Assumptions of the risk in the current language; empty without risk."""
     if not has_risk(hazard):
         return []
-    texts = str(hazard.attrs["risk_assumptions"]).splitlines()
-    data = json.loads(hazard.attrs["risk_messages"])
-    return [unpacked(message, text) for message, text in zip(data, texts, strict=True)]
+    return unpacked_texts(*(hazard.attrs[name] for name in RISK_TEXTS))
 
 
 def class_number(row: Mapping[str, Any]) -> str:

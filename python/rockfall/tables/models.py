@@ -13,10 +13,9 @@ import xarray as xr
 from rockfall.case import case_in
 from rockfall.errors import RockfallError
 from rockfall.language import Text, say, word
-from rockfall.quantities import QUANTITIES, Quantity, number, percent
+from rockfall.quantities import AT_LINES, QUANTITIES, Quantity, number, percent
 from rockfall.result.grounds import classical_grounds
 from rockfall.result.same_case import check_same_case
-from rockfall.studies.models import QUANTITIES as AT_LINES
 from rockfall.studies.models import RUN_OUT, Models
 from rockfall.studies.validation import AT_REST, BOUNDS, Validation
 from rockfall.table import Column, Estimate, Table, as_text, stacked

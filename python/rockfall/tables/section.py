@@ -19,7 +19,6 @@ from rockfall.terrain.polyline import lengths
 ROWS = 20  # maximum stations printed
 KEEP = "&output kept = 'all', or a larger number"
 LENGTHS = ("distance", "x", "y", "elevation", "height")
-SHOWN = ("energy_total", "passing_height", "speed")
 SYMBOLS = {"energy_total": "E", "jump_height": "j", "passing_height": "h", "speed": "v"}
 AT_LINE = (
     "energy_total_mean", "energy_total_q95", "energy_total_max", "passing_height_q95",

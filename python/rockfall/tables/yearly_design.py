@@ -13,7 +13,7 @@ from rockfall.protection.yearly import HIGHEST, YearlyDesign
 from rockfall.quantities import DESIGN, number
 from rockfall.result.variables import ENDS
 from rockfall.table import Column, Estimate, Table, as_text
-from rockfall.tables.hazard import level_cell
+from rockfall.tables.hazard import FACTORS, level_cell
 
 Row = Mapping[Any, Any]
 MOST_TIMES = 1000  # larger factors are not worth a run
@@ -41,7 +41,7 @@ def loads_table(sheet: YearlyDesign) -> Table:
     for row in sheet.loads.to_dict("records"):
         energy, height = (
             level_cell(*(factor * row[f"{name}{end}"] for end in ENDS))
-            for name, factor in (("energy", 1e-3), ("height", 1.0))
+            for name, factor in FACTORS.items()
         )
         rows.append((row["line"], Estimate.of(row, "frequency", digits=2), energy, height))
     titles = (DESIGN[name].title for name in ("energy_total", "passing_height"))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Hazard as text, with tables."""
 
-import json
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
@@ -9,11 +8,12 @@ import pandas as pd
 import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES, RESIDUAL, boulders_needed, unseen
+from rockfall.analysis.hazard.model_warnings import stored_warnings
 from rockfall.analysis.hazard.zones import lowered_area, zones_of
 from rockfall.case import case_in
 from rockfall.files.risk_files import has_risk
 from rockfall.files.segment_files import has_segments
-from rockfall.language import Text, say, unpacked, word
+from rockfall.language import Text, say, word
 from rockfall.quantities import count, number
 from rockfall.table import Column, Estimate, Table, as_text
 from rockfall.tables.hazard import (
@@ -110,8 +110,7 @@ def limits_of_hazard(hazard: xr.Dataset) -> Iterator[Text]:
 
 def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
     """Model remarks with the names of their scenarios; "" for remarks on all scenarios."""
-    names = map(str, hazard["scenario"].values)
-    texts = {name: _remarks_of(hazard, k) for k, name in enumerate(names)}
+    texts = stored_warnings(hazard)
     details = {
         text: [name for name, own in texts.items() if text in own]
         for own in texts.values()
@@ -119,12 +118,6 @@ def _of_model(hazard: xr.Dataset) -> Iterator[tuple[str, str]]:
     }
     for text, holders in details.items():
         yield "" if len(holders) == len(texts) else "; ".join(holders), text
-
-
-def _remarks_of(hazard: xr.Dataset, k: int) -> list[str]:
-    texts = str(hazard["scenario_warnings"].values[k]).splitlines()
-    data = json.loads(str(hazard["scenario_messages"].values[k]))
-    return [unpacked(remark, text) for remark, text in zip(data, texts, strict=True)]
 
 
 def origins_text(areas: pd.DataFrame, place: str, side: float) -> str:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -51,7 +50,7 @@ from rockfall.analysis.validity.extrapolation import fractions_outside
 from rockfall.analysis.validity.remarks import model_warnings
 from rockfall.case import Case, case_of
 from rockfall.io.input_warnings import InputWarning, stored_warnings
-from rockfall.language import Text, packed
+from rockfall.language import packed_texts
 from rockfall.result.contents import Contents
 from rockfall.result.crossings import boulders_at, line_names
 from rockfall.result.grounds import rebounds_by_ground, source_text
@@ -60,6 +59,7 @@ from rockfall.result.variables import ENDS
 from rockfall.scene.scene import Scene
 
 LAYOUT = 4  # version of the file layout
+RISK_TEXTS = "risk_assumptions", "risk_messages"  # attributes with the assumptions of the risk
 
 
 @dataclass
@@ -248,16 +248,15 @@ def _places(inputs: HazardInputs, run: ScenarioRun, matrix: Matrix) -> dict[str,
 def _scenarios(inputs: HazardInputs, runs: Runs) -> dict[str, np.ndarray]:
     """Frequency, boulders, counts and warnings of each scenario, so that other frequencies can be
     applied later."""
+    warnings = [packed_texts(run.warnings) for run in runs]
     return {
         "frequency": np.array([run.yearly for run in runs]),
         "boulders": np.array([run.boulders for run in runs]),
         "boulders_per_cluster": np.array([run.per_cluster for run in runs]),
         **{name: np.array([run.released[name] for run in runs]) for name in runs[0].released},
         "fraction_out_of_range": np.array([run.out_of_range for run in runs]),
-        "scenario_warnings": np.array(["\n".join(run.warnings) for run in runs], dtype=object),
-        "scenario_messages": np.array(
-            [json.dumps([packed(text) for text in run.warnings]) for run in runs], dtype=object
-        ),
+        "scenario_warnings": np.array([lines for lines, _ in warnings], dtype=object),
+        "scenario_messages": np.array([data for _, data in warnings], dtype=object),
         "scenario_passages": np.stack([run.passages[0] for run in runs]),
         "scenario_energy_exceeded": np.stack([run.passages[1:] for run in runs]),
         "scenario_hits": np.stack([run.hits[0] for run in runs]),
@@ -395,12 +394,6 @@ def _segments(inputs: HazardInputs, runs: Runs, matrix: Matrix) -> dict[str, np.
     return values | _classes("segment_", rates, matrix)
 
 
-def _assumptions(texts: Sequence[Text]) -> dict[str, str]:
-    """Assumptions of the risk, as one text with a line each, and as message ids with values."""
-    messages = json.dumps([packed(text) for text in texts])
-    return {"risk_assumptions": "\n".join(texts), "risk_messages": messages}
-
-
 def _attributes(inputs: HazardInputs, runs: Runs) -> dict[str, Any]:
     first, exposed = runs[0].attrs, inputs.objects.exposed
     kept = ("Conventions", "history", "version", "case_file", "seed", "impact_set")
@@ -411,7 +404,9 @@ def _attributes(inputs: HazardInputs, runs: Runs) -> dict[str, Any]:
         "hazard_layout": LAYOUT,
         "title": inputs.case.case["title"],
         **{name: first[name] for name in kept if name in first},
-        **(_assumptions(exposed.assumptions) if exposed else {}),
+        **(
+            dict(zip(RISK_TEXTS, packed_texts(exposed.assumptions), strict=True)) if exposed else {}
+        ),
         "layers_checksum": layers_checksum(inputs.objects, inputs.segments),
         "input_warnings": stored_warnings(inputs.warnings),
         "case": inputs.case.text(),

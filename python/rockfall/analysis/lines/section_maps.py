@@ -24,6 +24,7 @@ MAPPED = {
     "jump_height": ("jump_height", "jump_height_max_map"),
     "passing_height": ("passing_height", "passing_height_max"),
 }
+SHOWN = ("energy_total", "passing_height", "speed")  # quantities in tables and figures
 REACH = with_limits("reach_probability")
 OF_CELL = ("mean", *with_limits("q95"))
 COLUMNS = ["cell_n", *with_limits("cell_fraction")]

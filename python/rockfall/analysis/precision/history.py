@@ -10,6 +10,7 @@ import numpy as np
 from rockfall.analysis.line_statistics import numbers
 from rockfall.analysis.precision.intervals import Sources, sources
 from rockfall.analysis.precision.samples import Values
+from rockfall.quantities import AT_LINES
 from rockfall.result.crossings import line_values
 
 if TYPE_CHECKING:
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 History = dict[str, list[dict[str, float]]]  # quantity -> statistics after each size
 
-SHOWN = ("speed", "passing_height", "energy_total")
-NUMBERS = [("fraction", "fraction"), *((q, name) for q in SHOWN for name in ("mean", "std", "q95"))]
+STATISTICS = ("mean", "std", "q95")
+NUMBERS = [("fraction", "fraction"), *((q, name) for q in AT_LINES for name in STATISTICS)]
 FIRST = 30  # smallest number of boulders
 STEPS = 24  # maximum length of the list from `sizes`
 
@@ -59,11 +60,11 @@ def history(result: xr.Dataset, line: int, n: list[int]) -> History:
     source = sources(result)
     order = mixed(source)
     number = source.number[order]
-    values = {quantity: line_values(result, quantity, line)[order] for quantity in SHOWN}
-    numbers_by_size: History = {quantity: [] for quantity in SHOWN}
+    values = {quantity: line_values(result, quantity, line)[order] for quantity in AT_LINES}
+    numbers_by_size: History = {quantity: [] for quantity in AT_LINES}
     for size in n:
         released = known_of(number[:size], source)
-        for quantity in SHOWN:
+        for quantity in AT_LINES:
             numbers_by_size[quantity].append(
                 numbers(Values(values[quantity][:size], released), quantity)
             )

@@ -49,11 +49,9 @@ from rockfall.studies.difference_maps import (
     write_variants,
 )
 from rockfall.studies.variants import check_variant_scenes, compare_variants, run_each
-from rockfall.studies.yearly_variants import frequency_file, run_name, yearly_variants
+from rockfall.studies.yearly_variants import FREQUENCIES, frequency_file, run_name, yearly_variants
 from rockfall.tables.comparison import comparison_text, ranks_text
 from rockfall.tables.variants import comparison_notes, variants_text
-
-YEARLY = "frequencies.csv"  # frequencies over the scenarios of the case
 
 
 def variants_command(arguments: argparse.Namespace) -> int:
@@ -62,7 +60,12 @@ def variants_command(arguments: argparse.Namespace) -> int:
     folder = arguments.output or Path(f"{arguments.case.stem}_variants")
     inputs = list(input_files(case))
     yearly = [run_name(name, scenario["name"]) for name in names for scenario in case.scenario]
-    files = [*(f"{name}.nc" for name in names), "differences.csv", *[YEARLY] * bool(yearly), *pages]
+    files = [
+        *(f"{name}.nc" for name in names),
+        "differences.csv",
+        *[FREQUENCIES] * bool(yearly),
+        *pages,
+    ]
     made = [folder / name for name in files]
     is_there = arguments.resume and any(path.exists() for path in made)
     with overwriting(arguments.overwrite or is_there):
@@ -133,7 +136,7 @@ def _write(
             write_result(result, made[-1])
         made += write_variants(compare_variants(results), maps, part)
         if frequencies is not None:
-            made.append(part / YEARLY)
+            made.append(part / FREQUENCIES)
             write_csv(frequency_file(frequencies), made[-1])
         for name in _pages(arguments):
             made.append(part / name)

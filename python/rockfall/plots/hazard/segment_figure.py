@@ -11,7 +11,7 @@ import xarray as xr
 
 from rockfall.analysis.hazard.classes import CLASSES
 from rockfall.files.hazard_files import HAZARD_COLOURS
-from rockfall.files.segment_files import segment_table
+from rockfall.files.segment_files import SHOWN_COLUMNS, segment_table
 from rockfall.language import Number, say, word
 from rockfall.plots.style import BLUE, GREEN, INK, VERMILION, WIDE, new_figure, plain, styled
 from rockfall.quantities import QUANTITIES
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 ABOVE = (BLUE, GREEN, VERMILION)  # colours: all boulders, then boulders above each threshold
 FALLS = 3.0  # number of decades on the frequency axis
-PANELS = {"energy_total": "energy_q95_kJ", "upper_edge": "upper_edge_q95"}  # panel -> column
 ROOM = 5.0  # factor above the highest frequency that leaves space for the legend
 
 
@@ -46,7 +45,7 @@ def segment_figure(hazard: xr.Dataset, road: str) -> Figure:
     _draw_classes(panels[0], rows)
     panels[0].set_title(plain(road), pad=14)
     _draw_frequencies(panels[1], rows, thresholds)
-    for axes, (quantity, name) in zip(panels[2:], PANELS.items(), strict=True):
+    for axes, (quantity, name) in zip(panels[2:], SHOWN_COLUMNS.items(), strict=True):
         _draw_steps(axes, rows, name, BLUE)
         axes.set_ylim(0.0)
         axes.set(ylabel=f"{QUANTITIES[quantity].short}, q95")

@@ -11,16 +11,14 @@ import xarray as xr
 from rockfall.kernel_rules import Z
 from rockfall.language import word
 from rockfall.plots.style import BLUE, GREY, WIDE, new_figure, plain, styled
-from rockfall.quantities import QUANTITIES
+from rockfall.quantities import AT_LINES, QUANTITIES
 from rockfall.result.crossings import line_index, line_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NUMBERS = {"fraction": ["fraction"]} | {
-    name: [f"{name}.mean", f"{name}.q95"] for name in ("speed", "passing_height", "energy_total")
-}
+NUMBERS = {"fraction": ["fraction"]} | {name: [f"{name}.mean", f"{name}.q95"] for name in AT_LINES}
 
 
 @styled

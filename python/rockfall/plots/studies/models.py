@@ -9,8 +9,7 @@ import numpy as np
 
 from rockfall.language import word
 from rockfall.plots.style import BLUE, GREY, INK, WIDE, new_figure, plain, styled
-from rockfall.quantities import QUANTITIES
-from rockfall.studies.models import QUANTITIES as AT_LINES
+from rockfall.quantities import AT_LINES, QUANTITIES
 from rockfall.studies.models import RUN_OUT, Models
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from rockfall.errors import RockfallError
 from rockfall.interrupts import interrupts
 from rockfall.io.output_files import check_output
 from rockfall.io.tables import write_csv
-from rockfall.quantities import QUANTITIES
+from rockfall.quantities import AT_LINES, QUANTITIES
 from rockfall.result.contents import Held
 from rockfall.result.crossings import AtLine, line_names
 from rockfall.result.dataset import write_result
@@ -44,7 +44,7 @@ RESULTS = {
     "fraction": ("speed", "fraction"),
     **{
         f"{quantity}.{number}": (quantity, number)
-        for quantity in ("speed", "passing_height", "energy_total")
+        for quantity in AT_LINES
         for number in ("mean", "q95")
     },
 }
