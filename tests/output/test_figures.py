@@ -283,7 +283,8 @@ def test_samples_and_printed_means_stand_beside_ours(full, observed):
 @pytest.mark.parametrize("name", ["passages", "energy_max"])
 def test_a_map_shows_the_cells_where_they_are(full, name):
     image = mapfigures.map_figure(full, name).axes[0].images[-1]
-    shown, (west, east, south, north) = np.ma.filled(image.get_array(), 0), image.get_extent()
+    west, east, south, north = image.get_extent()
+    shown = np.ma.filled(image.get_array(), 0)[::-1]  # south is first in the image
     scale = {"passages": 100 / 50, "energy_max": 1e-3}
     inside = full.sel(x=slice(west, east), y=slice(north, south))[name].fillna(0)
     assert shown == pytest.approx(scale[name] * inside.values, rel=1e-6)
@@ -299,7 +300,7 @@ def test_the_upper_limit_is_blank_where_none_passed(tmp_path):
     image = mapfigures.map_figure(alone, "reach_probability_high").axes[0].images[-1]
     west, east, south, north = image.get_extent()
     passed = result["passages"].sel(x=slice(west, east), y=slice(north, south)).values > 0
-    assert (np.isfinite(np.ma.filled(image.get_array(), np.nan)) == passed).all()
+    assert (np.isfinite(np.ma.filled(image.get_array(), np.nan))[::-1] == passed).all()
     assert 0 < passed.sum() < passed.size
 
 

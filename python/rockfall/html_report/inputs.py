@@ -231,7 +231,7 @@ def _drawn(
     sheet = new_sheet(extent, terrain, key)
     norm = BoundaryNorm(np.arange(0.5, MATERIALS + 1), MATERIALS)
     shown = np.where(zone > 0, zone, np.nan).astype(float)
-    draw_image(sheet.axes, shown, grid, norm=norm, cmap=ListedColormap(colours), alpha=0.7)
+    draw_image(sheet.axes, shown, grid, norm=norm, cmap=ListedColormap(colours), opacity=0.7)
     finish(sheet, crs)
     return sheet.figure
 

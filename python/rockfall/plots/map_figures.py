@@ -170,7 +170,7 @@ def _draw_classes(
     # classes include their upper limit; Matplotlib's do not
     ends = [-np.inf, *np.nextafter(classes.limits, np.inf), np.inf]
     norm = BoundaryNorm(ends, len(classes.colours))
-    draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, alpha=OPAQUE)
+    draw_image(sheet.axes, values, grid, norm=norm, cmap=colours, opacity=OPAQUE)
     left, bottom, wide = sheet.bar
     place = sheet.box(left, bottom, wide, 0.1)
     bar = sheet.figure.add_axes(place)

@@ -12,6 +12,7 @@ from rockfall.plots.extent import Extent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
 
 DOTS = 1500  # maximum cells along the longer side of a map; images have fewer dots
 
@@ -46,10 +47,25 @@ def _span(first: float, last: float, cell: float, size: int) -> slice:
     return slice(start, int(np.clip(np.ceil(last / cell), start + 2, size)))
 
 
-def draw_image(axes: Axes, values: np.ndarray, grid: Grid, **options: Any) -> None:
-    """Draw an image at the position of its cells."""
+def draw_image(
+    axes: Axes,
+    values: np.ndarray,
+    grid: Grid,
+    cmap: Colormap | None = None,
+    opacity: float = 1.0,
+    **options: Any,
+) -> None:
+    """Draw an image at the position of its cells: values in the colours of `cmap`, or colours.
+    Matplotlib draws pcolor images several times as fast as those of `imshow`."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.image import PcolorImage
+
+    if cmap is not None:  # pcolor images ignore the artist's alpha
+        options["cmap"] = ListedColormap(cmap(np.arange(cmap.N), opacity))
+    x = np.linspace(grid.west, grid.east, grid.nx + 1)
+    y = np.linspace(grid.south, grid.north, grid.ny + 1)
     extent = (grid.west, grid.east, grid.south, grid.north)
-    axes.imshow(values, extent=extent, interpolation="nearest", **options)
+    axes.add_image(PcolorImage(axes, x, y, values[::-1], extent=extent, **options))
 
 
 def edges(inside: np.ndarray, grid: Grid) -> np.ndarray:

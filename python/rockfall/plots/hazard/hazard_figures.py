@@ -191,7 +191,7 @@ def _draw_classes(axes: Axes, numbers: np.ndarray, grid: Any, data: xr.DataArray
     colours = colours_of(data)
     first, last = min(colours), max(colours)
     shown = np.where(np.isin(numbers, list(colours)), numbers, np.nan)
-    style = {"vmin": first - 0.5, "vmax": last + 0.5, "alpha": OPAQUE}
+    style: dict[str, Any] = {"clim": (first - 0.5, last + 0.5), "opacity": OPAQUE}
     draw_image(axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
 
 

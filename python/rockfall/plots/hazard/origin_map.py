@@ -5,7 +5,7 @@ contribution."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -82,8 +82,8 @@ def origin_map(hazard: xr.Dataset, terrain: Terrain | None, place: Place, room: 
     classes = np.full(grid.shape, np.nan)
     classes[grid.cells(hazard["source_x"].values, hazard["source_y"].values)] = len(PARTS) + 1
     classes[grid.cells(table["x"].to_numpy(), table["y"].to_numpy())] = parts
-    style: dict[str, Any] = {"vmin": -0.5, "vmax": len(COLOURS) - 0.5}
-    draw_image(sheet.axes, classes, grid, cmap=ListedColormap(list(COLOURS)), **style)
+    limits = -0.5, len(COLOURS) - 0.5
+    draw_image(sheet.axes, classes, grid, cmap=ListedColormap(list(COLOURS)), clim=limits)
     draw_places(sheet, hazard)
     finish(sheet, hazard["crs"].attrs)
     return sheet.figure

@@ -43,7 +43,7 @@ def difference_figure(
     if not is_known.any():
         x, y = verdict["x"].values, verdict["y"].values
     sheet = new_sheet(around(x, y, grid.cell, terrain), terrain, key)
-    style = {"vmin": -1.5, "vmax": 1.5, "alpha": 0.7}
+    style: dict[str, Any] = {"clim": (-1.5, 1.5), "opacity": 0.7}
     draw_image(sheet.axes, shown, grid, cmap=ListedColormap(list(colours.values())), **style)
     finish(sheet, verdict.attrs if "crs" not in verdict.coords else verdict["crs"].attrs)
     return sheet.figure
