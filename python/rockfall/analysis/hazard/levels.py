@@ -89,22 +89,18 @@ def period_table(hazard: xr.Dataset) -> pd.DataFrame:
     object or segment), `name`, `return_period` [year], `energy` [kJ] and `height` [m] with limits.
     0 means that boulders arrive less often; an empty or infinite upper limit means too few
     boulders."""
-    rows = [
-        {
-            "place": kind,
-            "name": str(name),
-            "return_period": period,
-            **{
-                f"{quantity}{end}": float(hazard[f"{kind}_{quantity}_by_period{end}"][k, j])
-                * factor
-                for quantity, factor in zip(LEVELS, (1e-3, 1.0), strict=True)
-                for end in ENDS
-            },
-        }
-        for kind in _kinds(hazard)
-        for k, name in enumerate(hazard[kind].values)
-        for j, period in enumerate(hazard["event_period"].values.tolist())
-    ]
+    periods, rows = hazard["event_period"].values.tolist(), []
+    for kind in _kinds(hazard):
+        columns = [
+            hazard[f"{kind}_{quantity}_by_period{end}"].values.astype(float) * factor
+            for quantity, factor in zip(LEVELS, (1e-3, 1.0), strict=True)
+            for end in ENDS
+        ]
+        rows += [
+            (kind, str(name), period, *(column[k, j] for column in columns))
+            for k, name in enumerate(hazard[kind].values)
+            for j, period in enumerate(periods)
+        ]
     names = [f"{quantity}{end}" for quantity in LEVELS for end in ENDS]
     return pd.DataFrame(rows, columns=["place", "name", "return_period", *names])
 
