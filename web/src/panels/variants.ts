@@ -3,7 +3,7 @@
 import { button, element } from '../dom';
 import { icon, iconButton } from '../icons';
 import { say } from '../texts';
-import type { Snapshot } from '../variants';
+import type { Snapshot } from '../snapshots';
 
 interface Actions {
   keep(name: string): boolean;
