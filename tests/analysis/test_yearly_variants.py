@@ -112,7 +112,7 @@ def test_the_sum_over_scenarios_is_the_whole(case, table):
 
 def test_the_file_has_units_and_no_empty_differences(case):
     table = yearly_variants(case, **PLACE).table
-    units = {"frequency": "1/year", "frequency_behind": "1/year", "energy_by_period": "J"}
+    units = {"frequency": "year-1", "frequency_behind": "year-1", "energy_by_period": "J"}
     several, alone = (frequency_file(own) for own in (table, table[table["variant"] == "bare"]))
     assert (several["unit"] == several["quantity"].map(units)).all()
     assert {*several["quantity"]} == {*units}
