@@ -405,6 +405,19 @@ def test_page_1_has_the_net_of_the_second_model_if_it_must_be_stronger(made):
     assert heights[1] == heights[0] + 1
 
 
+def test_advice_on_many_lines_leaves_room_for_barriers_that_fail(made, monkeypatch):
+    dossier = Dossier({"": read_hazard(made[0] / "hazard_today.nc")}, pd.DataFrame())
+    texts = {"barrier_answers": "Net on L{}.", "barrier_verdicts": "Net {} is too weak."}
+    for name, text in texts.items():
+        many = [text.format(k) for k in range(9)]
+        monkeypatch.setattr(dossier_page, name, lambda _, many=many: many)
+    said = [*dossier_page.answers(dossier, Designs({}))]
+    shown = [[text.format(k) in said for k in range(9)].count(True) for text in texts.values()]
+    assert min(shown) > 0
+    left = f"{18 - sum(shown)} more sentences on barriers: see section Protection"
+    assert any(sentence.startswith(left) for sentence in said)
+
+
 @pytest.mark.parametrize(
     ("rate", "low", "high", "expected"),
     [
